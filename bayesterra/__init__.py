@@ -1,0 +1,1 @@
+"""Bayesian inference for the mechanical parameters of planetary soil."""
