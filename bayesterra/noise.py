@@ -1,0 +1,73 @@
+"""Measurement noise of a channel: given (absolute, relative with a floor, per row) or estimated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
+from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.priors import Law
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Gaussian noise of one channel; exactly one of ``sd``, ``fraction`` and ``law`` is given.
+
+    Parameters
+    ----------
+    channel : name of the measured channel.
+    sd : standard deviation, SI unit of the channel.
+    fraction, floor : standard deviation max(fraction · |modelled value|, floor). The modelled value is
+        meant, so that simulation, likelihood and evidence use one and the same law.
+    law : prior law of an unknown standard deviation, which is then estimated.
+    """
+
+    channel: str
+    sd: float | None = None
+    fraction: float | None = None
+    floor: float = 0.0
+    law: Law | None = None
+
+    def __post_init__(self) -> None:
+        if sum(given is not None for given in (self.sd, self.fraction, self.law)) != 1:
+            raise StudyError(f"noise of '{self.channel}' must be one of: a value, a fraction, an estimate")
+        if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
+            raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
+        if self.fraction is not None and not (0 < self.fraction < 10 and self.floor > 0):
+            raise StudyError(
+                f"noise of '{self.channel}' needs a fraction above 0 and a floor above 0"
+                f" (got {self.fraction:g} and {self.floor:g})"
+            )
+        if self.law is not None and not self.law.range[0] > 0:
+            raise StudyError(f"estimated noise of '{self.channel}' needs a 'lower' above 0")
+
+    @property
+    def parameter(self) -> str | None:
+        """Name of the estimated standard deviation, None where the noise is given."""
+        return NOISE_PREFIX + self.channel if self.law is not None else None
+
+    def scale(self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray) -> FloatArray:
+        """Standard deviation of every reading.
+
+        Parameters
+        ----------
+        predicted : modelled values (n, m), SI.
+        estimated : values of the estimated standard deviation (n,), None where the noise is given.
+        given : standard deviations from the table (m,), NaN where the row has none; they override.
+
+        Returns
+        -------
+        Standard deviations, shape broadcastable to (n, m).
+        """
+        if self.sd is not None:
+            scale: FloatArray = np.full((1, predicted.shape[1]), self.sd)
+        elif self.fraction is not None:
+            scale = np.maximum(self.fraction * np.abs(predicted), self.floor)
+        elif estimated is None:
+            raise ValueError(f"noise of '{self.channel}' is estimated: its value must be given")
+        else:
+            scale = np.broadcast_to(estimated[:, None], predicted.shape)
+        return np.where(np.isnan(given), scale, given)

@@ -1,0 +1,99 @@
+"""Names, symbols and field units of everything that is estimated or measured.
+
+Inside the package every value is SI and radians; ``scale`` is the SI value of one field unit, the unit in
+which reports, tables and plots speak.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A quantity that a posterior can hold.
+
+    Attributes
+    ----------
+    name : the name in Python, in study files and in results.
+    symbol : plain-text symbol, e.g. ``K_s``.
+    latex : the symbol for plots, without dollar signs.
+    unit : field unit, ``-`` for pure numbers.
+    scale : SI value of one field unit.
+    dimension : a unit of the right dimension for the unit parser ("" for pure numbers). A sinkage modulus
+        K_s is given as a pressure, per m^N understood.
+    description : in words.
+    group : the paper's parameter group, P_I bearing, P_II shearing, P_III contact angles; else "".
+    """
+
+    name: str
+    symbol: str
+    latex: str
+    unit: str
+    scale: float
+    dimension: str
+    description: str
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a table of measurements; attributes as in :class:`Parameter`."""
+
+    name: str
+    symbol: str
+    latex: str
+    unit: str
+    scale: float
+    dimension: str
+    description: str
+
+
+_SOIL = (
+    Parameter("Ks", "K_s", r"K_s", "kPa/m^N", 1e3, "Pa", "sinkage modulus", "P_I"),
+    Parameter("n0", "n0", r"n_0", "-", 1.0, "", "sinkage exponent at zero slip", "P_I"),
+    Parameter("n1", "n1", r"n_1", "-", 1.0, "", "growth of the sinkage exponent with slip", "P_I"),
+    Parameter("c", "c", r"c", "kPa", 1e3, "Pa", "cohesion", "P_II"),
+    Parameter("phi", "φ", r"\varphi", "deg", float(np.pi / 180), "rad", "internal friction angle", "P_II"),
+    Parameter("K", "K", r"K", "mm", 1e-3, "m", "shearing deformation modulus", "P_II"),
+    Parameter("c1", "c1", r"c_1", "-", 1.0, "", "maximum-stress angle at zero slip, θm/θ1", "P_III"),
+    Parameter("c2", "c2", r"c_2", "-", 1.0, "", "growth of θm/θ1 with slip", "P_III"),
+    Parameter("c3", "c3", r"c_3", "-", 1.0, "", "leaving angle, θ2/θ1", "P_III"),
+)
+
+CHANNELS: dict[str, Channel] = {
+    channel.name: channel
+    for channel in (
+        Channel("slip", "s", r"s", "-", 1.0, "", "slip ratio"),
+        Channel("load", "W", r"W", "N", 1.0, "N", "vertical load"),
+        Channel("normal_force", "F_N", r"F_\mathrm{N}", "N", 1.0, "N", "normal force"),
+        Channel("sinkage", "z", r"z", "mm", 1e-3, "m", "wheel sinkage"),
+        Channel("drawbar_pull", "F_DP", r"F_\mathrm{DP}", "N", 1.0, "N", "drawbar pull"),
+        Channel(
+            "resistance_moment", "M_DR", r"M_\mathrm{DR}", "N m", 1.0, "N m", "driving resistance moment"
+        ),
+    )
+}
+OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
+"""Channels that can be outcomes of a drive, in the order of the results."""
+
+SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
+NOISE_PREFIX = "noise_"
+
+
+def _noise(channel: Channel) -> Parameter:
+    return Parameter(
+        NOISE_PREFIX + channel.name,
+        f"σ({channel.symbol})",
+        rf"\sigma_{{{channel.latex}}}",
+        channel.unit,
+        channel.scale,
+        channel.dimension,
+        f"standard deviation of the {channel.description} readings",
+    )
+
+
+PARAMETERS: dict[str, Parameter] = {
+    parameter.name: parameter for parameter in (*_SOIL, *(_noise(CHANNELS[name]) for name in OUTCOMES))
+}
+"""Every parameter a posterior may hold, in the order in which posteriors hold them."""

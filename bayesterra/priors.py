@@ -1,0 +1,242 @@
+"""Prior laws: any ``scipy.stats`` law, truncated, or a fixed value, for each parameter by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from scipy import stats
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
+from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
+
+RANGED = ("uniform", "loguniform")
+"""Laws whose range is given by ``lower`` and ``upper`` themselves."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A one-dimensional probability law on ``[lower, upper]``.
+
+    Parameters
+    ----------
+    dist : name of a continuous ``scipy.stats`` law.
+    shape : its own arguments (``loc``, ``scale``, ``a``, ...), SI units.
+    lower, upper : the law is cut to this range and renormalised; for ``uniform`` and ``loguniform`` they
+        are the range itself.
+
+    Raises
+    ------
+    StudyError : unknown law or argument, an empty range, or no probability inside it.
+    """
+
+    dist: str
+    shape: Mapping[str, float] = field(default_factory=dict)
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        known = getattr(stats, self.dist, None)
+        if not isinstance(known, stats.rv_continuous):
+            raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
+        if not self.lower < self.upper:
+            raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
+        if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():
+            raise StudyError(f"a {self.dist} law needs finite 'lower' and 'upper'")
+        if self.dist == "loguniform" and self.lower <= 0:
+            raise StudyError(f"'lower' of a loguniform law must be above 0 (got {self.lower:g})")
+        if self.dist in RANGED and self.shape:
+            raise StudyError(
+                f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})"
+            )
+        self._check_mass()
+
+    def _check_mass(self) -> None:
+        try:
+            mass = self._mass
+        except TypeError as error:
+            raise StudyError(f"wrong arguments for {self.dist}: {error}") from error
+        if not np.isfinite(mass):
+            raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
+        if mass <= 0:
+            raise StudyError(
+                f"{self.dist} with {_listed(self.shape)} has no probability"
+                f" between {self.lower:g} and {self.upper:g}"
+            )
+
+    @cached_property
+    def _base(self) -> Any:
+        if self.dist == "uniform":
+            return stats.uniform(self.lower, self.upper - self.lower)
+        if self.dist == "loguniform":
+            return stats.loguniform(self.lower, self.upper)
+        return getattr(stats, self.dist)(**self.shape)
+
+    @cached_property
+    def _upper_tail(self) -> bool:
+        """Whether the range lies in the upper tail, where survival functions keep the digits."""
+        return bool(self._base.cdf(self.lower) > 0.5)
+
+    @cached_property
+    def _mass(self) -> float:
+        """Probability of the uncut law inside the range."""
+        if self._upper_tail:
+            return float(self._base.sf(self.lower) - self._base.sf(self.upper))
+        return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
+
+    @cached_property
+    def _log_density(self) -> Callable[[FloatArray], FloatArray]:
+        """Log density of the uncut law minus the log of its mass in the range, fast for common laws."""
+        offset = float(np.log(self._mass))
+        if self.dist == "uniform":
+            height = -float(np.log(self.upper - self.lower))
+            return lambda x: np.full(x.shape, height)
+        if self.dist == "loguniform":
+            constant = float(np.log(np.log(self.upper / self.lower)))
+            return lambda x: -np.log(x) - constant
+        if self.dist in ("norm", "halfnorm"):
+            loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
+            factor = 2.0 if self.dist == "halfnorm" else 1.0
+            constant = float(np.log(factor / scale) - 0.5 * np.log(2 * np.pi)) - offset
+            return lambda x: constant - 0.5 * ((x - loc) / scale) ** 2
+        base = self._base
+        return lambda x: np.asarray(base.logpdf(x) - offset)
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest value that the cut law can take."""
+        low, high = self._base.support()
+        return max(self.lower, float(low)), min(self.upper, float(high))
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density at ``x`` (any shape), −inf outside the range."""
+        low, high = self.range
+        inside = (x >= low) & (x <= high)
+        if inside.all():
+            return self._log_density(x)
+        return np.where(inside, self._log_density(np.where(inside, x, self.median)), -np.inf)
+
+    def cdf(self, x: FloatArray) -> FloatArray:
+        """Probability of a value up to ``x`` (any shape)."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._upper_tail:
+            return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
+        return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Value below which the probability is ``q`` (any shape)."""
+        if self._upper_tail:
+            raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
+        return np.clip(raw, *self.range)
+
+    @cached_property
+    def median(self) -> float:
+        """The value that half of the probability lies below."""
+        return float(self.quantile(np.array(0.5)))
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw ``n`` independent values, shape (n,)."""
+        return self.quantile(rng.random(n))
+
+    def __str__(self) -> str:
+        inside = _listed(self.shape)
+        limits = "" if self.dist in RANGED or not np.isfinite([self.lower, self.upper]).any() else "cut to "
+        if limits or self.dist in RANGED:
+            limits += f"[{self.lower:g}, {self.upper:g}]"
+        return " ".join(part for part in (self.dist, f"({inside})" if inside else "", limits) if part)
+
+
+def _listed(shape: Mapping[str, float]) -> str:
+    return ", ".join(f"{key}={value:g}" for key, value in shape.items())
+
+
+PAPER_BOX: dict[str, Law | float] = {
+    "Ks": Law("uniform", lower=0.1e6, upper=10e6),
+    "n0": Law("uniform", lower=0.0, upper=2.0),
+    "n1": Law("uniform", lower=0.0, upper=2.0),
+    "c": Law("uniform", lower=0.0, upper=5000.0),
+    "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
+    "K": Law("uniform", lower=0.002, upper=0.050),
+    "c1": Law("uniform", lower=-1.0, upper=1.0),
+    "c2": Law("uniform", lower=-1.0, upper=1.0),
+    "c3": 0.0,
+}
+"""Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
+
+PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX}
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Independent laws of the free parameters, before the physical cut, and the fixed values.
+
+    Parameters
+    ----------
+    entries : a law (free) or a number (fixed) for every soil parameter and every estimated noise, by name.
+
+    Raises
+    ------
+    StudyError : a soil parameter is missing or a name is not known.
+    """
+
+    entries: Mapping[str, Law | float]
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.entries if name not in PARAMETERS]
+        missing = [name for name in SOIL_PARAMETERS if name not in self.entries]
+        if unknown or missing:
+            raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Laws of the free parameters in the package's order."""
+        entries = ((name, self.entries.get(name)) for name in PARAMETERS)
+        return {name: entry for name, entry in entries if isinstance(entry, Law)}
+
+    @cached_property
+    def fixed(self) -> dict[str, float]:
+        """Values of the fixed parameters."""
+        entries = ((name, self.entries.get(name)) for name in PARAMETERS)
+        return {name: float(entry) for name, entry in entries if isinstance(entry, int | float)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters, the columns of every parameter array."""
+        return tuple(self.laws)
+
+    @cached_property
+    def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
+        """Fixed soil values (9,), and which soil columns are filled from which columns of x."""
+        template = np.array([self.fixed.get(name, np.nan) for name in SOIL_PARAMETERS])
+        free = [name for name in SOIL_PARAMETERS if name in self.laws]
+        return template, [SOIL_PARAMETERS.index(n) for n in free], [self.names.index(n) for n in free]
+
+    def soil_values(self, x: FloatArray) -> FloatArray:
+        """All nine soil parameters, shape (n, 9), of free parameter sets ``x``, shape (n, d)."""
+        template, into, source = self.soil_template
+        soil = np.repeat(template[None, :], len(x), axis=0)
+        soil[:, into] = x[:, source]
+        return soil
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
+        total = np.zeros(len(x))
+        for column, law in enumerate(self.laws.values()):
+            total += law.log_density(x[:, column])
+        return total
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw parameter sets (n, d) from the stated laws, before the physical cut."""
+        return self.quantile(rng.random((n, len(self.names))))
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Parameter sets (n, d) at probabilities ``q`` (n, d) of each law."""
+        columns = [law.quantile(q[:, i]) for i, law in enumerate(self.laws.values())]
+        return np.column_stack(columns) if columns else np.empty((len(q), 0))
