@@ -1,0 +1,207 @@
+"""The parts of a study put together: prior, wheels, what the drive conditions on, noise of the outcomes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
+from bayesterra.errors import StudyError
+from bayesterra.models import Soil, Wheel
+from bayesterra.noise import Noise
+from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import PRIOR_SETS, Law
+from bayesterra.schema import WheelTable
+
+DEFAULT_PRIOR_SET = "paper-box"
+_ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
+
+SoilPrior = dict[str, Law | float]
+
+
+def soil_prior(
+    given: Mapping[str, Law | float | str], *, constant_exponent: bool
+) -> tuple[SoilPrior, list[str]]:
+    """Laws and fixed values of all nine soil parameters, and notes on what was filled in.
+
+    Parameters
+    ----------
+    given : the [priors] table: entries by parameter, and the name of a ``set`` for the others.
+    constant_exponent : N = n0, so n1 is held at 0.
+
+    Raises
+    ------
+    StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent.
+    """
+    entries: SoilPrior = {name: entry for name, entry in given.items() if not isinstance(entry, str)}
+    if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
+        raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
+    missing = [name for name in SOIL_PARAMETERS if name not in entries and name != "c3"]
+    notes = []
+    if missing and "set" not in given:
+        notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
+    chosen = str(given.get("set", DEFAULT_PRIOR_SET)) if missing or "set" in given else None
+    known = PRIOR_SETS[chosen] if chosen else {}
+    _check_fixed({n: v for n, v in entries.items() if not isinstance(v, Law)}, known, chosen)
+    return {"c3": 0.0, **known, **entries}, notes
+
+
+def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Law | float], chosen: str | None) -> None:
+    for name, value in fixed.items():
+        law = known.get(name)
+        if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
+            inside = f"{_field(name, law.range[0])} to {_field(name, law.range[1])}"
+            raise StudyError(
+                f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
+                f" (got {_field(name, value)})"
+            )
+    try:
+        Soil(**{**_ANY_SOIL, **fixed})
+    except ValueError as error:
+        raise StudyError(f"[priors] {error}") from error
+
+
+def _field(name: str, value: float) -> str:
+    parameter = PARAMETERS[name]
+    return f"{value / parameter.scale:g} {parameter.unit.removesuffix('-')}".strip()
+
+
+def resolved_wheels(tables: Mapping[str, WheelTable], phi: Law | float) -> tuple[dict[str, Wheel], list[str]]:
+    """Wheels by name; a coefficient that is left out comes, once, from (2) at the prior median of phi."""
+    if not tables:
+        raise StudyError("[wheels] needs at least one wheel, e.g. [wheels.Wh1]")
+    at = phi.median if isinstance(phi, Law) else float(phi)
+    wheels, notes = {}, []
+    for name, table in tables.items():
+        try:
+            wheel = Wheel(**asdict(table))
+            wheels[name] = _with_coefficient(wheel, at)
+        except ValueError as error:
+            raise StudyError(f"[wheels.{name}] {error}") from error
+        if wheels[name] != wheel:
+            value = wheels[name].shearing_radius_coefficient
+            notes.append(
+                f"shearing-radius coefficient of {name} from (2) at φ = {np.degrees(at):.3g}°: {value:.4g}"
+            )
+    return wheels, notes
+
+
+def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+    if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
+        return wheel
+    coefficient = (float(wheel.shearing_radius(phi)) - wheel.radius) / wheel.lug_height
+    return replace(wheel, shearing_radius_coefficient=coefficient)
+
+
+def conditioned(observations: Observations, drive: str) -> tuple[Observations, list[str]]:
+    """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
+
+    With drive ``load`` and no load, the normal force is the load; with drive ``sinkage`` and no normal
+    force, the load is the measured normal force.
+    """
+    notes: list[str] = []
+    has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
+    if drive == "load" and not has_load and has_force:
+        observations = replace(observations, load=observations.values["normal_force"])
+        notes.append("no load column: the measured normal force is the load")
+    elif drive == "load" and has_load and has_force:
+        notes.append("normal_force is not used, as the drive 'load' conditions on the load")
+    elif drive == "sinkage" and has_load and not has_force:
+        observations = _with_normal_force(observations)
+        notes.append("no normal_force column: the load is the measured normal force")
+    return _with_condition(observations, drive), notes
+
+
+def _with_normal_force(observations: Observations) -> Observations:
+    sd = observations.given_sd.get("load", np.full(len(observations), np.nan))
+    values = {**observations.values, "normal_force": observations.load}
+    return replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
+
+
+def _with_condition(observations: Observations, drive: str) -> Observations:
+    absent = np.full(len(observations), np.nan)
+    values = observations.load if drive == "load" else observations.values.get("sinkage", absent)
+    if np.isnan(values).all():
+        needed = "'load [N]' or 'normal_force [N]'" if drive == "load" else "'sinkage [mm]'"
+        raise StudyError(f"the drive '{drive}' needs a column {needed} with values")
+    return sifted(
+        observations,
+        [_condition_problem(drive, v, row) for v, row in zip(values, observations.rows, strict=True)],
+    )
+
+
+def _condition_problem(drive: str, value: float, row: int) -> str | None:
+    if value > 0:
+        return None
+    rule = f"'{drive}' must be above 0 in every row, as the drive conditions on it"
+    if np.isnan(value):
+        return f"{rule} (empty in row {row})"
+    return f"{rule} (got {value:g} {'N' if drive == 'load' else 'm from the rim'}, row {row})"
+
+
+def outcome_noise(
+    observations: Observations, given: Mapping[str, Noise], drive: str
+) -> tuple[dict[str, Noise], list[str]]:
+    """Noise of every outcome measured in a row in use, and notes on noise that is not used.
+
+    Raises
+    ------
+    StudyError : no outcome is measured, an outcome has no noise, or a sinkage is negative beyond its noise.
+    """
+    used = observations.used()
+    measured = [
+        name
+        for name in DRIVE_OUTCOMES[drive]
+        if name in used.values and not np.isnan(used.values[name]).all()
+    ]
+    if not measured:
+        raise StudyError(
+            f"the rows in use must hold at least one reading of {', '.join(DRIVE_OUTCOMES[drive])}"
+        )
+    given = _renamed(given, drive)
+    noise = {name: _channel_noise(name, given.get(name), observations) for name in measured}
+    if drive == "load" and "sinkage" in noise:
+        _check_negative_sinkage(used, noise["sinkage"])
+    conditions = {"slip", drive, *({"normal_force"} if drive == "load" else set())}
+    reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
+    notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
+    return noise, notes
+
+
+def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
+    """With drive ``sinkage``, noise of the load is noise of the normal force that it stands for."""
+    if drive == "sinkage" and "load" in given and "normal_force" not in given:
+        rest = {name: noise for name, noise in given.items() if name != "load"}
+        return {**rest, "normal_force": replace(given["load"], channel="normal_force")}
+    return dict(given)
+
+
+def _channel_noise(name: str, given: Noise | None, observations: Observations) -> Noise:
+    if given is not None:
+        return given
+    sd = observations.given_sd[name][~np.isnan(observations.values[name])]
+    if np.isnan(sd).any():
+        example = f'{name} = "1 {CHANNELS[name].unit}"'
+        raise StudyError(f"[noise] needs an entry for the measured channel '{name}', e.g. {example}")
+    return Noise(name, sd=float(np.median(sd)))   # overridden by the table in every row that has a reading
+
+
+def reading_sd(noise: Noise, values: FloatArray, given: FloatArray) -> FloatArray:
+    """Standard deviations (m,) of readings, before any model: estimated noise at its upper 97.5 % point."""
+    estimated = None if noise.law is None else np.array([float(noise.law.quantile(np.array(0.975)))])
+    scale: FloatArray = np.broadcast_to(noise.scale(values[None, :], estimated, given), (1, len(values)))[0]
+    return scale
+
+
+def _check_negative_sinkage(used: Observations, noise: Noise) -> None:
+    sinkage = used.values["sinkage"]
+    wrong = sinkage < -3 * reading_sd(noise, sinkage, used.given_sd["sinkage"])
+    if wrong.any():
+        index = int(np.argmax(wrong))
+        raise StudyError(
+            "'sinkage' must not be negative by more than three standard deviations of its noise"
+            f" (got {sinkage[index]:g} m from the rim, row {used.rows[index]})"
+        )

@@ -1,0 +1,127 @@
+"""Single entries of a study: parameter values, prior laws and noise, as tables of text or as objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from scipy import stats
+
+from bayesterra.errors import StudyError
+from bayesterra.messages import did_you_mean
+from bayesterra.noise import Noise
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import Law
+from bayesterra.units import quantity
+
+_LIMITS = ("lower", "upper")
+_SHIFTS = ("loc", "scale")
+_NOT_YET = ("kc", "kphi", "sinkage_offset")
+_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
+
+
+def table(value: object, name: str) -> dict[str, Any]:
+    """A copy of a table, or a StudyError naming it."""
+    if not isinstance(value, Mapping):
+        raise StudyError(f"'{name}' must be a table (got {value!r})")
+    return {str(key): entry for key, entry in value.items()}
+
+
+def parameter_value(name: str, value: object, known: Iterable[str], *, bare: bool) -> float:
+    """SI value of the parameter ``name``, which must be one of ``known``."""
+    known = list(known)
+    if name not in known:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+
+
+def prior_entry(name: str, value: object, *, bare: bool) -> Law | float:
+    """The prior of one soil parameter: a law, or the number at which it is fixed.
+
+    Parameters
+    ----------
+    name : soil parameter.
+    value : a table with ``dist``, a quantity, or a :class:`Law` as it is.
+    bare : take numbers as SI values.
+    """
+    if name in _NOT_YET:
+        raise StudyError(f"a prior of '{name}' is not supported by this version")
+    if name not in SOIL_PARAMETERS:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, ('set', *SOIL_PARAMETERS))}")
+    if isinstance(value, Law):
+        return value
+    if isinstance(value, Mapping):
+        return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
+    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+
+
+def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
+    """A probability law from its table: ``dist``, the law's own arguments, ``lower`` and ``upper``.
+
+    ``loc``, ``scale``, ``lower`` and ``upper`` have the dimension of the parameter, shape arguments none.
+    """
+    dist = entry.pop("dist", None)
+    if dist is None:
+        raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
+    known = _arguments(name, dist)
+    for key in entry:
+        if key not in known:
+            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")
+    values = {
+        key: quantity(item, "" if key in known[4:] else dimension, f"{name}.{key}", bare=bare)
+        for key, item in entry.items()
+    }
+    limits = {key: values.pop(key) for key in _LIMITS if key in values}
+    try:
+        return Law(dist, values, **limits)
+    except StudyError as error:
+        raise StudyError(f"'{name}': {error}") from error
+
+
+def _arguments(name: str, dist: object) -> list[str]:
+    """Arguments a law may have: loc, scale, lower, upper, then its shape arguments."""
+    known = getattr(stats, dist, None) if isinstance(dist, str) else None
+    if not isinstance(known, stats.rv_continuous):
+        laws = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous)]
+        hint = did_you_mean(str(dist), laws) if len(did_you_mean(str(dist), laws)) < 60 else ""
+        raise StudyError(f"'{name}': 'dist' must be a continuous scipy.stats law, got {dist!r}{hint}")
+    return [*_SHIFTS, *_LIMITS, *(part.strip() for part in (known.shapes or "").split(",") if part)]
+
+
+def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
+    """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`."""
+    if channel not in CHANNELS:
+        raise StudyError(f"unknown channel '{channel}'{did_you_mean(channel, CHANNELS)}")
+    if isinstance(value, Noise):
+        return value
+    dimension = CHANNELS[channel].dimension
+    if isinstance(value, Law):
+        return Noise(channel, law=value)
+    if not isinstance(value, Mapping):
+        return Noise(channel, sd=quantity(value, dimension, channel, bare=bare))
+    entry = table(value, channel)
+    if set(entry) == {"fraction", "floor"}:
+        fraction = quantity(entry["fraction"], "", f"{channel}.fraction")
+        return Noise(channel, fraction=fraction, floor=_floor(entry["floor"], channel, bare=bare))
+    if set(entry) == {"estimate"}:
+        return Noise(channel, law=_estimate(channel, entry["estimate"], bare=bare))
+    raise StudyError(f"'{channel}' must be {_NOISE_FORMS} (got {', '.join(entry) or 'nothing'})")
+
+
+def _floor(value: object, channel: str, *, bare: bool) -> float:
+    return quantity(value, CHANNELS[channel].dimension, f"{channel}.floor", bare=bare)
+
+
+def _estimate(channel: str, value: object, *, bare: bool) -> Law:
+    """Law of an unknown standard deviation; ``lower`` is a tenth of the scale unless given."""
+    if isinstance(value, Law):
+        return value
+    if channel not in OUTCOMES:
+        raise StudyError(f"noise of '{channel}' cannot be estimated, as it is never an outcome")
+    entry, dimension = table(value, f"{channel}.estimate"), CHANNELS[channel].dimension
+    if "lower" not in entry:
+        if "scale" not in entry:
+            raise StudyError(f"'{channel}.estimate' needs a 'lower' above 0 or a 'scale'")
+        scale = quantity(entry["scale"], dimension, f"{channel}.estimate.scale", bare=bare)
+        entry["lower"] = f"{scale / 10!r} {dimension}"
+    return law(f"{channel}.estimate", entry, dimension, bare=bare)

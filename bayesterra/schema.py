@@ -1,0 +1,258 @@
+"""The shape of a study: which tables and keys there are, of which kind, and what is wrong with others.
+
+Checked values are SI. The same tables describe study files, where every dimensional value is text with a
+unit, and calls from Python, where numbers are SI values (``bare`` in the validation context).
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+from pydantic_core import ErrorDetails
+
+from bayesterra import entries
+from bayesterra.errors import StudyError
+from bayesterra.messages import did_you_mean
+from bayesterra.noise import Noise
+from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import PRIOR_SETS, Law
+from bayesterra.units import quantity
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+
+def _bare(info: ValidationInfo) -> bool:
+    return bool(info.context and info.context.get("bare"))
+
+
+def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | None:
+    return None if value is None else quantity(value, dimension, str(info.field_name), bare=_bare(info))
+
+
+def _parameters(known: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
+    items = entries.table(value, str(info.field_name)).items()
+    return {n: entries.parameter_value(n, item, known, bare=_bare(info)) for n, item in items}
+
+
+def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
+    items = entries.table(value, "noise").items()
+    return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
+
+
+def _priors(value: object, info: ValidationInfo) -> dict[str, Law | float | str]:
+    content = entries.table(value, "priors")
+    name = content.pop("set", None)
+    if name is not None and name not in PRIOR_SETS:
+        raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
+    chosen: dict[str, Law | float | str] = {} if name is None else {"set": str(name)}
+    read = {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()}
+    return {**chosen, **read}
+
+
+def _reference(value: object) -> object:
+    """Gather the parameters of a reference table, which stand beside its ``source``, under ``values``."""
+    if not isinstance(value, Mapping) or "values" in value:
+        return value
+    return {
+        "source": value.get("source", ""),
+        "values": {key: item for key, item in value.items() if key != "source"},
+    }
+
+
+def _plain(value: object) -> object:
+    """Let objects made in Python pass as tables."""
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+
+
+def _day(value: object) -> object:
+    """Let TOML's own dates pass as text."""
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def _drive(value: object) -> object:
+    if value == "both":
+        raise StudyError("'drive' must be 'load' or 'sinkage'; 'both' is not supported by this version")
+    return value
+
+
+Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
+Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
+SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, SOIL_PARAMETERS))]
+AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
+Method = Literal["IM1", "IM2", "IM3", "joint"]
+
+
+@dataclass(frozen=True, config=_CONFIG)
+class Table:
+    """A table of a study: strict types, and no other keys than its own."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        """Name unknown keys before anything else, as a mistyped key is also a missing one."""
+        known = list(cls.__dataclass_fields__)
+        for key in content if isinstance(content, Mapping) else ():
+            if key not in known:
+                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), known)}")
+        return content
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class DataTable(Table):
+    """Where the measurements are."""
+
+    file: StrictStr
+    slip_reference: Literal["rim", "tip", "shearing"]
+    sinkage_reference: Literal["rim", "tip"] = "rim"
+    kind: Literal["measured", "simulated", "digitised"] = "measured"
+    source: StrictStr = ""
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class WheelTable(Table):
+    """A wheel, as :class:`bayesterra.models.Wheel`."""
+
+    radius: Length
+    width: Length
+    lug_height: Length = 0.0
+    lug_count: StrictInt = 0
+    shearing_radius_coefficient: Annotated[float | None, BeforeValidator(partial(_quantity, ""))] = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class ModelOptions(Table):
+    """Options of the wheel-soil model, as :class:`bayesterra.models.M1`."""
+
+    transition_slips: tuple[Number, Number] = (0.15, 0.5)
+    shear_start: Literal["transition", "rim", "tip"] = "transition"
+    constant_exponent: StrictBool = False
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class LeastSquaresOptions(Table):
+    """Options of the least-squares fits; soil parameters by name, SI units.
+
+    Attributes
+    ----------
+    hold : parameters held at a value.
+    start, lower, upper : replace the method's own start values and bounds.
+    delta : c1 and c2 change by less than this between the last passes of IM1.
+    methods : which fits to make.
+    """
+
+    hold: SoilValues = Field(default_factory=dict)
+    start: SoilValues = Field(default_factory=dict)
+    lower: SoilValues = Field(default_factory=dict)
+    upper: SoilValues = Field(default_factory=dict)
+    delta: Annotated[Number, Field(gt=0)] = 0.002
+    methods: tuple[Method, ...] = ("IM1", "IM2", "IM3", "joint")
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class SamplingOptions(Table):
+    """When sampling stops, and how many walkers do it."""
+
+    target_ess: Annotated[int, Field(ge=100, strict=True)] = 4000
+    ensembles: Annotated[int, Field(ge=4, strict=True)] = 4
+    walkers: Annotated[int, Field(ge=4, multiple_of=2, strict=True)] = 128
+    max_steps: Annotated[int, Field(ge=1, strict=True)] = 20000
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class Reference(Table):
+    """Published or true parameter values, SI units, and where they come from."""
+
+    source: StrictStr = ""
+    values: AnyValues = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class StudyContent(Table):
+    """All tables of a study; the same in files and in Python."""
+
+    title: StrictStr = ""
+    soil: StrictStr = ""
+    date: Annotated[StrictStr, BeforeValidator(_day)] = ""
+    model: Literal["M1", "M2", "M3"] = "M1"
+    drive: Annotated[Literal["load", "sinkage"], BeforeValidator(_drive)] = "load"
+    data: DataTable
+    wheels: dict[str, Annotated[WheelTable, BeforeValidator(_plain)]]
+    model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
+    noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
+    priors: Annotated[dict[str, Law | float | str], PlainValidator(_priors)] = Field(default_factory=dict)
+    least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
+    published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
+    truth: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
+    sampling: Annotated[SamplingOptions, BeforeValidator(_plain)] = SamplingOptions()
+
+
+def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
+    """Check the tables of a study and convert them to SI.
+
+    Parameters
+    ----------
+    tables : by name, as in a study file.
+    bare : take numbers as SI values, as calls from Python do; else every dimensional value needs a unit.
+
+    Raises
+    ------
+    StudyError : naming table, key, what must hold and the value got.
+    """
+    try:
+        return _ADAPTER.validate_python(dict(tables), context={"bare": bare})
+    except ValidationError as error:
+        raise StudyError(_one_line(error.errors()[0])) from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file; StudyError where that cannot be done."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise StudyError("no such study file") from error
+    except OSError as error:
+        raise StudyError(f"cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"must be TOML: {error}") from error
+
+
+_ADAPTER = TypeAdapter(StudyContent)
+
+
+def _one_line(error: ErrorDetails) -> str:
+    """What is wrong where, from the first of pydantic's errors."""
+    *path, key = [str(part) for part in error["loc"]] or [""]
+    if error["type"] == "missing":
+        return f"{_heading(path)}needs '{key}'"
+    if error["type"] == "value_error":  # our own checks name the key themselves
+        whole = isinstance(error["input"], Mapping) and key
+        return f"{_heading([*path, key] if whole else path)}{error['ctx']['error']}"
+    must = error["msg"].replace("Input should be", "must be", 1)
+    return f"{_heading(path)}'{key}' {must} (got {error['input']!r})"
+
+
+def _heading(path: list[str]) -> str:
+    table = ".".join(path).removesuffix(".values")
+    return f"[{table}] " if table else ""

@@ -1,0 +1,216 @@
+"""A study: measurements, wheels, model, noise and prior, checked and in SI units; the input of everything."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import asdict, dataclass, fields, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayesterra import assembly, schema
+from bayesterra.arrays import FloatArray, frozen
+from bayesterra.data import Observations, observations, read_table
+from bayesterra.errors import StudyError
+from bayesterra.messages import errors_in
+from bayesterra.models import MODELS, Wheel, WheelSoilModel
+from bayesterra.noise import Noise
+from bayesterra.priors import Law, Prior
+from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
+
+__all__ = ["LeastSquaresOptions", "Reference", "SamplingOptions", "Study", "load_study"]
+
+STUDY_FILE = "study.toml"
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Study:
+    """Everything that a posterior and the fits beside it depend on.
+
+    Parameters
+    ----------
+    data : table of measurements, units in the column names, e.g. ``sinkage [mm]``; empty cells NaN.
+    wheels : by name, :class:`bayesterra.models.Wheel` or a table of its dimensions.
+    slip_reference : the radius behind the slip column: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
+    sinkage_reference : the zero of the sinkage column: ``rim`` or ``tip`` of the lugs.
+    kind : ``measured``, ``digitised`` or ``simulated``.
+    source : where the measurements come from.
+    path : the study file, where there is one.
+    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``model_options``, ``noise``, ``priors``,
+        ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study file. Numbers are SI
+        values, text has its unit; models, laws and noises may be given as objects.
+
+    Attributes
+    ----------
+    observations : all rows, in use or not. ``load`` and ``values`` hold what the drive conditions on: with
+        drive ``load`` the load of every row, with ``sinkage`` the sinkage.
+    noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
+    prior : laws and fixed values of soil parameters and estimated noise.
+    notes : what was filled in, left out or not used; one sentence each.
+
+    Raises
+    ------
+    StudyError : one line that names what is wrong, where, and what was expected.
+    """
+
+    title: str
+    soil: str
+    date: str
+    kind: str
+    source: str
+    model: WheelSoilModel
+    drive: str
+    wheels: Mapping[str, Wheel]
+    observations: Observations
+    noise: Mapping[str, Noise]
+    prior: Prior
+    least_squares: LeastSquaresOptions
+    published: Reference | None
+    truth: Reference | None
+    sampling: SamplingOptions
+    notes: tuple[str, ...]
+    path: Path | None
+
+    def __init__(
+        self,
+        data: pd.DataFrame,
+        wheels: Mapping[str, Wheel | Mapping[str, Any]],
+        *,
+        slip_reference: str,
+        sinkage_reference: str = "rim",
+        kind: str = "measured",
+        source: str = "",
+        path: Path | None = None,
+        **tables: Any,
+    ) -> None:
+        described = {
+            "file": tables.pop("file", "the table of measurements"),
+            "slip_reference": slip_reference,
+            "sinkage_reference": sinkage_reference,
+            "kind": kind,
+            "source": source,
+        }
+        given = {**_with_model_name(tables), "wheels": wheels, "data": described}
+        parts = _parts(data, schema.checked(given, bare=True))
+        for name, value in {**parts, "path": path}.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """Name the study in a line."""
+        return f"<Study {self.title!r}: {self.model.name}, drive {self.drive}, {len(self.observations)} rows>"
+
+    def with_data(self, values: Mapping[str, FloatArray]) -> Study:
+        """The same study with other outcomes: simulated ones, say.
+
+        Parameters
+        ----------
+        values : SI values (m,) by channel, one per row of ``observations``; other channels stay.
+        """
+        for name, column in values.items():
+            if name not in self.observations.values or np.shape(column) != (len(self.observations),):
+                raise ValueError(f"'{name}' must be a measured channel of {len(self.observations)} rows")
+        merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
+        other = copy(self)
+        object.__setattr__(other, "observations", replace(self.observations, values=merged))
+        return other
+
+    @property
+    def fingerprint(self) -> dict[str, str]:
+        """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
+        content = {
+            "model": [self.model.name, asdict(self.model)],
+            "drive": self.drive,
+            "wheels": {name: asdict(wheel) for name, wheel in self.wheels.items()},
+            "noise": [asdict(noise) for noise in self.noise.values()],
+            "prior": {n: asdict(e) if isinstance(e, Law) else e for n, e in self.prior.entries.items()},
+            "least_squares": asdict(self.least_squares),
+        }
+        rows = {field.name: getattr(self.observations, field.name) for field in fields(Observations)}
+        return {"study": _digest(content), "data": _digest(rows)}
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study file, or the ``study.toml`` of a folder, and its measurements.
+
+    Raises
+    ------
+    StudyError : one line that begins with the file and names what is wrong and what was expected.
+    """
+    path = Path(path)
+    path = path / STUDY_FILE if path.is_dir() else path
+    with errors_in(path):
+        given = schema.checked(schema.read_toml(path), bare=False)
+        tables = {field.name: getattr(given, field.name) for field in fields(given)}
+        described = asdict(tables.pop("data"))
+        described["file"] = str(path.parent / given.data.file)
+        with errors_in(described["file"]):
+            table = read_table(described["file"])
+        return Study(table, path=path, **described, **tables)
+
+
+def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
+    """Take a model object apart into its name and options."""
+    model = tables.get("model")
+    if not isinstance(model, WheelSoilModel):
+        return tables
+    return {"model_options": asdict(model), **tables, "model": model.name}
+
+
+def _parts(data: pd.DataFrame, given: schema.StudyContent) -> dict[str, Any]:
+    """Build every attribute of a study from its checked tables."""
+    model = _model(given.model, given.model_options)
+    soil, prior_notes = assembly.soil_prior(given.priors, constant_exponent=model.constant_exponent)
+    wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil["phi"])
+    with errors_in(given.data.file):
+        rows, row_notes = assembly.conditioned(_rows(data, wheels, given.data), given.drive)
+    noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive)
+    estimated = {n.parameter: n.law for n in noise.values() if n.parameter and n.law}
+    prior = Prior({**soil, **estimated})
+    notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes]
+    return {
+        **{name: getattr(given, name) for name in _KEPT},
+        **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
+        **{"observations": rows, "noise": noise, "prior": prior},
+        "notes": tuple(notes + _count_notes(rows, noise, prior)),
+    }
+
+
+def _model(name: str, options: schema.ModelOptions) -> WheelSoilModel:
+    try:
+        return MODELS[name](**asdict(options))
+    except ValueError as error:
+        raise StudyError(f"[model_options] {error}") from error
+
+
+_KEPT = ("title", "soil", "date", "drive", "least_squares", "published", "truth", "sampling")
+
+
+def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.DataTable) -> Observations:
+    return observations(
+        data,
+        wheels,
+        slip_reference=described.slip_reference,
+        sinkage_reference=described.sinkage_reference,
+    )
+
+
+def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:
+    """Say where there are fewer readings than free parameters, which a posterior can bear."""
+    used = rows.used()
+    readings = sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
+    if readings >= len(prior.names):
+        return []
+    return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
+
+
+def _digest(content: Any) -> str:
+    return sha256(json.dumps(content, sort_keys=True, default=_jsonable).encode()).hexdigest()
+
+
+def _jsonable(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else dict(value)
