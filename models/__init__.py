@@ -1,1 +1,37 @@
-"""The wheel-soil models."""
+"""Wheel-soil models M1, M2 and M3 of Ding et al. 2015, with exact derivatives; they know no statistics."""
+
+if __name__ != "bayesterra.models":  # the folder is importable under a second name from the repository's root
+    raise ImportError(f"import this package as 'bayesterra.models', not {__name__!r}")
+
+from bayesterra.models.base import WheelSoilModel
+from bayesterra.models.conditions import Conditions, Status
+from bayesterra.models.forces import Components, Forces
+from bayesterra.models.integral import M1
+from bayesterra.models.linear import M2, M3
+from bayesterra.models.soil import SOIL_FIELDS, Soil
+from bayesterra.models.wheel import Wheel
+
+MODELS: dict[str, type[WheelSoilModel]] = {"M1": M1, "M2": M2, "M3": M3}
+
+__all__ = [
+    "M1",
+    "M2",
+    "M3",
+    "MODELS",
+    "SOIL_FIELDS",
+    "Components",
+    "Conditions",
+    "Forces",
+    "Soil",
+    "Status",
+    "Wheel",
+    "WheelSoilModel",
+    "warm_up",
+]
+
+
+def warm_up() -> None:
+    """Compile every kernel, or load it from numba's cache, so that workers start with all of them ready."""
+    from bayesterra.models.batch import warm_up as warm_up_kernels  # numba is heavy: only where it is needed
+
+    warm_up_kernels()

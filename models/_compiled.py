@@ -1,0 +1,28 @@
+"""The one door to numba, so that compiled functions keep their Python types."""
+
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Number = TypeVar("Number", float, complex)
+
+# Sums may be reordered and products fused, which vector code needs; NaN and infinity keep their meaning.
+_OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"reassoc", "contract", "arcp", "nsz"},
+}
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` at its first call for each combination of argument types; cached on disk."""
+    return cast(Callable[P, R], numba.njit(**_OPTIONS)(function))
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` into its callers, so that loops around it can be vectorised."""
+    return cast(Callable[P, R], numba.njit(forceinline=True, **_OPTIONS)(function))

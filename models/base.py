@@ -1,0 +1,195 @@
+"""What the three models share: checks, broadcasting, and the way to the compiled kernels."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bayesterra.models.checks import FloatArray, as_floats, plain, require
+from bayesterra.models.conditions import Conditions, Status
+from bayesterra.models.contact import Contact
+from bayesterra.models.forces import Components, Forces
+from bayesterra.models.geometry import SHEAR_STARTS, Floats, shear_start_radius
+from bayesterra.models.soil import Soil
+from bayesterra.models.wheel import Wheel
+
+Codes = NDArray[np.int8]
+ShearStart = Literal["transition", "rim", "tip"]
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Broadcast inputs, flattened to P pairs of one parameter set and one row each."""
+
+    theta: FloatArray
+    conditions: Conditions
+    given: FloatArray
+    shape: tuple[int, ...]
+
+    def check(self, status: Codes) -> None:
+        """Raise ValueError for the first pair that the model cannot serve."""
+        codes = status.reshape(self.shape)
+        t, slip = self.theta.T, self.conditions.slip
+        for code, name, rule, value in (
+            (Status.EXPONENT, "n0 + n1 s", "must be positive", t[1] + t[2] * slip),
+            (Status.CONTACT_ANGLE, "c1 + c2 s", "must lie between c3 and 1, and c3 in [-1, 1)", t[6] + t[7] * slip),
+            (Status.LOAD, "load", "must be carried by a sinkage below the wheel radius", self.given),
+        ):
+            require(codes != code, name, rule, value.reshape(self.shape))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelSoilModel(ABC):
+    """A model from (soil, wheel, slip, sinkage) to forces, and from (soil, wheel, slip, load) to sinkage.
+
+    Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values outside
+    the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter sets (n, 9) in
+    the order of SOIL_FIELDS against m rows, a status code in place of an error, NaN where the status is not OK.
+    """
+
+    transition_slips: tuple[float, float] = (0.15, 0.5)
+    """s_j1 and s_j2 of eq. (13), between which the shear's start moves from the lug tips to the rim."""
+    shear_start: ShearStart = "transition"
+    """Radius R_j at which shearing starts: eq. (13), or held at "rim" (r) or "tip" (r + h)."""
+    constant_exponent: bool = False
+    """Leave slip out of the sinkage exponent: N = n0."""
+
+    _code: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        first, second = self.transition_slips
+        if not 0 <= first < second <= 1:
+            raise ValueError(f"'transition_slips' must rise within [0, 1] (got {self.transition_slips})")
+        if self.shear_start not in SHEAR_STARTS:
+            raise ValueError(f"'shear_start' must be one of {', '.join(SHEAR_STARTS)} (got {self.shear_start!r})")
+
+    @property
+    def name(self) -> str:
+        """The model's name: "M1", "M2" or "M3"."""
+        return type(self).__name__
+
+    def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:
+        """Return F_N, F_DP and M_DR at a sinkage in m, eq. (14), (24) or (25)."""
+        values, shape = self._results(soil, wheel, slip, sinkage, width=3)
+        return Forces(*(plain(values[:, i].reshape(shape)) for i in range(3)))
+
+    def components(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Components:
+        """Return F_N and F_DP by stress and by part of the arc, eq. (15); M3 leaves F_Ntau out, so it is zero."""
+        values, shape = self._results(soil, wheel, slip, sinkage, width=11)
+        return Components(*(plain(values[:, i].reshape(shape)) for i in range(3, 11)))
+
+    def sinkage(self, soil: Soil, wheel: Wheel, slip: Floats, load: Floats) -> Floats:
+        """Return the sinkage in m at which F_N equals `load` in N to 1e-10, relative."""
+        from bayesterra.models import batch  # numba is heavy: only where it is needed
+
+        pairs = self._pairs(soil, wheel, slip, load=load)
+        require(pairs.given > 0, "load", "must be positive", pairs.given.reshape(pairs.shape))
+        given = pairs.given[:, None]
+        values, status = batch.response(pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True))
+        pairs.check(status)
+        return plain(values[:, 0, 0].reshape(pairs.shape))
+
+    def stresses(
+        self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return normal and shear stress in Pa at `angle` in rad from the vertical; zero off the contact arc."""
+        pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
+        _check_sinkage(pairs, wheel)
+        theta, slips, depth, angles = np.broadcast_arrays(
+            pairs.theta.T.reshape((9, *pairs.shape)), pairs.conditions.slip.reshape(pairs.shape),
+            pairs.given.reshape(pairs.shape), as_floats("angle", angle),
+        )  # fmt: skip
+        contact = Contact.of(Soil(*theta), wheel, slips[0], depth[0], self._start_radius(wheel, slips[0]))
+        normal, shear = self._stresses(contact, angles[0])
+        on_arc = (angles[0] >= contact.leaving) & (angles[0] <= contact.entrance)
+        return plain(np.where(on_arc, normal, 0.0)), plain(np.where(on_arc, shear, 0.0))
+
+    def forces_at(
+        self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike, *, every_row: bool = False
+    ) -> tuple[FloatArray, Codes]:
+        """Return F_N, F_DP, M_DR (n, m, 3) and status (n, m) at `sinkage` (m,) or (n, m).
+
+        A set whose parameters fail in one row is refused in all rows, unless `every_row`.
+        """
+        from bayesterra.models import batch
+
+        plan = self._plan(every_row=every_row)
+        return batch.forces(batch.parameters(theta), self._rows(conditions), sinkage, plan)
+
+    def response_at(
+        self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, every_row: bool = False
+    ) -> tuple[FloatArray, Codes]:
+        """Return z, F_DP, M_DR (n, m, 3) and status (n, m) under positive `load` (m,) or (n, m); see `forces_at`."""
+        from bayesterra.models import batch
+
+        plan = self._plan(every_row=every_row)
+        return batch.response(batch.parameters(theta), self._rows(conditions), load, plan)
+
+    def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
+        """Return the exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10)."""
+        from bayesterra.models import batch
+
+        plan = self._plan(every_row=True)
+        return batch.jacobian(batch.parameters(theta), self._rows(conditions), sinkage, plan)
+
+    def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
+        """Return the exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
+        from bayesterra.models import batch
+
+        plan = self._plan(every_row=True)
+        return batch.response_jacobian(batch.parameters(theta), self._rows(conditions), load, plan)
+
+    @abstractmethod
+    def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[Floats, Floats]:
+        """Return both stresses on the contact arc."""
+
+    def _results(
+        self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, width: int
+    ) -> tuple[FloatArray, tuple[int, ...]]:
+        from bayesterra.models import batch
+
+        pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
+        _check_sinkage(pairs, wheel)
+        kernel = batch.forces if width == 3 else batch.components
+        given = pairs.given[:, None]
+        values, status = kernel(pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True))
+        pairs.check(status)
+        return values[:, 0], pairs.shape
+
+    def _pairs(self, soil: Soil, wheel: Wheel, slip: Floats, **given: Floats) -> _Pairs:
+        (name, value), = given.items()
+        fields = np.moveaxis(soil.as_array(), -1, 0)
+        *theta, slips, values = np.broadcast_arrays(*fields, as_floats("slip", slip), as_floats(name, value))
+        require((slips >= 0) & (slips < 1), "slip", "must lie in [0, 1)", slips)
+        flat = np.ascontiguousarray(np.stack([t.ravel() for t in theta], axis=-1))
+        size = np.ones(slips.size)
+        conditions = Conditions(
+            slips.ravel(), size * wheel.radius, size * wheel.width, size * wheel.lug_height,
+            np.asarray(wheel.shearing_radius(flat[:, 4])),
+        )  # fmt: skip
+        return _Pairs(flat, conditions, values.ravel(), slips.shape)
+
+    def _start_radius(self, wheel: Wheel | Conditions, slip: Floats) -> Floats:
+        return shear_start_radius(
+            wheel.radius, wheel.lug_height, slip,
+            transition_slips=self.transition_slips, shear_start=self.shear_start,
+        )  # fmt: skip
+
+    def _rows(self, conditions: Conditions) -> FloatArray:
+        """Return the columns of _lanes.ROW: slip, slip of the exponent, r, b, R_j, r_s."""
+        slip = conditions.slip
+        exponent_slip = np.zeros_like(slip) if self.constant_exponent else slip
+        start = np.asarray(self._start_radius(conditions, slip))
+        columns = (slip, exponent_slip, conditions.radius, conditions.width, start, conditions.shearing_radius)
+        return np.ascontiguousarray(np.stack(columns, axis=-1))
+
+    def _plan(self, *, paired: bool = False, every_row: bool = False) -> tuple[int, int, bool]:
+        return self._code, int(paired), every_row
+
+
+def _check_sinkage(pairs: _Pairs, wheel: Wheel) -> None:
+    depth = pairs.given.reshape(pairs.shape)
+    require(depth > 0, "sinkage", "must be positive", depth)
+    require(depth < wheel.radius, "sinkage", f"must be below the wheel radius {wheel.radius:g} m", depth)

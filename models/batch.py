@@ -1,0 +1,66 @@
+"""Arrays in, arrays out: the numerical interface of the models, on flat parameter sets and rows."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bayesterra.models import _drivers
+from bayesterra.models.checks import FloatArray
+
+Codes = NDArray[np.int8]
+Plan = tuple[int, int, bool]
+
+
+def parameters(theta: ArrayLike) -> FloatArray:
+    """Return `theta` as a C-contiguous (n, 9) array."""
+    array = np.ascontiguousarray(theta, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 9:
+        raise ValueError(f"'theta' must have shape (n, 9) (got {array.shape})")
+    return array
+
+
+def run(kernel: Any, theta: FloatArray, rows: FloatArray, given: ArrayLike, plan: Plan, shape: tuple[int, ...]) -> tuple[FloatArray, Codes]:
+    """Run a kernel for every pair and return its output (n, m, *shape) and status (n, m)."""
+    pairs = (len(theta), 1 if plan[1] else len(rows))
+    values = np.ascontiguousarray(np.broadcast_to(np.asarray(given, dtype=np.float64), pairs))
+    out, status = np.empty((*pairs, *shape)), np.empty(pairs, dtype=np.int8)
+    kernel(theta, rows, values, plan, out, status)
+    return out, status
+
+
+def forces(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
+    """Return F_N, F_DP, M_DR (n, m, 3) and status."""
+    return run(_drivers.forces, theta, rows, sinkage, plan, (3,))
+
+
+def components(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
+    """Return the three forces and the eight components (n, m, 11) and status."""
+    return run(_drivers.forces, theta, rows, sinkage, plan, (11,))
+
+
+def response(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
+    """Return z, F_DP, M_DR (n, m, 3) and status."""
+    return run(_drivers.response, theta, rows, load, plan, (3,))
+
+
+def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> FloatArray:
+    """Return d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, 10)."""
+    return run(_drivers.jacobian, theta, rows, sinkage, plan, (3, 10))[0]
+
+
+def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:
+    """Return d(z, F_DP, M_DR)/d theta (n, m, 3, 9) by the implicit function theorem on F_N(z, theta) = W."""
+    at_root = jacobian(theta, rows, response(theta, rows, load, plan)[0][..., 0], plan)
+    by_theta, by_sinkage = at_root[..., :9], at_root[..., 9:]
+    sinkage = -by_theta[..., :1, :] / by_sinkage[..., :1, :]
+    return np.concatenate([sinkage, by_theta[..., 1:, :] + by_sinkage[..., 1:, :] * sinkage], axis=-2)
+
+
+def warm_up() -> None:
+    """Run every kernel once on a typical soil and wheel."""
+    theta = np.array([[2.5e6, 0.76, 1.3, 250.0, 0.5568, 0.012, 0.5, -0.3, 0.0]])
+    rows = np.array([[0.2, 0.2, 0.157, 0.165, 0.167, 0.1635]])
+    for model in (1, 2, 3):
+        response_jacobian(theta, rows, 80.0, (model, 0, False))
+        components(theta, rows, 0.01, (model, 0, False))

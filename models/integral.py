@@ -1,0 +1,19 @@
+"""M1: the stresses integrated along the arc."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bayesterra.models.base import WheelSoilModel
+from bayesterra.models.checks import FloatArray
+from bayesterra.models.contact import Contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class M1(WheelSoilModel):
+    """The integral model, Ding et al. 2015, eqs. (4), (9), (14), (15), to 1e-9 of adaptive quadrature."""
+
+    _code: ClassVar[int] = 1
+
+    def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        normal = contact.normal_stress(angle)
+        return normal, contact.shear_stress(angle, normal)

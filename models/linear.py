@@ -1,0 +1,37 @@
+"""M2 and M3: closed forms from piecewise linear stresses."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesterra.models.base import WheelSoilModel
+from bayesterra.models.checks import FloatArray
+from bayesterra.models.contact import Contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class M2(WheelSoilModel):
+    """Linear sigma and tau: CM1, Ding et al. 2015, eqs. (18)-(24)."""
+
+    _code: ClassVar[int] = 2
+
+    def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        normal, shear = contact.peak_stresses()
+        shape = contact.triangle(angle)
+        return normal * shape, shear * shape
+
+
+@dataclass(frozen=True, kw_only=True)
+class M3(WheelSoilModel):
+    """Linear sigma cos(theta) and tau cos(theta) in F_N and F_DP, without F_Ntau: CM2, eqs. (25), (26).
+
+    The paper keeps M2's linear stresses in the other integrals; `stresses` returns those of the cosine terms.
+    """
+
+    _code: ClassVar[int] = 3
+
+    def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        normal, shear = contact.peak_stresses()
+        shape = contact.triangle(angle) * np.cos(contact.maximum) / np.cos(angle)
+        return normal * shape, shear * shape

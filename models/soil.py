@@ -1,0 +1,55 @@
+"""The soil's mechanical parameters."""
+
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+
+from bayesterra.models.checks import FloatArray, as_floats, require
+
+
+@dataclass(frozen=True)
+class Soil:
+    """Soil parameters in SI units and radians; every field is a number or an array, and fields broadcast.
+
+    Raises ValueError for values that no soil can have.
+    """
+
+    Ks: float | FloatArray
+    """Sinkage modulus K_s = k_c/b + k_phi, Pa/m^N."""
+    n0: float | FloatArray
+    """Sinkage exponent at zero slip, N = n0 + n1 s."""
+    n1: float | FloatArray
+    """Growth of the sinkage exponent with slip."""
+    c: float | FloatArray
+    """Cohesion, Pa."""
+    phi: float | FloatArray
+    """Internal friction angle, rad."""
+    K: float | FloatArray
+    """Shearing deformation modulus, m."""
+    c1: float | FloatArray
+    """Maximum-stress angle over entrance angle at zero slip, theta_m = (c1 + c2 s) theta_1."""
+    c2: float | FloatArray
+    """Growth of that ratio with slip."""
+    c3: float | FloatArray = 0.0
+    """Leaving angle over entrance angle."""
+
+    def __post_init__(self) -> None:
+        for name, value in zip(SOIL_FIELDS, astuple(self), strict=True):
+            values = as_floats(name, value)
+            if name in _RULES:
+                lowest, strict, rule = _RULES[name]
+                require(values > lowest if strict else values >= lowest, name, rule, values)
+        require(np.asarray(self.phi) < np.pi / 2, "phi", "must be below pi/2 rad", self.phi)
+
+    def as_array(self) -> FloatArray:
+        """Return the parameters in the order of SOIL_FIELDS along a last axis of nine."""
+        return np.stack(np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in astuple(self))), axis=-1)
+
+
+SOIL_FIELDS = tuple(field.name for field in fields(Soil))
+_RULES = {  # lowest value, whether it is excluded, the rule in words
+    "Ks": (0.0, True, "must be positive"),
+    "K": (0.0, True, "must be positive"),
+    "c": (0.0, False, "must not be negative"),
+    "phi": (0.0, False, "must not be negative"),
+}
