@@ -1,0 +1,200 @@
+"""joint: every measured outcome of the study's drive at once, weighted by its noise.
+
+The mode of a posterior under a flat prior minimises the same sum of squares, so that IM1 against joint shows
+the method, joint against the posterior the uncertainty. Laws of the prior enter as bounds only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, SupportError
+from bayesterra.identification.fits import error_figure
+from bayesterra.identification.settings import Settings
+from bayesterra.identification.solver import Minimum, minimise
+from bayesterra.identification.support import ClippedModel, clip, excess_jacobian
+from bayesterra.likelihood import Likelihood
+from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.posterior import Posterior, draw_cut_prior
+
+STARTS = 8
+"""Starts drawn from the cut prior, beside those that the caller has."""
+
+ROUNDS = 3
+"""Rounds in which the weights of channels with estimated noise follow the residuals."""
+
+PENALTY = 1e4
+"""Residual per unit of θm/θ1 (or N) outside the model's range: steep enough to end inside, and smooth."""
+
+
+@dataclass(frozen=True)
+class WeightedMisfit:
+    """Residuals of all readings in standard deviations, and penalties that lead back into the model's range.
+
+    Parameters
+    ----------
+    model : the model at the rows.
+    columns : which outcomes were measured, among those of the drive.
+    measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
+    """
+
+    model: ClippedModel
+    columns: tuple[int, ...]
+    measured: FloatArray
+    sd: FloatArray
+
+    @property
+    def _slip(self) -> FloatArray:
+        return self.model.forward.conditions.slip
+
+    def predicted(self, theta: FloatArray) -> FloatArray:
+        """Modelled readings (m, channels)."""
+        return self.model.values(theta)[:, self.columns]
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Residuals of the readings, then 2 m penalties; NaN where no sinkage carries a load."""
+        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = ((self.predicted(theta) - self.measured) / self.sd)[known]
+        if not np.isfinite(misfit).all():
+            return np.full(known.sum() + 2 * len(known), np.nan)
+        return np.concatenate([misfit, PENALTY * clipped.angle, PENALTY * clipped.exponent])
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of :meth:`values` by the nine parameters."""
+        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[known]
+        return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip)])
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Outcome of :func:`fit_joint`.
+
+    Attributes
+    ----------
+    best : parameters and cost after the last round.
+    path : parameters (9,) after each round of weights.
+    sd : typical standard deviation of each channel behind the last weights, SI.
+    errors : error figure (16) of each channel, percent.
+    reached, started : how many starts ended at the best cost, of how many.
+    """
+
+    best: Minimum
+    path: tuple[FloatArray, ...]
+    sd: Mapping[str, float]
+    errors: Mapping[str, float]
+    reached: int
+    started: int
+
+
+def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]) -> JointFit:
+    """Minimise the weighted misfit from ``starts`` (9,), the prior's median and draws from the cut prior.
+
+    Estimated noise weighs at the median of its prior law first; then, ``ROUNDS`` times, at the root mean
+    square residual of its channel (with the parameters fitted counted off), kept inside its law's range.
+    Noise that is a fraction is taken of the measured value, so that weights do not move with the fit.
+
+    Raises
+    ------
+    StudyError : fewer readings than free parameters.
+    SupportError : no start has an answer.
+    """
+    columns = settings.free(SOIL_PARAMETERS)
+    likelihood = posterior.likelihood
+    _check_count(likelihood, len(columns))
+    misfit = _misfit(posterior, estimated=_prior_medians(posterior))
+    minima = [
+        minimise(misfit, start, columns, settings.lower, settings.upper)
+        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], settings)
+    ]
+    best = min(minima, key=lambda minimum: minimum.cost)
+    reached = sum(minimum.cost <= best.cost * (1 + 1e-6) + 1e-12 for minimum in minima)
+    path = [best.theta]
+    for _ in range(ROUNDS if any(noise.law for noise in likelihood.noise) else 0):
+        misfit = _misfit(posterior, _residual_sd(posterior, misfit, best.theta, len(columns)))
+        best = minimise(misfit, best.theta, columns, settings.lower, settings.upper)
+        path.append(best.theta)
+    sd, errors = _summary(likelihood, misfit, best.theta)
+    return JointFit(best, tuple(path), sd, errors, reached, len(minima))
+
+
+def _check_count(likelihood: Likelihood, free: int) -> None:
+    count = int(np.sum(~np.isnan(likelihood.measured)))
+    if count < free:
+        raise StudyError(f"too few observations for joint: {count} readings, {free} parameters")
+
+
+def _misfit(posterior: Posterior, estimated: Mapping[str, float]) -> WeightedMisfit:
+    likelihood = posterior.likelihood
+    outcomes = likelihood.forward.outcomes
+    columns = tuple(outcomes.index(channel) for channel in likelihood.channels)
+    none = np.full(len(likelihood.measured), np.nan)
+    sd = np.empty(likelihood.measured.shape)
+    for i, noise in enumerate(likelihood.noise):
+        value = np.array([estimated[noise.channel]]) if noise.law else None
+        given = likelihood.observations.given_sd.get(noise.channel, none)
+        sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, given)[0]
+    return WeightedMisfit(ClippedModel(likelihood.forward), columns, likelihood.measured, sd)
+
+
+def _prior_medians(posterior: Posterior) -> dict[str, float]:
+    return {noise.channel: noise.law.median for noise in posterior.likelihood.noise if noise.law}
+
+
+def _residual_sd(
+    posterior: Posterior, misfit: WeightedMisfit, theta: FloatArray, free: int
+) -> dict[str, float]:
+    """Root mean square residual of the channels with estimated noise, inside the ranges of their laws."""
+    residual = misfit.measured - misfit.predicted(theta)
+    count = int(np.sum(~np.isnan(misfit.measured)))
+    inflation = count / max(count - free, 1)
+    spread = np.sqrt(inflation * np.nanmean(residual**2, axis=0))
+    return {
+        noise.channel: float(np.clip(value, *noise.law.range))
+        for noise, value in zip(posterior.likelihood.noise, spread, strict=True)
+        if noise.law
+    }
+
+
+def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
+    """Starts from the cut prior, the same every time, with the held parameters in place."""
+    try:
+        drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
+    except SupportError:
+        return []  # held parameters may still leave an answer at the other starts
+    soil = posterior.prior.soil_values(drawn)
+    held = [SOIL_PARAMETERS.index(name) for name in settings.held]
+    soil[:, held] = settings.start[held]
+    return list(soil)
+
+
+def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], settings: Settings) -> list[FloatArray]:
+    """Starts moved inside the bounds and clear of the edges of the model's range, where they have an answer."""
+    held = [SOIL_PARAMETERS.index(name) for name in settings.held]
+    kept = []
+    for start in starts:
+        start = np.clip(start, settings.lower, settings.upper)
+        start[held] = settings.start[held]
+        if np.isfinite(misfit.values(start)).all():
+            kept.append(start)
+    if not kept:
+        raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
+    return kept
+
+
+def _summary(
+    likelihood: Likelihood, misfit: WeightedMisfit, theta: FloatArray
+) -> tuple[dict[str, float], dict[str, float]]:
+    predicted = misfit.predicted(theta)
+    sd = {name: float(np.median(misfit.sd[:, i])) for i, name in enumerate(likelihood.channels)}
+    errors = {
+        name: error_figure(misfit.measured[:, i], predicted[:, i])
+        for i, name in enumerate(likelihood.channels)
+    }
+    return sd, errors
+
+

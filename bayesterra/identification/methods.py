@@ -1,0 +1,185 @@
+"""``fit``: a study in, one :class:`Fit` per method out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from time import perf_counter
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, SupportError
+from bayesterra.identification.decoupled import decoupled_steps
+from bayesterra.identification.fits import FORCES, METHODS, Fit, soil_of
+from bayesterra.identification.integral import MAX_PASSES, Passes, integral_steps, iterate, one_pass
+from bayesterra.identification.joint import fit_joint
+from bayesterra.identification.readings import Readings, readings
+from bayesterra.identification.settings import Overrides, Settings, iteration_settings, joint_settings
+from bayesterra.identification.steps import Plan, plan
+from bayesterra.identification.support import clip
+from bayesterra.models import M1, WheelSoilModel
+from bayesterra.parameters import CHANNELS, SOIL_PARAMETERS
+from bayesterra.posterior import posterior
+from bayesterra.study import Study
+
+
+def fit(
+    study: Study,
+    methods: Sequence[str] | None = None,
+    *,
+    hold: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    lower: Mapping[str, float] | None = None,
+    upper: Mapping[str, float] | None = None,
+    delta: float | None = None,
+) -> dict[str, Fit]:
+    """Identify the soil by least squares.
+
+    Parameters
+    ----------
+    study : measurements, model, priors and noise. IM1, IM2 and IM3 take the measured sinkage as given and run
+        on M1, M2 and M3 with the options of the study's model; joint uses its own model and drive.
+    methods : any of ``IM1``, ``IM2``, ``IM3``, ``joint``; None: those that the study names, by default all.
+    hold : parameters held at a value; those that the priors fix are held anyway. An empty mapping frees what
+        the study holds.
+    start, lower, upper : start values and bounds of IM1, IM2 and IM3 in place of Table 17's. joint is bounded
+        by the priors' ranges, and takes ``start`` as one of its starts.
+    delta : IM1 stops when c1 and c2 change by less.
+
+    ``hold`` to ``delta`` are SI and radians, and replace the table of that name in the study where given.
+
+    Raises
+    ------
+    StudyError : an unknown method or parameter, fewer readings than parameters, or nothing that can be fitted.
+    """
+    overrides = Overrides(hold, start, lower, upper, delta)
+    methods = study.least_squares.methods if methods is None else methods
+    unknown = [method for method in methods if method not in METHODS]
+    if unknown:
+        raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
+    fits = {method: _RUN[method](method, study, overrides) for method in methods}
+    if fits and all(not one.path for one in fits.values()):
+        reasons = dict.fromkeys(note for one in fits.values() for note in one.notes)
+        raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
+    return fits
+
+
+def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
+    """Every method that the study names and its data allow, and one line on each that they do not."""
+    fits: dict[str, Fit] = {}
+    refused = []
+    for method in study.least_squares.methods:
+        try:
+            fits |= fit(study, (method,))
+        except (StudyError, SupportError) as error:
+            refused.append(str(error))
+    return fits, tuple(refused)
+
+
+def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
+    """IM1, IM2 or IM3."""
+    began = perf_counter()
+    settings, rows = iteration_settings(study, overrides), readings(study)
+    steps = integral_steps(rows, _m1(study)) if method == "IM1" else decoupled_steps(method, rows, study.model)
+    todo = plan(method, steps, settings)
+    passes = _passes(method, todo, settings)
+    theta = passes.path[-1] if passes.path else settings.start
+    return Fit(
+        method=method,
+        soil=soil_of(theta),
+        errors=_errors(todo, theta),
+        converged=passes.converged,
+        passes=len(passes.path),
+        path=tuple(soil_of(one) for one in passes.path),
+        held=settings.held,
+        at_bound=settings.at_bound(theta, todo.columns(settings)),
+        missing=todo.missing,
+        clipped=_clipped(method, theta, rows.conditions.slip),
+        notes=_notes(method, todo, passes, rows, theta),
+        seconds=perf_counter() - began,
+        noise={},
+    )
+
+
+def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
+    if not todo.steps:
+        return Passes((), converged=False)
+    if method == "IM1":
+        return iterate(todo, settings)
+    theta, converged = one_pass(todo, settings.start, settings, first=False)
+    return Passes((theta,), converged)
+
+
+def _fit_joint(method: str, study: Study, overrides: Overrides) -> Fit:
+    began = perf_counter()
+    settings, density = joint_settings(study, overrides), posterior(study)
+    found = fit_joint(density, settings, _other_results(study, overrides))
+    theta = found.best.theta
+    drive = density.likelihood.forward
+    return Fit(
+        method=method,
+        soil=soil_of(theta),
+        errors={name: found.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
+        converged=found.best.converged,
+        passes=len(found.path),
+        path=tuple(soil_of(one) for one in found.path),
+        held=settings.held,
+        at_bound=settings.at_bound(theta, settings.free(SOIL_PARAMETERS)),
+        missing=(),
+        clipped=clip(theta, drive.conditions.slip).any,
+        notes=(
+            f"{found.reached} of {found.started} starts ended at the best fit",
+            *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in found.errors),
+        ),
+        seconds=perf_counter() - began,
+        noise=found.sd,
+    )
+
+
+_RUN: Mapping[str, Callable[[str, Study, Overrides], Fit]] = {
+    "IM1": _fit_groups,
+    "IM2": _fit_groups,
+    "IM3": _fit_groups,
+    "joint": _fit_joint,
+}
+
+
+def _other_results(study: Study, overrides: Overrides) -> list[FloatArray]:
+    """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
+    found = []
+    for method in ("IM1", "IM2", "IM3"):
+        try:
+            one = _fit_groups(method, study, overrides)
+        except StudyError:
+            continue  # the method needs more readings than joint
+        found.append(np.array(list(one.values().values())))
+    return found
+
+
+def _m1(study: Study) -> M1:
+    """M1 with the options of the study's model."""
+    model: WheelSoilModel = study.model
+    return M1(**{field.name: getattr(model, field.name) for field in fields(M1)})
+
+
+def _errors(todo: Plan, theta: FloatArray) -> dict[str, float]:
+    judged = {step.channel: step.error(theta) for step in todo.judged}
+    return {name: judged.get(name, np.nan) for name in FORCES}
+
+
+def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:
+    found = clip(theta, slip)
+    return found.any if method == "IM1" else bool(np.any(found.angle))
+
+
+def _notes(method: str, todo: Plan, passes: Passes, rows: Readings, theta: FloatArray) -> tuple[str, ...]:
+    notes = list(todo.notes)
+    if rows.left_out:
+        notes.append(f"{rows.left_out} row(s) without a sinkage between 0 and the radius are left out")
+    if _clipped(method, theta, rows.conditions.slip):
+        notes.append("θm/θ1 = c1 + c2 s leaves (c3, 1) at some slip and was clipped there")
+    if passes.path and not passes.converged:
+        limit = len(passes.path) == MAX_PASSES
+        notes.append(f"no rest after {MAX_PASSES} passes" if limit else "an inner fit did not reach a minimum")
+    return tuple(notes)

@@ -1,0 +1,147 @@
+"""Start values, bounds and held parameters of the least-squares methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray, frozen
+from bayesterra.errors import StudyError
+from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import PAPER_BOX, Law
+from bayesterra.study import Study
+
+START: Mapping[str, float] = {
+    "Ks": 2.5e6, "n0": 0.5, "n1": 0.5, "c": 200.0, "phi": float(np.radians(30.0)), "K": 0.01,
+    "c1": 0.5, "c2": 0.0, "c3": 0.0,
+}  # fmt: skip
+"""Start values of IM1, Ding et al. 2015, Table 17; its bounds are the prior set ``paper-box``."""
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    group: tuple(name for name in SOIL_PARAMETERS if PARAMETERS[name].group == group and name != "c3")
+    for group in ("P_I", "P_II", "P_III")
+}
+"""Parameters that the methods identify together; c3 is identified by joint alone."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where a fit starts and how far it may go, in the order of ``SOIL_PARAMETERS``, SI.
+
+    Attributes
+    ----------
+    start, lower, upper : (9,).
+    held : names of the parameters that stay at ``start``.
+    delta : IM1 stops when c1 and c2 change by less from pass to pass.
+    """
+
+    start: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    held: tuple[str, ...]
+    delta: float = 0.002
+
+    def free(self, names: tuple[str, ...]) -> list[int]:
+        """Columns of those of ``names`` that are not held."""
+        return [SOIL_PARAMETERS.index(name) for name in names if name not in self.held]
+
+    def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
+        """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
+        margin = 1e-4 * (self.upper - self.lower)
+        at = (theta < self.lower + margin) | (theta > self.upper - margin)
+        return tuple(SOIL_PARAMETERS[i] for i in columns if at[i])
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the caller of ``fit`` asks for in place of the study's ``[least_squares]``; None: as there."""
+
+    hold: Mapping[str, float] | None = None
+    start: Mapping[str, float] | None = None
+    lower: Mapping[str, float] | None = None
+    upper: Mapping[str, float] | None = None
+    delta: float | None = None
+
+    def __post_init__(self) -> None:
+        for table in (self.hold, self.start, self.lower, self.upper):
+            for name, value in (table or {}).items():
+                _check(name, value)
+
+    def over(self, study: Study) -> Overrides:
+        """These, completed from the study."""
+        given = study.least_squares
+        delta = given.delta if self.delta is None else self.delta
+        if not delta > 0:
+            raise StudyError(f"'delta' must be above 0 (got {delta:g})")
+        return Overrides(
+            {**_held_by_study(study), **(given.hold if self.hold is None else self.hold)},
+            given.start if self.start is None else self.start,
+            given.lower if self.lower is None else self.lower,
+            given.upper if self.upper is None else self.upper,
+            delta,
+        )
+
+
+def _check(name: str, value: float) -> None:
+    if name not in SOIL_PARAMETERS:
+        raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(SOIL_PARAMETERS)})")
+    if not np.isfinite(value):
+        raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
+
+
+def _held_by_study(study: Study) -> dict[str, float]:
+    """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
+    fixed = {name: value for name, value in study.prior.fixed.items() if name in SOIL_PARAMETERS}
+    return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
+
+
+def iteration_settings(study: Study, overrides: Overrides) -> Settings:
+    """Settings of IM1, IM2 and IM3: those of Table 17 where neither study nor caller say otherwise.
+
+    Raises
+    ------
+    StudyError : an empty range, or a start value outside its bounds.
+    """
+    asked = overrides.over(study)
+    hold = {"c3": START["c3"], **(asked.hold or {})}
+    box = {name: entry.range if isinstance(entry, Law) else (entry, entry) for name, entry in PAPER_BOX.items()}
+    low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
+    high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}
+    start = {name: float(np.clip(START[name], low[name], high[name])) for name in SOIL_PARAMETERS}
+    start |= {**(asked.start or {}), **hold}
+    for name in SOIL_PARAMETERS:
+        if name not in hold:
+            _check_range(name, low[name], start[name], high[name])
+    arrays = (frozen([table[name] for name in SOIL_PARAMETERS]) for table in (start, low, high))
+    return Settings(*arrays, held=_in_order(hold), delta=float(asked.delta or 0.0))
+
+
+def joint_settings(study: Study, overrides: Overrides) -> Settings:
+    """Settings of joint: every parameter that has a prior law is free within the law's range.
+
+    The start is the prior's median, except where study or caller give one inside the range.
+    """
+    asked = overrides.over(study)
+    hold = dict(asked.hold or {})
+    laws = {name: study.prior.laws[name] for name in SOIL_PARAMETERS if name in study.prior.laws}
+    start = {name: law.median for name, law in laws.items()}
+    for name, value in (asked.start or {}).items():
+        if name in laws and laws[name].range[0] <= value <= laws[name].range[1]:
+            start[name] = value
+    start |= hold
+    limits = {name: laws[name].range if name in laws else (hold[name],) * 2 for name in SOIL_PARAMETERS}
+    low, high = np.array([limits[name] for name in SOIL_PARAMETERS]).T
+    return Settings(frozen([start[name] for name in SOIL_PARAMETERS]), frozen(low), frozen(high), _in_order(hold))
+
+
+def _check_range(name: str, low: float, start: float, high: float) -> None:
+    if not low < high:
+        raise StudyError(f"least squares: 'lower' of {name!r} must be below 'upper' (got {low:g} and {high:g})")
+    if not low <= start <= high:
+        raise StudyError(f"least squares: 'start' of {name!r} must lie in [{low:g}, {high:g}] (got {start:g})")
+
+
+def _in_order(names: Mapping[str, float]) -> tuple[str, ...]:
+    return tuple(name for name in SOIL_PARAMETERS if name in names)

@@ -1,0 +1,63 @@
+"""The error figure, tables and printed fits."""
+
+from collections.abc import Callable, Mapping
+from io import StringIO
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from bayesterra.identification import error_figure, fit, print_fits, report_table
+from bayesterra.models import Soil
+from bayesterra.study import Study
+
+Printed = Mapping[str, Mapping[str, Soil]]
+
+
+def test_error_figure_is_relative_to_the_largest_reading() -> None:
+    """Equation (16): the largest misfit over the largest reading, in percent, whatever the signs."""
+    assert error_figure(np.array([-50.0, 10.0]), np.array([-50.0, 12.0])) == pytest.approx(4.0)
+
+
+def test_error_figure_skips_what_was_not_measured() -> None:
+    """A missing reading counts for nothing, and without any reading there is no figure."""
+    assert error_figure(np.array([np.nan, 10.0]), np.array([9e9, 11.0])) == pytest.approx(10.0)
+    assert np.isnan(error_figure(np.array([np.nan]), np.array([1.0])))
+    assert np.isnan(error_figure(np.array([0.0]), np.array([1.0])))
+
+
+@pytest.fixture(scope="module")
+def without_torque(
+    make_study: Callable[..., Study], make_table: Callable[..., pd.DataFrame], printed: Printed
+) -> Study:
+    """Wheel Wh32 without a resistance moment, with a published value."""
+    soil = printed["IM1"]["Wh32"]
+    data = make_table("M1", "Wh32", soil).drop(columns="resistance_moment [N m]")
+    published = {"source": "a table", "phi": soil.phi}
+    return make_study("M1", "Wh32", soil, data=data, published=published, title="No torque")
+
+
+def test_table_has_the_columns_of_the_csv_file(without_torque: Study) -> None:
+    """Rows are in field units, errors in percent, and what was not identified is NaN."""
+    table = report_table(fit(without_torque, ("IM1",)), without_torque)
+    assert list(table.columns) == ["method", "parameter", "unit", "value", "published", "credible_level"]
+    rows = table.set_index("parameter")
+    assert rows.loc["Ks", "unit"] == "kPa/m^N"
+    assert rows.loc["Ks", "value"] == pytest.approx(2499.3)
+    assert rows.loc["phi", "published"] == pytest.approx(29.3)
+    assert np.isnan(rows.loc["phi", "value"])
+    assert rows.loc["error_normal_force", "unit"] == "%"
+    assert np.isnan(rows.loc["error_resistance_moment", "value"])
+    assert "c3" not in rows.index
+
+
+def test_printed_table_marks_held_and_missing_parameters(without_torque: Study) -> None:
+    """The terminal shows held values with '=', dashes for what is missing, published values and the reason."""
+    text = StringIO()
+    print_fits(fit(without_torque, ("IM1", "IM3")), without_torque, Console(file=text, width=120))
+    printed = text.getvalue()
+    assert "= 2499" in printed
+    assert "29.3" in printed
+    assert "P_II (c, φ, K) was not identified: no row has driving resistance moment" in printed
+    assert "IM3: " in printed
