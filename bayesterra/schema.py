@@ -95,6 +95,13 @@ def _drive(value: object) -> object:
     return value
 
 
+def _two_slips(value: object) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f"'transition_slips' must be two slips, e.g. [0.15, 0.5] (got {value!r})")
+    first, second = (quantity(slip, "", "transition_slips") for slip in value)
+    return first, second
+
+
 Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
 Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
 SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, SOIL_PARAMETERS))]
@@ -143,7 +150,7 @@ class WheelTable(Table):
 class ModelOptions(Table):
     """Options of the wheel-soil model, as :class:`bayesterra.models.M1`."""
 
-    transition_slips: tuple[Number, Number] = (0.15, 0.5)
+    transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
     shear_start: Literal["transition", "rim", "tip"] = "transition"
     constant_exponent: StrictBool = False
 
@@ -227,7 +234,7 @@ def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; StudyError where that cannot be done."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise StudyError("no such study file") from error
     except OSError as error:
@@ -250,7 +257,13 @@ def _one_line(error: ErrorDetails) -> str:
         whole = isinstance(error["input"], Mapping) and key
         return f"{_heading([*path, key] if whole else path)}{error['ctx']['error']}"
     must = error["msg"].replace("Input should be", "must be", 1)
-    return f"{_heading(path)}'{key}' {must} (got {error['input']!r})"
+    must = "must be a table" if error["type"] in ("dict_type", "dataclass_type") else must
+    return f"{_heading(path)}'{key}' {must} (got {_shortened(error['input'])})"
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _heading(path: list[str]) -> str:

@@ -130,7 +130,8 @@ class Study:
             "prior": {n: asdict(e) if isinstance(e, Law) else e for n, e in self.prior.entries.items()},
             "least_squares": asdict(self.least_squares),
         }
-        rows = {field.name: getattr(self.observations, field.name) for field in fields(Observations)}
+        named = (field.name for field in fields(Observations) if field.name != "notes")
+        rows = {name: getattr(self.observations, name) for name in named}
         return {"study": _digest(content), "data": _digest(rows)}
 
 
@@ -171,6 +172,7 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent) -> dict[str, Any]:
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive)
     estimated = {n.parameter: n.law for n in noise.values() if n.parameter and n.law}
     prior = Prior({**soil, **estimated})
+    _check_walkers(given.sampling, prior)
     notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
@@ -197,6 +199,14 @@ def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.Dat
         slip_reference=described.slip_reference,
         sinkage_reference=described.sinkage_reference,
     )
+
+
+def _check_walkers(sampling: SamplingOptions, prior: Prior) -> None:
+    least = 2 * len(prior.names)
+    if sampling.walkers < least:
+        raise StudyError(
+            f"[sampling] 'walkers' must be at least {least}, two per free parameter (got {sampling.walkers})"
+        )
 
 
 def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:

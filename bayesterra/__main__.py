@@ -1,0 +1,55 @@
+"""Start of the command line: exit codes, and errors as one line that begins with ``error:``."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from bayesterra.cli import app
+from bayesterra.errors import BayesterraError
+
+# Click's base class of usage errors; newer typers bring their own click, so it is reached through typer.
+_UsageProblem: type[Exception] = typer.BadParameter.__mro__[2]
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; without arguments it shows the help."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    try:
+        code = app(args=arguments, prog_name="bayesterra", standalone_mode=False)
+    except BayesterraError as error:
+        return _report(str(error), BAD_INPUT)
+    except _UsageProblem as error:
+        return _report(_usage(error), BAD_INPUT)
+    except OSError as error:
+        return _report(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        return _report("interrupted", INTERRUPTED)
+    return code if isinstance(code, int) else 0
+
+
+def _report(message: str, code: int) -> int:
+    typer.echo(f"error: {' '.join(message.split())}", err=True)
+    return code
+
+
+def _usage(error: Exception) -> str:
+    """Click's message, with the nearest command or option where it names an unknown one."""
+    format_message = getattr(error, "format_message", error.__str__)
+    message = re.sub(r"\(Possible options: (.*)\)", r"(did you mean \1?)", str(format_message()))
+    unknown = re.match(r"No such command '(.*?)'\.?$", message)
+    if unknown is None:
+        return message
+    from bayesterra.messages import did_you_mean
+
+    commands = [command.callback.__name__ for command in app.registered_commands if command.callback]
+    return f"No such command '{unknown[1]}'{did_you_mean(unknown[1], commands)}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,140 @@
+"""The command line. It only reads options and prints; the work is done by functions that Python can call.
+
+Imports that take long stand inside the commands, so that help and version come at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Posterior distributions of the mechanical parameters of planetary soil, from wheel tests.",
+    epilog="Start with [bold]bayesterra init study.toml[/bold]. Exit codes: 0 done, 2 bad input,"
+    " 3 not converged, 130 interrupted.",
+)
+
+StudyPath = Annotated[
+    Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
+]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"bayesterra {version('bayesterra')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options that need no command."""
+
+
+@app.command()
+def run(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Result folder; by default <study folder>-result.")
+    ] = None,
+    seed: Seed = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a result folder, once the new one is complete.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
+) -> None:
+    """Sample the posterior, compare with least squares, and write a report."""
+    from bayesterra.run import run_study
+    from bayesterra.study import load_study
+
+    folder = out or beside(study, "result")
+    result = run_study(load_study(study), out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    raise typer.Exit(0 if result.converged else 3)
+
+
+@app.command()
+def check(study: StudyPath) -> None:
+    """Read a study and its measurements, and show what was understood."""
+    from bayesterra.overview import print_overview
+    from bayesterra.study import load_study
+
+    print_overview(load_study(study))
+
+
+@app.command()
+def fit(
+    study: StudyPath,
+    method: Annotated[
+        list[str] | None, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
+    ] = None,
+) -> None:
+    """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly."""
+    from bayesterra.identification import fit as fit_study
+    from bayesterra.identification import print_fits
+    from bayesterra.study import load_study
+
+    loaded = load_study(study)
+    fits = fit_study(loaded, method or None)
+    print_fits(fits, loaded)
+    raise typer.Exit(0 if all(one.converged for one in fits.values()) else 3)
+
+
+@app.command()
+def simulate(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-simulated.")
+    ] = None,
+    seed: Seed = 1,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='A true value, e.g. phi="30 deg"; may be repeated.'),
+    ] = None,
+) -> None:
+    """Make measurements with known parameters, under the conditions and noise of a study."""
+    from bayesterra.overview import print_truth
+    from bayesterra.simulation import write_simulated
+    from bayesterra.study import load_study
+
+    folder = out or beside(study, "simulated")
+    given = dict(_assignment(text) for text in set_ or ())
+    print_truth(write_simulated(load_study(study), folder, seed=seed, truth=given))
+    typer.echo(f"Written: {folder}   (seed {seed})")
+
+
+@app.command()
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
+) -> None:
+    """Write a commented template of a study file."""
+    from bayesterra.template import write_template
+
+    write_template(file)
+    typer.echo(f"Written: {file}")
+    typer.echo(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the rest,")
+    typer.echo(f"and see whether it is understood: bayesterra check {file}")
+
+
+def beside(study: Path, what: str) -> Path:
+    """Default folder for what is made from a study, in the working directory."""
+    folder = study if study.is_dir() else study.parent
+    return Path(f"{folder.resolve().name}-{what}")
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        message = f"must be NAME=VALUE, e.g. phi=\"30 deg\" (got {text!r})"
+        raise typer.BadParameter(message, param_hint="--set")
+    return name.strip(), value.strip()

@@ -1,0 +1,135 @@
+"""What was understood of a study, and what data were simulated with, printed as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bayesterra.arrays import FloatArray
+from bayesterra.noise import Noise
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.posterior import draw_cut_prior, posterior
+from bayesterra.priors import RANGED, Law
+from bayesterra.simulation import Truth
+from bayesterra.study import Study
+
+
+def print_overview(study: Study, console: Console | None = None) -> None:
+    """Print title, model, wheels, measurements, priors and notes of a study.
+
+    Raises
+    ------
+    SupportError : no parameter set of the prior can explain the conditions.
+    """
+    console = console or _console()
+    cut = draw_cut_prior(posterior(study), 1000, np.random.default_rng(0))
+    console.print(_general(study))
+    console.print(_measurements(study))
+    console.print(_priors(study))
+    shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
+    console.print(f"Of the stated prior: {', '.join(shares)}")
+    for note in study.notes:
+        console.print(f"Note: {note}")
+
+
+def print_truth(truth: Truth, console: Console | None = None) -> None:
+    """Print the values that data were simulated with, and where each comes from."""
+    table = Table("parameter", "value", "from", title="Simulated with")
+    for name, value in truth.values.items():
+        table.add_row(name, field_text(name, value), truth.origins[name])
+    (console or _console()).print(table)
+
+
+def _console() -> Console:
+    """Brackets are units here, not markup."""
+    return Console(markup=False, highlight=False)
+
+
+def field_text(name: str, value: float) -> str:
+    """A parameter's value in its field unit."""
+    parameter = PARAMETERS[name]
+    return f"{value / parameter.scale:.6g} {parameter.unit.removesuffix('-')}".strip()
+
+
+def _general(study: Study) -> Table:
+    options = ", ".join(f"{name} {value}" for name, value in asdict(study.model).items())
+    table = Table(title=study.title or "Study", show_header=False)
+    table.add_row("model", f"{study.model.name} ({options})")
+    table.add_row("drive", study.drive)
+    for name, wheel in study.wheels.items():
+        table.add_row(
+            f"wheel {name}",
+            f"r {wheel.radius * 1e3:g} mm, b {wheel.width * 1e3:g} mm, h {wheel.lug_height * 1e3:g} mm,"
+            f" {wheel.lug_count} lugs, r_s {float(wheel.shearing_radius()) * 1e3:.5g} mm",
+        )
+    described = (study.kind, study.soil, study.date, study.source)
+    table.add_row("data", " · ".join(part for part in described if part))
+    for name, value in (("published", study.published), ("truth", study.truth)):
+        if value is not None:
+            table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
+    return table
+
+
+def _measurements(study: Study) -> Table:
+    """All rows in field units, those left out of the fit dimmed; the noise in the last line."""
+    rows = study.observations
+    columns = _columns(study)
+    table = Table(title=f"{len(rows)} rows, {int(rows.use.sum())} in use; slip on r_s, sinkage from the rim")
+    for header in ("row", *(["wheel"] if len(study.wheels) > 1 else []), "slip"):
+        table.add_column(header, justify="right")
+    for name in columns:
+        table.add_column(f"{name} [{CHANNELS[name].unit}]", justify="right")
+    for i, row in enumerate(rows.rows):
+        wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
+        cells = [_cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()]
+        mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
+        table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
+    table.add_section()
+    empty = [""] * (len(table.columns) - 1 - len(columns))
+    table.add_row("noise", *empty, *(_noise(study.noise, name) for name in columns))
+    return table
+
+
+def _columns(study: Study) -> dict[str, FloatArray]:
+    """What the drive conditions on, then the measured outcomes; SI."""
+    rows = study.observations
+    given = {"load": rows.load} if study.drive == "load" else {"sinkage": rows.values["sinkage"]}
+    return {**given, **{name: rows.values[name] for name in study.noise}}
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.5g}"
+
+
+def _noise(noise: Mapping[str, Noise], name: str) -> str:
+    entry, channel = noise.get(name), CHANNELS[name]
+    if entry is None:
+        return "given"
+    if entry.law is not None:
+        return "estimated"
+    if entry.fraction is not None:
+        return f"{100 * entry.fraction:g} %, from {entry.floor / channel.scale:g}"
+    return f"{(entry.sd or 0.0) / channel.scale:g}"
+
+
+def _priors(study: Study) -> Table:
+    table = Table("parameter", "prior", "in words", title=f"Prior: {len(study.prior.names)} free parameters")
+    for name in (name for name in PARAMETERS if name in study.prior.entries):
+        entry = study.prior.entries[name]
+        law = _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
+        table.add_row(name, law, PARAMETERS[name].description)
+    return table
+
+
+def _law(name: str, law: Law) -> str:
+    """A law in field units; of its arguments ``loc`` and ``scale`` have one."""
+    scaled = ("loc", "scale")
+    arguments = [f"{k} {field_text(name, v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()]
+    if np.isfinite([law.lower, law.upper]).any():
+        cut = "" if law.dist in RANGED else "cut to "
+        arguments.append(f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {field_text(name, law.upper)}")
+    return f"{law.dist}: {', '.join(arguments)}"

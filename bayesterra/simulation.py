@@ -1,0 +1,153 @@
+"""Data made by the model itself: the same wheels, slips and loads as a study, outcomes with its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import FloatArray
+from bayesterra.entries import parameter_value
+from bayesterra.errors import ResultError, SupportError
+from bayesterra.folders import whole_folder, write_text
+from bayesterra.likelihood import Forward, Likelihood
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.posterior import REASONS, Posterior, draw_cut_prior, posterior
+from bayesterra.priors import Law
+from bayesterra.study import Study
+from bayesterra.writing import study_toml
+
+_PRIOR_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What simulated data are made with.
+
+    Attributes
+    ----------
+    values : SI values of all nine soil parameters and of every estimated noise, by name.
+    origins : where each value comes from: ``given``, ``truth``, ``published``, ``fixed`` or ``prior median``.
+    """
+
+    values: Mapping[str, float]
+    origins: Mapping[str, str]
+
+
+def true_values(study: Study, given: Mapping[str, float | str] | None = None) -> Truth:
+    """Choose a value for every parameter.
+
+    The first of these that has one: ``given``; the study's [truth]; the prior, where it fixes the parameter;
+    [published], where there is no [truth]; the median of the prior cut to the physical support.
+
+    Parameters
+    ----------
+    given : values by parameter, SI numbers or text with a unit.
+    """
+    known = tuple(name for name in PARAMETERS if name in study.prior.entries)
+    chosen = {n: parameter_value(n, v, known, bare=True) for n, v in (given or {}).items()}
+    sources = {"given": chosen}
+    sources["truth"] = dict(study.truth.values) if study.truth else {}
+    sources["fixed"] = study.prior.fixed
+    sources["published"] = dict(study.published.values) if study.published and not study.truth else {}
+    open_names = [n for n in known if not any(n in values for values in sources.values())]
+    sources["prior median"] = _cut_prior_medians(study) if open_names else {}
+    origins = {n: next(o for o, values in sources.items() if n in values) for n in known}
+    return Truth({n: sources[origin][n] for n, origin in origins.items()}, origins)
+
+
+def _cut_prior_medians(study: Study) -> dict[str, float]:
+    """Medians of the cut prior; where they lie outside the support, the draw nearest in probability."""
+    density = posterior(study)
+    draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
+    middle = np.median(draws, axis=0)
+    if density.reasons(middle[None, :])[0]:
+        middle = draws[_nearest(density, draws, middle)]
+    return dict(zip(density.names, (float(v) for v in middle), strict=True))
+
+
+def _nearest(density: Posterior, draws: FloatArray, middle: FloatArray) -> int:
+    laws: list[Law] = list(density.prior.laws.values())
+    steps = [law.cdf(draws[:, i]) - law.cdf(middle[i : i + 1]) for i, law in enumerate(laws)]
+    return int(np.argmin(np.sum(np.square(steps), axis=0)))
+
+
+def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed: int = 1) -> pd.DataFrame:
+    """Make readings where the study has some, at its slips, loads and wheels.
+
+    Parameters
+    ----------
+    study : conditions, noise and model. With the drive ``sinkage`` the sinkage is kept as it stands.
+    truth : parameter values as for :func:`true_values`.
+    seed : same seed, same readings.
+
+    Returns
+    -------
+    A table in the form of the measurement files; slip on the shearing radius, sinkage from the rim.
+
+    Raises
+    ------
+    SupportError : the model has no answer at one of the rows.
+    """
+    values = true_values(study, truth).values
+    rows = study.observations
+    likelihood = Likelihood(
+        Forward.of(study.model, study.drive, rows, dict(study.wheels)), rows, tuple(study.noise.values())
+    )
+    outcomes = likelihood.forward(np.array([[values[name] for name in SOIL_PARAMETERS]]))
+    if outcomes.status[0]:
+        raise SupportError(f"nothing can be simulated with these values: {REASONS[int(outcomes.status[0])]}")
+    noise = np.array([[values[n.parameter] for n in study.noise.values() if n.parameter]])
+    drawn = likelihood.draw(outcomes, noise, np.random.default_rng(seed))[0]
+    made = {name: drawn[:, i] for i, name in enumerate(study.noise)}
+    return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
+
+
+def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
+    """Field units; what was simulated beside what was conditioned on."""
+    rows = study.observations
+    columns: dict[str, object] = {"wheel": rows.wheel} if len(study.wheels) > 1 else {}
+    columns["slip"] = rows.slip
+    if study.drive == "load":
+        columns |= _column("load", rows.load)
+    else:
+        columns |= _column("sinkage", rows.values["sinkage"])
+    for name in (name for name in OUTCOMES if name in made):
+        columns |= _column(name, made[name])
+        if not np.isnan(rows.given_sd[name]).all():
+            columns |= _column(f"{name}_sd", rows.given_sd[name])
+    return pd.DataFrame({**columns, "use": rows.use.astype(int)})
+
+
+def _column(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    channel = CHANNELS[name.removesuffix("_sd")]
+    return {f"{name} [{channel.unit}]": values / channel.scale}
+
+
+def write_simulated(
+    study: Study, folder: str | Path, *, seed: int = 1, truth: Mapping[str, float | str] | None = None
+) -> Truth:
+    """Write a study folder with simulated measurements, whole or not at all.
+
+    Parameters
+    ----------
+    folder : must not exist yet; gets ``study.toml``, with the truth in it, and ``measurements.csv``.
+    seed, truth : see :func:`simulate`.
+
+    Raises
+    ------
+    ResultError : the folder exists or cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists():
+        raise ResultError(f"'{folder}' exists already: give another folder with --out")
+    made_with = true_values(study, truth)
+    table = simulate(study, made_with.values, seed)
+    text = study_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
+    with whole_folder(folder) as part:
+        write_text(part / "measurements.csv", table.to_csv(index=False, float_format="%.12g"))
+        write_text(part / "study.toml", text)
+    return made_with

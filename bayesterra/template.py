@@ -1,0 +1,70 @@
+"""The commented study file that ``bayesterra init`` writes."""
+
+from pathlib import Path
+
+from bayesterra.errors import StudyError
+
+
+def write_template(file: Path) -> None:
+    """Write the template to a new file; StudyError where one exists or none can be written."""
+    if file.is_dir():
+        raise StudyError(f"'{file}' is a folder: name a file in it, e.g. '{file / 'study.toml'}'")
+    try:
+        with file.open("x", encoding="utf-8") as handle:
+            handle.write(TEMPLATE)
+    except FileExistsError as error:
+        raise StudyError(f"'{file}' exists already and is not overwritten: give another name") from error
+    except OSError as error:
+        raise StudyError(f"'{file}' cannot be written ({error.strerror})") from error
+
+
+TEMPLATE = """\
+# A study for bayesterra: measurements of a wheel on soil, and what is known beforehand.
+# Every quantity is text with its unit.
+title = "My wheel on my soil"
+soil = ""
+model = "M1"                    # "M1" integral; "M2", "M3" closed forms
+drive = "load"                  # "load": slip and load given; "sinkage": slip and sinkage given
+
+[data]
+file = "measurements.csv"       # columns, any of: slip, load [N], normal_force [N], sinkage [mm],
+                                # drawbar_pull [N], resistance_moment [N m]; also wheel, use and
+                                # <channel>_sd [unit]. An empty cell is not measured; use = 0 is not fitted
+slip_reference = "shearing"     # radius behind the slip column: "rim" r, "tip" r + h, "shearing" r_s
+sinkage_reference = "rim"       # zero of the sinkage column: "rim", or "tip" of the lugs
+kind = "measured"               # or "digitised", "simulated"
+source = ""
+
+[wheels.Wheel1]                 # one table per wheel; the name is what the column 'wheel' says
+radius = "157.35 mm"            # without lugs
+width = "165 mm"
+lug_height = "10 mm"
+lug_count = 30
+# shearing_radius_coefficient = 0.65   # left out: from equation (2) at the prior median of phi
+
+[model_options]
+transition_slips = [0.15, 0.5]  # between these slips, shearing moves from the lug tips to the rim
+# shear_start = "rim"           # or "tip": no transition
+# constant_exponent = true      # N = n0, n1 is held at 0
+
+[noise]                         # one standard deviation per measured channel
+sinkage = "1 mm"
+drawbar_pull = { estimate = { dist = "halfnorm", scale = "2 N", lower = "0.2 N" } }
+resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
+
+[priors]
+set = "paper-box"               # flat within the paper's bounds; entries below replace single parameters
+# phi = { dist = "norm", loc = "32 deg", scale = "4 deg", lower = "20 deg", upper = "50 deg" }
+# K = { dist = "uniform", lower = "2 mm", upper = "50 mm" }
+# c3 = 0.0                      # a number or quantity fixes a parameter
+
+[least_squares]
+# hold = { Ks = "2500 kPa" }    # also start, lower, upper
+
+# [published]                   # values to show beside the results; [truth] likewise, for simulated data
+# source = "Author, year, table"
+# phi = "29.3 deg"
+
+[sampling]
+target_ess = 4000               # effective sample size to reach
+"""

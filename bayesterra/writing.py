@@ -1,0 +1,126 @@
+"""Study files as text: a study written out in full, and the template that ``init`` writes."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+
+import numpy as np
+
+from bayesterra.models import Wheel
+from bayesterra.noise import Noise
+from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import Law
+from bayesterra.study import Study
+from bayesterra.units import text
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def study_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
+    """Write the study file of simulated measurements that stand in ``measurements.csv`` beside it.
+
+    Parameters
+    ----------
+    study : the study that was simulated; its slip and sinkage references are those of its converted rows.
+    truth : SI values of the parameters that the measurements were made with.
+    source : how they were made.
+    """
+    return "\n".join(_lines(study, truth, source)) + "\n"
+
+
+def _lines(study: Study, truth: Mapping[str, float], source: str) -> Iterator[str]:
+    title = f"{study.title}, simulated" if study.title else "simulated"
+    head = {"title": title, "soil": study.soil, "model": study.model.name, "drive": study.drive}
+    yield from _assignments(head)
+    data = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
+    yield from _table("data", {**data, "kind": "simulated", "source": source})
+    for name, wheel in study.wheels.items():
+        yield from _table(f"wheels.{_key(name)}", _wheel(wheel))
+    yield from _table("model_options", asdict(study.model))
+    yield from _table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
+    priors = {name: study.prior.entries[name] for name in SOIL_PARAMETERS}
+    yield from _table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
+    yield from _table("least_squares", _least_squares(study))
+    yield from _table("truth", {"source": source, **{n: _value(n, v) for n, v in truth.items()}})
+    yield from _table("sampling", asdict(study.sampling))
+
+
+def _least_squares(study: Study) -> dict[str, object]:
+    options: dict[str, object] = {}
+    for name, option in asdict(study.least_squares).items():
+        values = {key: _value(key, v) for key, v in option.items()} if isinstance(option, dict) else option
+        if values != {}:
+            options[name] = values
+    return options
+
+
+def _wheel(wheel: Wheel) -> dict[str, object]:
+    lengths = {name: text(getattr(wheel, name), "mm", 1e-3) for name in ("radius", "width", "lug_height")}
+    coefficient = wheel.shearing_radius_coefficient
+    rest = {} if coefficient is None else {"shearing_radius_coefficient": coefficient}
+    return {**lengths, "lug_count": wheel.lug_count, **rest}
+
+
+def _noise(noise: Noise) -> object:
+    channel = CHANNELS[noise.channel]
+    if noise.law is not None:
+        return {"estimate": _law(noise.law, channel.unit, channel.scale)}
+    if noise.fraction is not None:
+        return {"fraction": noise.fraction, "floor": text(noise.floor, channel.unit, channel.scale)}
+    return text(noise.sd or 0.0, channel.unit, channel.scale)
+
+
+def _prior(name: str, entry: Law | float) -> object:
+    if isinstance(entry, Law):
+        return _law(entry, _unit(name), PARAMETERS[name].scale)
+    return _value(name, entry)
+
+
+def _law(law: Law, unit: str, scale: float) -> dict[str, object]:
+    """Location, scale and limits have the unit of the parameter, shape arguments have none."""
+    known = {**law.shape, "lower": law.lower, "upper": law.upper}
+    dimensional = ("loc", "scale", "lower", "upper")
+    values = {
+        key: _text(value, unit, scale) if key in dimensional else value
+        for key, value in known.items()
+        if np.isfinite(value)
+    }
+    return {"dist": law.dist, **values}
+
+
+def _unit(name: str) -> str:
+    """The unit as it is written in study files: a modulus K_s is given as a pressure."""
+    return "kPa" if name == "Ks" else PARAMETERS[name].unit
+
+
+def _value(name: str, value: float) -> object:
+    return _text(value, _unit(name), PARAMETERS[name].scale)
+
+
+def _text(value: float, unit: str, scale: float) -> object:
+    return float(value) if unit == "-" else text(value, unit, scale)
+
+
+def _table(name: str, content: Mapping[str, object]) -> Iterator[str]:
+    if content:
+        yield from ("", f"[{name}]")
+        yield from _assignments(content)
+
+
+def _assignments(content: Mapping[str, object]) -> Iterator[str]:
+    for key, value in content.items():
+        yield f"{_key(key)} = {_toml(value)}"
+
+
+def _key(name: str) -> str:
+    return name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+
+
+def _toml(value: object) -> str:
+    """TOML text of a value; its strings, numbers, booleans and lists are written as in JSON."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + " }"
+    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
