@@ -4,18 +4,18 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
 Number = TypeVar("Number", float, complex)
+Lanes = NDArray[Any]  # float64, or complex128 for derivatives
+Whole = NDArray[np.int64]
 
 # Sums may be reordered and products fused, which vector code needs; NaN and infinity keep their meaning.
-_OPTIONS: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"reassoc", "contract", "arcp", "nsz"},
-}
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FAST}
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:

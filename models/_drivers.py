@@ -1,196 +1,144 @@
-"""Compiled loops over (parameter set, row) pairs: pairs are gathered into lanes, evaluated, and scattered."""
+"""Compiled loops over pairs: gathered into trays of eight lanes by the quadrature rule they need, then evaluated.
+
+A pair's result does not depend on its neighbours: lanes never mix, and the rule follows from the pair alone.
+"""
 
 import numpy as np
 
-from bayesterra.models._compiled import compiled
-from bayesterra.models._lanes import C1, INPUTS, LANES, LOAD, RESULTS, ROW, ROW_COLUMNS, SIZE, X, Z
-from bayesterra.models._quadrature import COUNTS
-from bayesterra.models._solve import solve
-from bayesterra.models._stress import evaluate
+from bayesterra.models import _lanes as at
+from bayesterra.models._compiled import Lanes, Whole, compiled
+from bayesterra.models._evaluate import M1, evaluate
+from bayesterra.models._pairs import LOAD, OK, Codes, Plan, load_lane, pad, scatter, screen, screen_sinkage
+from bayesterra.models._quadrature import ROUGH, RULES, choose_rule
+from bayesterra.models._solve import hand_over, refine, rough_search, start
 from bayesterra.models.checks import FloatArray
-from numpy.typing import NDArray
 
-Codes = NDArray[np.int8]
-_PARAMETERS = 9
 _STEP = 1e-40  # of the complex step: so small that its square vanishes
-_EXPONENT, _ANGLE, _LOAD_CODE, _SINKAGE = 1, 2, 3, 4
-
-
-@compiled
-def set_status(theta: FloatArray, row: FloatArray) -> int:
-    """Return EXPONENT or CONTACT_ANGLE where parameters `theta` (9,) do not serve `row`, else OK."""
-    exponent = theta[1] + theta[2] * row[1]
-    ratio = theta[6] + theta[7] * row[0]
-    if not exponent > 0.0:
-        return _EXPONENT
-    return 0 if -1.0 <= theta[8] < ratio < 1.0 else _ANGLE
-
-
-@compiled
-def screen(theta: FloatArray, rows: FloatArray, plan: tuple[int, int, bool], status: Codes) -> None:
-    """Fill `status` (n, m) with what the parameters alone decide; `plan` is (model, row step, every row)."""
-    n, m = status.shape
-    for i in range(n):
-        first = 0
-        for j in range(m):
-            code = set_status(theta[i], rows[j + i * plan[1]])
-            status[i, j] = code
-            first = code if first == 0 else first
-        if first != 0 and not plan[2]:
-            for j in range(m):
-                status[i, j] = first if status[i, j] == 0 else status[i, j]
-
-
-@compiled
-def load_lane(ws: FloatArray, lane: int, theta: FloatArray, row: FloatArray) -> None:
-    """Copy one parameter set and one row into a lane."""
-    for q in range(_PARAMETERS):
-        ws[INPUTS + q * LANES + lane] = theta[q]
-    for q in range(ROW_COLUMNS):
-        ws[ROW + q * LANES + lane] = row[q]
-
-
-@compiled
-def pad(ws: FloatArray, filled: int) -> None:
-    """Repeat the first lane in the empty ones, so that they hold valid numbers."""
-    for start in range(0, SIZE, LANES):
-        for lane in range(filled, LANES):
-            ws[start + lane] = ws[start]
-
-
-@compiled
-def choose_rule(ws: FloatArray, lane: int) -> int:
-    """Return the index of the smallest quadrature rule that serves a lane."""
-    return 0
 
 
 @compiled
 def forces(
-    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: tuple[int, int, bool], out: FloatArray,
-    status: Codes,
+    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: Plan, out: FloatArray, status: Codes
 ) -> None:
-    """Fill `out` (n, m, 3 or 11) with the results at `sinkage` (n, m); NaN where `status` is not OK."""
+    """Fill `out` (n, m, 3 or 11) with the results at `sinkage` (n, m); NaN where `status` (n, m) is not OK."""
     screen(theta, rows, plan, status)
-    n, m, width = out.shape
-    ws = np.zeros((len(COUNTS), SIZE))
-    filled = np.zeros(len(COUNTS), np.int64)
-    place = np.zeros((len(COUNTS), LANES, 2), np.int64)
-    for i in range(n):
-        for j in range(m):
-            row = rows[j + i * plan[1]]
-            if status[i, j] == 0 and not 0.0 < sinkage[i, j] < row[2]:
-                status[i, j] = _SINKAGE
-            if status[i, j] != 0:
+    screen_sinkage(rows, sinkage, plan, status)
+    trays, filled = np.zeros((RULES, at.SIZE)), np.zeros(RULES, np.int64)
+    place = np.zeros((RULES, at.LANES, 2), np.int64)
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
+            if status[i, j] != OK:
                 out[i, j, :] = np.nan
                 continue
-            load_lane(ws[0], filled[0], theta[i], row)
-            ws[0, Z + filled[0]] = sinkage[i, j]
-            place[0, filled[0], 0] = i
-            place[0, filled[0], 1] = j
-            filled[0] += 1
-            if filled[0] == LANES:
-                evaluate(ws[0], plan[0], 0)
-                scatter(ws[0], place[0, : filled[0]], out)
-                filled[0] = 0
-    if filled[0] > 0:
-        pad(ws[0], filled[0])
-        evaluate(ws[0], plan[0], 0)
-        scatter(ws[0], place[0, : filled[0]], out)
-
-
-@compiled
-def scatter(ws: FloatArray, place: NDArray[np.int64], out: FloatArray) -> None:
-    """Copy results from the lanes to where they belong."""
-    for lane in range(place.shape[0]):
-        for q in range(out.shape[2]):
-            out[place[lane, 0], place[lane, 1], q] = ws[RESULTS + q * LANES + lane]
+            row = rows[j + i * plan[1]]
+            which = choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0
+            lane = filled[which]
+            load_lane(trays[which], lane, theta[i], row, sinkage[i, j])
+            place[which, lane, 0], place[which, lane, 1] = i, j
+            filled[which] = lane + 1
+            if filled[which] == at.LANES:
+                evaluate(trays[which], plan[0], which)
+                scatter(trays[which], place[which], at.LANES, out)
+                filled[which] = 0
+    for which in range(RULES):
+        if filled[which] > 0:
+            pad(trays[which], filled[which])
+            evaluate(trays[which], plan[0], which)
+            scatter(trays[which], place[which], filled[which], out)
 
 
 @compiled
 def response(
-    theta: FloatArray, rows: FloatArray, load: FloatArray, plan: tuple[int, int, bool], out: FloatArray,
-    status: Codes,
+    theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, out: FloatArray, status: Codes
 ) -> None:
-    """Fill `out` (n, m, 3) with sinkage, F_DP and M_DR under `load` (n, m); NaN where `status` is not OK."""
+    """Fill `out` (n, m, 3) with z, F_DP, M_DR under `load` (n, m); NaN where `status` (n, m) is not OK."""
     screen(theta, rows, plan, status)
-    n, m = status.shape
-    ws = np.zeros(SIZE)
-    place = np.zeros((LANES, 2), np.int64)
-    filled = 0
-    for i in range(n):
-        for j in range(m):
-            if status[i, j] != 0:
+    trays, filled = np.zeros((RULES + 1, at.SIZE)), np.zeros(RULES + 1, np.int64)
+    place = np.zeros((RULES + 1, at.LANES, 2), np.int64)
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
+            if status[i, j] != OK:
                 out[i, j, :] = np.nan
                 continue
-            load_lane(ws, filled, theta[i], rows[j + i * plan[1]])
-            ws[LOAD + filled] = load[i, j]
-            place[filled, 0] = i
-            place[filled, 1] = j
-            filled += 1
-            if filled == LANES:
-                settle(ws, plan[0], place[:filled], out, status)
-                filled = 0
-    if filled > 0:
-        pad(ws, filled)
-        settle(ws, plan[0], place[:filled], out, status)
+            lane = filled[ROUGH]
+            load_lane(trays[ROUGH], lane, theta[i], rows[j + i * plan[1]], 0.0)
+            trays[ROUGH, at.LOAD + lane] = load[i, j]
+            place[ROUGH, lane, 0], place[ROUGH, lane, 1] = i, j
+            filled[ROUGH] = lane + 1
+            if filled[ROUGH] == at.LANES:
+                _come_near(theta, rows, plan, (trays, filled, place), out, status)
+    if filled[ROUGH] > 0:
+        pad(trays[ROUGH], filled[ROUGH])
+        _come_near(theta, rows, plan, (trays, filled, place), out, status)
+    for which in range(RULES):
+        if filled[which] > 0:
+            pad(trays[which], filled[which])
+            _settle(trays[which], (plan[0], which, filled[which]), place[which], out, status)
 
 
 @compiled
-def settle(ws: FloatArray, model: int, place: NDArray[np.int64], out: FloatArray, status: Codes) -> None:
-    """Solve the lanes for their sinkage and scatter the responses."""
-    solve(ws, model, 0, 0)
-    for lane in range(place.shape[0]):
+def _come_near(
+    theta: FloatArray, rows: FloatArray, plan: Plan, state: tuple[Lanes, Whole, Whole], out: FloatArray, status: Codes
+) -> None:
+    """Solve the rough tray with few nodes, and pass its lanes on to the trays of the rules they need."""
+    trays, filled, place = state
+    rough = trays[ROUGH]
+    start(rough)
+    rough_search(rough, plan[0])
+    for lane in range(filled[ROUGH]):
+        i, j = place[ROUGH, lane, 0], place[ROUGH, lane, 1]
+        row = rows[j + i * plan[1]]
+        which = choose_rule(theta[i], row, np.exp(rough[at.X + lane])) if plan[0] == M1 else 0
+        slot = filled[which]
+        load_lane(trays[which], slot, theta[i], row, 0.0)
+        hand_over(rough, lane, trays[which], slot)
+        place[which, slot, 0], place[which, slot, 1] = i, j
+        filled[which] = slot + 1
+        if filled[which] == at.LANES:
+            _settle(trays[which], (plan[0], which, at.LANES), place[which], out, status)
+            filled[which] = 0
+    filled[ROUGH] = 0
+
+
+@compiled
+def _settle(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
+    """Finish the solve of a tray, `how` = (model, rule, lanes filled), and scatter the responses."""
+    refine(ws, how[0], how[1])
+    for lane in range(how[2]):
         i, j = place[lane, 0], place[lane, 1]
-        if ws[X + lane] < np.inf:
-            out[i, j, 0] = ws[Z + lane]
-            out[i, j, 1] = ws[RESULTS + LANES + lane]
-            out[i, j, 2] = ws[RESULTS + 2 * LANES + lane]
+        if ws[at.X + lane] < np.inf:
+            out[i, j, 0] = ws[at.Z + lane]
+            out[i, j, 1] = ws[at.PULL + lane]
+            out[i, j, 2] = ws[at.MOMENT + lane]
         else:
             out[i, j, :] = np.nan
-            status[i, j] = _LOAD_CODE
+            status[i, j] = LOAD
 
 
 @compiled
 def jacobian(
-    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: tuple[int, int, bool], out: FloatArray,
-    status: Codes,
+    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: Plan, out: FloatArray, status: Codes
 ) -> None:
-    """Fill `out` (n, m, 3, 10) with derivatives of the forces by the parameters and the sinkage, by complex steps."""
+    """Fill `out` (n, m, 3, 10) with derivatives by the nine parameters and the sinkage; NaN as in `forces`.
+
+    Eight complex steps side by side; n1 and c2 act only through n0 + n1 s and c1 + c2 s.
+    """
     screen(theta, rows, plan, status)
-    n, m = status.shape
-    ws = np.zeros(SIZE, np.complex128)
-    place = np.zeros((LANES, 2), np.int64)
-    filled = 0
-    for i in range(n):
-        for j in range(m):
-            row = rows[j + i * plan[1]]
-            if status[i, j] == 0 and not 0.0 < sinkage[i, j] < row[2]:
-                status[i, j] = _SINKAGE
-            if status[i, j] != 0:
-                out[i, j] = np.nan
+    screen_sinkage(rows, sinkage, plan, status)
+    ws = np.zeros(at.SIZE, np.complex128)
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
+            if status[i, j] != OK:
+                out[i, j, :, :] = np.nan
                 continue
-            load_lane(ws, filled, theta[i], row)
-            ws[Z + filled] = sinkage[i, j]
-            place[filled, 0] = i
-            place[filled, 1] = j
-            filled += 1
-            if filled == LANES:
-                differentiate(ws, plan[0], place[:filled], out)
-                filled = 0
-    if filled > 0:
-        pad(ws, filled)
-        differentiate(ws, plan[0], place[:filled], out)
-
-
-@compiled
-def differentiate(ws: FloatArray, model: int, place: NDArray[np.int64], out: FloatArray) -> None:
-    """Take one complex step along each input of the lanes and scatter the derivatives."""
-    for q in range(_PARAMETERS + 1):
-        for lane in range(LANES):
-            ws[INPUTS + q * LANES + lane] += 1j * _STEP
-        evaluate(ws, model, 0)
-        for lane in range(LANES):
-            ws[INPUTS + q * LANES + lane] = ws[INPUTS + q * LANES + lane].real
-        for lane in range(place.shape[0]):
-            for f in range(3):
-                out[place[lane, 0], place[lane, 1], f, q] = ws[RESULTS + f * LANES + lane].imag / _STEP
+            row = rows[j + i * plan[1]]
+            load_lane(ws, 0, theta[i], row, sinkage[i, j])
+            pad(ws, 1)
+            for lane, q in enumerate((at.KS, at.N0, at.C, at.PHI, at.K, at.C1, at.C3, at.Z)):
+                ws[q + lane] += 1j * _STEP
+            evaluate(ws, plan[0], choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0)
+            for lane, column in enumerate((0, 1, 3, 4, 5, 6, 8, 9)):
+                for f in range(3):
+                    out[i, j, f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
+            out[i, j, :, 2] = out[i, j, :, 1] * row[1]
+            out[i, j, :, 7] = out[i, j, :, 6] * row[0]

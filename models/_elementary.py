@@ -1,17 +1,18 @@
 """Branch-free elementary functions that LLVM vectorises, for float64 and, through the same source, complex128.
 
-Polynomials through the Chebyshev points of their interval, relative error below 1e-15 unless noted. Whatever
-depends on the exponent bits looks at the real part only, so a complex step passes through as a derivative.
+Polynomials through the Chebyshev points of their interval, relative error below 1e-15. Whatever depends on the
+exponent bits looks at the real part only, so the imaginary part of a complex step passes through as a derivative.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 
-from bayesterra.models._compiled import Number, inlined
+from bayesterra.models._compiled import FAST, Number, inlined
 
 _DOUBLE, _INT32, _INT64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 _BIAS = 1023
@@ -19,24 +20,37 @@ _SQRT_HALF_BITS = int(np.float64(0.5**0.5).view(np.int64))
 _LOG2_E = 1.4426950408889634
 _LN_2 = 0.6931471805599453
 _EXP_LIMIT = 708.0
+_OPTIONS = {"fastmath": FAST, "error_model": "numpy", "forceinline": True}
 
-_EXP = (1.0, 1.0000000000000067, 0.5000000000000006, 0.16666666666554406, 0.04166666666657314,
-        0.008333333385667782, 0.0013888888932488599, 0.00019841170270440067, 2.4801504346997686e-05,
-        2.764018079620985e-06, 2.7626357441247223e-07)  # fmt: skip
-_LOG = (2.0000000000000004, 0.6666666666655292, 0.40000000061741614, 0.2857141602110767, 0.22223434547517906,
-        0.18121934431215214, 0.16837659970680488)  # fmt: skip
-_SIN = (0.9999999999999999, -0.16666666666666072, 0.008333333333282726, -0.00019841269824853736,
-        2.7557316608034622e-06, -2.5051881879351066e-08, 1.6048166167666442e-10, -7.374360691567403e-13)  # fmt: skip
-_VERSINE = (0.5, -0.04166666666666634, 0.0013888888888860694, -2.4801587292441663e-05, 2.755731776674132e-07,
-            -2.08766308298722e-09, 1.1464688686901012e-11, -4.6276610380051693e-14)  # fmt: skip
-_ARCSIN = (0.9999999999999999, 0.16666666666676427, 0.07499999997907882, 0.044642858914474275, 0.030381865584522647,
-           0.022374287291571572, 0.017314897522944798, 0.014433415647987925, 0.007375604220007111,
-           0.03718381828511521, -0.12603009716318744, 0.5016596628094211, -1.353015710351777, 2.764660939213043,
-           -4.015561213734368, 4.001828596101466, -2.4409382579876335, 0.7100464866097544)  # fmt: skip
+# fmt: off
+_EXP = (
+    1.0, 1.0000000000000067, 0.5000000000000006, 0.16666666666554406, 0.04166666666657314, 0.008333333385667782,
+    0.0013888888932488599, 0.00019841170270440067, 2.4801504346997686e-05, 2.764018079620985e-06,
+    2.7626357441247223e-07,
+)
+_LOG = (
+    2.0000000000000004, 0.6666666666655292, 0.40000000061741614, 0.2857141602110767, 0.22223434547517906,
+    0.18121934431215214, 0.16837659970680488,
+)
+_SIN = (
+    0.9999999999999999, -0.16666666666666072, 0.008333333333282726, -0.00019841269824853736, 2.7557316608034622e-06,
+    -2.5051881879351066e-08, 1.6048166167666442e-10, -7.374360691567403e-13,
+)
+_VERSINE = (
+    0.5, -0.04166666666666634, 0.0013888888888860694, -2.4801587292441663e-05, 2.755731776674132e-07,
+    -2.08766308298722e-09, 1.1464688686901012e-11, -4.6276610380051693e-14,
+)
+_ARCSIN = (
+    0.9999999999999999, 0.16666666666676427, 0.07499999997907882, 0.044642858914474275, 0.030381865584522647,
+    0.022374287291571572, 0.017314897522944798, 0.014433415647987925, 0.007375604220007111, 0.03718381828511521,
+    -0.12603009716318744, 0.5016596628094211, -1.353015710351777, 2.764660939213043, -4.015561213734368,
+    4.001828596101466, -2.4409382579876335, 0.7100464866097544,
+)
+# fmt: on
 
 
 @intrinsic
-def _nearest(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
+def _nearest(typingctx: Any, x: Any) -> Any:
     """Round to the nearest whole number, as a float."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -46,19 +60,19 @@ def _nearest(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
 
 
 @intrinsic
-def _power_of_two(typingctx: Any, k: Any) -> Any:  # noqa: ARG001
+def _power_of_two(typingctx: Any, k: Any) -> Any:
     """Return 2^k for a whole number k held as a float, by writing the exponent's bits."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        whole = builder.sext(builder.fptosi(args[0], _INT32), _INT64)  # through 32 bits: AVX2 has no 64-bit conversion
-        bits = builder.shl(builder.add(whole, ir.Constant(_INT64, _BIAS)), ir.Constant(_INT64, 52))
-        return builder.bitcast(bits, _DOUBLE)
+        narrow = builder.fptosi(args[0], _INT32)  # AVX2 converts to 32 bits only
+        biased = builder.add(builder.sext(narrow, _INT64), ir.Constant(_INT64, _BIAS))
+        return builder.bitcast(builder.shl(biased, ir.Constant(_INT64, 52)), _DOUBLE)
 
     return types.float64(types.float64), build
 
 
 @intrinsic
-def _binary_exponent(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
+def _binary_exponent(typingctx: Any, x: Any) -> Any:
     """Return the whole number e, as a float, for which x 2^-e lies in [sqrt(1/2), sqrt(2))."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -69,25 +83,68 @@ def _binary_exponent(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
     return types.float64(types.float64), build
 
 
+nearest: Callable[[float], float] = _nearest
+power_of_two: Callable[[float], float] = _power_of_two
+binary_exponent: Callable[[float], float] = _binary_exponent
+
+
+def divide(a: Number, b: Number) -> Number:
+    """Return a / b; for complex numbers to first order in the imaginary parts, which is all a complex step has."""
+    return a / b
+
+
+def root(x: Number) -> Number:
+    """Return the square root; for complex numbers to first order in the imaginary part."""
+    return x**0.5
+
+
+def _divide_plain(a: Any, b: Any) -> Any:
+    return a / b
+
+
+def _divide_first_order(a: Any, b: Any) -> Any:
+    quotient = a.real / b.real
+    return complex(quotient, (a.imag - quotient * b.imag) / b.real)
+
+
+def _root_plain(x: Any) -> Any:
+    return np.sqrt(x)
+
+
+def _root_first_order(x: Any) -> Any:
+    value = np.sqrt(x.real)
+    return complex(value, 0.5 * x.imag / value)
+
+
+@overload(divide, jit_options=_OPTIONS)  # type: ignore[untyped-decorator]  # numba has no types
+def _divide(a: Any, b: Any) -> Any:
+    return _divide_first_order if types.complex128 in (a, b) else _divide_plain
+
+
+@overload(root, jit_options=_OPTIONS)  # type: ignore[untyped-decorator]  # numba has no types
+def _root(x: Any) -> Any:
+    return _root_first_order if x == types.complex128 else _root_plain
+
+
 @inlined
 def exp(x: Number) -> Number:
     """Return e^x; arguments beyond +-708 are held there."""
     low = -_EXP_LIMIT - x.real
     high = x.real - _EXP_LIMIT
     x = x + (low if low > 0.0 else 0.0) - (high if high > 0.0 else 0.0)
-    k = _nearest(x.real * _LOG2_E)
+    k = nearest(x.real * _LOG2_E)
     x = x - k * _LN_2
     a = _EXP
-    tail = a[6] + x * (a[7] + x * (a[8] + x * (a[9] + x * a[10])))
-    return (a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * (a[5] + x * tail)))))) * _power_of_two(k)
+    tail = a[5] + x * (a[6] + x * (a[7] + x * (a[8] + x * (a[9] + x * a[10]))))
+    return (a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * tail))))) * power_of_two(k)
 
 
 @inlined
 def log(x: Number) -> Number:
     """Return the natural logarithm of a positive normal number."""
-    k = _binary_exponent(x.real)
-    x = x * _power_of_two(-k)
-    s = (x - 1.0) / (x + 1.0)
+    k = binary_exponent(x.real)
+    x = x * power_of_two(-k)
+    s = divide(x - 1.0, x + 1.0)
     t = s * s
     a = _LOG
     series = a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * a[6])))))
@@ -118,4 +175,4 @@ def angle_of_versine(x: Number) -> Number:
     tail = a[12] + t * (a[13] + t * (a[14] + t * (a[15] + t * (a[16] + t * a[17]))))
     tail = a[6] + t * (a[7] + t * (a[8] + t * (a[9] + t * (a[10] + t * (a[11] + t * tail)))))
     series = a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * tail)))))
-    return 2.0 * np.sqrt(t) * series
+    return 2.0 * root(t) * series

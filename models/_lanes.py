@@ -1,41 +1,41 @@
 """The workspace: eight (parameter set, row) pairs side by side, one vector register per quantity.
 
-A workspace is a flat array of float64 or complex128; quantity Q of lane l sits at Q + l. Constant offsets into
-one array let LLVM prove that nothing overlaps, so that the loops over lanes become vector code.
+A workspace is a flat array of float64, or of complex128 for derivatives; quantity Q of lane i sits at Q + i.
+Constant offsets into one array let LLVM prove that nothing overlaps, so loops over lanes become vector code.
 """
 
-import numpy as np
-
 LANES = 8
-
-# Inputs: the nine soil parameters, sinkage, then the columns of a row.
-INPUTS = 0
-KS, N0, N1, C, PHI, K, C1, C2, C3, Z = (INPUTS + i * LANES for i in range(10))
-ROW = 10 * LANES
-SLIP, EXPONENT_SLIP, RADIUS, WIDTH, START_RADIUS, SHEARING_RADIUS = (ROW + i * LANES for i in range(6))
+PARAMETERS = 9
 ROW_COLUMNS = 6
 
-# Geometry: half-widths of the front and rear parts, sines and cosines of theta_1 and theta_2, the shear
-# displacements there over r_s, and what the stresses need.
-GEOMETRY = 16 * LANES
-FRONT, REAR, SIN_1, COS_1, SIN_2, COS_2, THETA_2, JOIN_1, JOIN_2, N, TAN_PHI, RS_OVER_K = (
-    GEOMETRY + i * LANES for i in range(12)
-)
 
-# Integrals over the front (1) and rear (2) part: S sigma, T tau; C cosine, S sine.
-SUMS = 28 * LANES
-SC1, SC2, SS1, SS2, TC1, TC2, TS1, TS2, T1, T2 = (SUMS + i * LANES for i in range(10))
+def _offsets(first: int, count: int) -> range:
+    return range(first * LANES, (first + count) * LANES, LANES)
 
-# Results: the three forces, and the components in the order of forces.Components.
-RESULTS = 38 * LANES
-NORMAL, PULL, MOMENT = (RESULTS + i * LANES for i in range(3))
-COMPONENTS = 41 * LANES
 
-# The sinkage solver's state.
-SOLVER = 49 * LANES
-LOAD, X, F, X_BEFORE, F_BEFORE, SLOPE, LOW, HIGH, TOP, PULL_BEFORE, MOMENT_BEFORE, DONE = (
-    SOLVER + i * LANES for i in range(12)
-)
-SIZE = 61 * LANES
+# Inputs: the nine soil parameters, the sinkage, the columns of a row.
+INPUTS = 0
+KS, N0, N1, C, PHI, K, C1, C2, C3, Z = _offsets(0, 10)
+SLIP, EXPONENT_SLIP, RADIUS, WIDTH, START_RADIUS, SHEARING_RADIUS = _offsets(10, 6)
+ROW = SLIP
 
-DTYPES = (np.float64, np.complex128)
+# The arc: half-widths of its front and rear part, sine and cosine of theta_1 and theta_2, shear displacement over
+# r_s at both, and what the stresses need.
+FRONT, REAR, SIN_1, COS_1, SIN_2, COS_2, THETA_2, JOIN_1, JOIN_2 = _offsets(16, 9)
+N, TAN_PHI, RS_OVER_K = _offsets(25, 3)
+
+# Integrals over the front (1) and rear (2) part: sigma cos, sigma sin, tau cos, tau sin, tau.
+SC1, SS1, TC1, TS1, T1 = _offsets(28, 5)
+SC2, SS2, TC2, TS2, T2 = _offsets(33, 5)
+SUMS = 5
+
+# Results: the three forces, then the components in the order of forces.Components.
+NORMAL, PULL, MOMENT = _offsets(38, 3)
+N_SIGMA_1, N_SIGMA_2, N_TAU_1, N_TAU_2, PULL_TAU_1, PULL_TAU_2, PULL_SIGMA_1, PULL_SIGMA_2 = _offsets(41, 8)
+RESULTS = NORMAL
+
+# The sinkage solver: load, log z and log(F_N / W) now and before, slope between them and its last relative change,
+# bracket, highest log z, and whether the lane is done; the other forces before, and their slopes in log z.
+LOAD, X, F, X_BEFORE, F_BEFORE, SLOPE, CHANGE, LOW, HIGH, TOP, DONE = _offsets(49, 11)
+PULL_BEFORE, MOMENT_BEFORE, PULL_SLOPE, MOMENT_SLOPE = _offsets(60, 4)
+SIZE = 64 * LANES

@@ -1,135 +1,159 @@
-"""Compiled sinkage solve: F_N(z) = W for eight pairs at a time."""
+"""Compiled sinkage solve F_N(z) = W for eight pairs at a time: secant steps in (log z, log F_N), bracketed.
+
+F_N is close to a power of z, so in logarithms the secant converges fast. A few nodes bring the pair near, all nodes
+finish; the last step is so small that F_DP and M_DR are carried along it linearly instead of being evaluated again.
+"""
 
 import numpy as np
 
-from bayesterra.models._compiled import compiled
-from bayesterra.models._elementary import exp, log
-from bayesterra.models._lanes import (
-    C1, C2, C3, DONE, EXPONENT_SLIP, F, F_BEFORE, HIGH, KS, LANES, LOAD, LOW, MOMENT, MOMENT_BEFORE, N0, N1, NORMAL,
-    PULL, PULL_BEFORE, RADIUS, SLIP, SLOPE, TOP, WIDTH, X, X_BEFORE, Z,
-)  # fmt: skip
-from bayesterra.models._stress import evaluate
-from bayesterra.models.checks import FloatArray
+from bayesterra.models import _lanes as at
+from bayesterra.models._compiled import Lanes, compiled, inlined
+from bayesterra.models._elementary import exp, log, root
+from bayesterra.models._evaluate import evaluate
+from bayesterra.models._quadrature import ROUGH
 
 _MARGIN = 1e-9  # the search ends this far below the radius, relative
-_DEPTH = 80.0  # and starts this far below it in log z
+_DEPTH = 80.0  # and begins this far below its end in log z
 _SMALLEST = 1e-300
 _SAME = 1e-11  # points closer than this in log z give no slope
-_ROUGH, _FINE, _FINAL = 1e-4, 1e-7, 1e-11
-_ROUGH_STEPS, _FINE_STEPS = 12, 100
+_NEAR = 1e-5  # misfit at which few nodes have done their part
+_LAST = 1e-6  # largest misfit that one more step, not evaluated again, may remove
+_ACCURACY = 1e-11  # of F_N after that step
+_ROUGH_STEPS, _STEPS = 10, 100
 
 
 @compiled
-def start(ws: FloatArray) -> None:
-    """Guess log z from the bearing part alone on a short arc, F_N ~ b K_s z^N sqrt(2 r z) * shape."""
-    for i in range(LANES):
-        n = ws[N0 + i] + ws[N1 + i] * ws[EXPONENT_SLIP + i]
-        ratio = ws[C1 + i] + ws[C2 + i] * ws[SLIP + i]
-        middle = 1.0 - (0.6 * ratio + 0.4) * (0.6 * ratio + 0.4)
-        shape = (1.0 - ws[C3 + i]) * exp(n * log(middle))
-        scale = ws[WIDTH + i] * ws[KS + i] * np.sqrt(2.0 * ws[RADIUS + i]) * shape
-        ws[TOP + i] = log(ws[RADIUS + i] * (1.0 - _MARGIN))
-        guess = log(ws[LOAD + i] / scale) / (n + 0.5)
-        top = ws[TOP + i] - 0.05
-        bottom = ws[TOP + i] - 0.5 * _DEPTH
-        guess = top if guess > top else guess
-        ws[X + i] = bottom if guess < bottom else guess
-        ws[SLOPE + i] = n + 0.5
-        reset(ws, i)
+def start(ws: Lanes) -> None:
+    """Guess log z from bearing alone on a short arc: F_N ~ b K_s z^N sqrt(2 r z) times the mean of (1 - x^2)^N."""
+    for i in range(at.LANES):
+        n = ws[at.N0 + i] + ws[at.N1 + i] * ws[at.EXPONENT_SLIP + i]
+        ratio = ws[at.C1 + i] + ws[at.C2 + i] * ws[at.SLIP + i]
+        typical = 0.6 * ratio + 0.4
+        shape = (1.0 - ws[at.C3 + i]) * exp(n * log(1.0 - typical * typical))
+        scale = ws[at.WIDTH + i] * ws[at.KS + i] * root(2.0 * ws[at.RADIUS + i]) * shape
+        top = log(ws[at.RADIUS + i] * (1.0 - _MARGIN))
+        guess = log(ws[at.LOAD + i] / scale) / (n + 0.5)
+        guess = min(max(guess, top - 0.5 * _DEPTH), top - 0.05)
+        ws[at.TOP + i] = top
+        ws[at.X + i] = guess
+        ws[at.SLOPE + i] = n + 0.5
+        ws[at.CHANGE + i] = 1.0
+        _forget(ws, i)
 
 
 @compiled
-def reset(ws: FloatArray, i: int) -> None:
-    """Forget the bracket and the previous point of a lane."""
-    ws[LOW + i] = ws[TOP + i] - _DEPTH
-    ws[HIGH + i] = ws[TOP + i] + 1.0
-    ws[X_BEFORE + i] = ws[X + i]
-    ws[F_BEFORE + i] = 0.0
-    ws[DONE + i] = 0.0
-
-
-@compiled
-def misfit(ws: FloatArray, model: int, which: int) -> None:
-    """Fill F = log(F_N / W) at the current point."""
-    for i in range(LANES):
-        ws[Z + i] = exp(ws[X + i])
-    evaluate(ws, model, which)
-    for i in range(LANES):
-        normal = ws[NORMAL + i]
-        ws[F + i] = log((normal if normal > _SMALLEST else _SMALLEST) / ws[LOAD + i])
-
-
-@compiled
-def update_slope(ws: FloatArray, i: int) -> None:
-    """Update the secant slope of a lane where its last two points differ."""
-    dx = ws[X + i] - ws[X_BEFORE + i]
-    if abs(dx) > _SAME:
-        slope = (ws[F + i] - ws[F_BEFORE + i]) / dx
-        if 0.02 < slope < 100.0:
-            ws[SLOPE + i] = slope
-
-
-@compiled
-def advance(ws: FloatArray, i: int) -> None:
-    """Move a lane to its next point: the secant step, or a safeguarded one where that leaves the bracket."""
-    x, f = ws[X + i], ws[F + i]
-    if f < 0.0:
-        ws[LOW + i] = x
-    else:
-        ws[HIGH + i] = x
-    low, high = ws[LOW + i], ws[HIGH + i]
-    step = x - f / ws[SLOPE + i]
-    if not low < step < high:
-        step = 0.5 * (low + (high if high <= ws[TOP + i] else ws[TOP + i]))
-        if f < 0.0 and high > ws[TOP + i]:
-            step = ws[TOP + i]
-    elif step > ws[TOP + i]:
-        step = ws[TOP + i]
-    ws[X_BEFORE + i], ws[F_BEFORE + i] = x, f
-    ws[PULL_BEFORE + i], ws[MOMENT_BEFORE + i] = ws[PULL + i], ws[MOMENT + i]
-    ws[X + i] = step
-
-
-@compiled
-def search(ws: FloatArray, model: int, which: int, tolerance: float, steps: int) -> None:
-    """Iterate until every lane's misfit is small, or shows that it cannot be carried."""
-    for step in range(steps):
-        misfit(ws, model, which)
+def rough_search(ws: Lanes, model: int) -> None:
+    """Come near the root with few nodes."""
+    for _ in range(_ROUGH_STEPS):
+        _misfit(ws, model, ROUGH)
         waiting = 0
-        for i in range(LANES):
-            if ws[DONE + i] == 0.0:
-                update_slope(ws, i)
-                close_enough = abs(ws[F + i]) < (tolerance if step > 0 else _FINAL)
-                if close_enough or (ws[X + i] >= ws[TOP + i] and ws[F + i] < 0.0):
-                    ws[DONE + i] = 1.0
-                else:
-                    advance(ws, i)
-                    waiting += 1
+        for i in range(at.LANES):
+            if ws[at.DONE + i] == 0.0:
+                _update_slope(ws, i)
+                ws[at.DONE + i] = 1.0 if abs(ws[at.F + i]) < _NEAR or _is_at_top(ws, i) else 0.0
+                waiting += int(ws[at.DONE + i] == 0.0)
+                _advance(ws, i)
         if waiting == 0:
             return
 
 
 @compiled
-def finish(ws: FloatArray, i: int) -> None:
-    """Take the last, tiny step of a lane and carry the forces along; X = inf where the load is not carried."""
-    if ws[X + i] >= ws[TOP + i] and ws[F + i] < -_FINAL or not abs(ws[F + i]) < _ROUGH:
-        ws[X + i] = np.inf
-        return
-    move = -ws[F + i] / ws[SLOPE + i]
-    dx = ws[X + i] - ws[X_BEFORE + i]
-    share = move / dx if abs(dx) > _SAME else 0.0
-    ws[PULL + i] += share * (ws[PULL + i] - ws[PULL_BEFORE + i])
-    ws[MOMENT + i] += share * (ws[MOMENT + i] - ws[MOMENT_BEFORE + i])
-    ws[Z + i] = exp(ws[X + i] + move)
+def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
+    """Copy the state of a lane's solve into another tray, without its bracket, which few nodes may have got wrong."""
+    for q in (at.LOAD, at.X, at.SLOPE, at.CHANGE, at.TOP, at.PULL_SLOPE, at.MOMENT_SLOPE):
+        target[q + slot] = source[q + lane]
+    _forget(target, slot)
 
 
 @compiled
-def solve(ws: FloatArray, model: int, rough: int, fine: int) -> None:
-    """Fill Z and the results with the sinkage under LOAD: few nodes to come near, then all of them."""
-    start(ws)
-    search(ws, model, rough, _ROUGH, _ROUGH_STEPS)
-    for i in range(LANES):
-        reset(ws, i)
-    search(ws, model, fine, _FINE, _FINE_STEPS)
-    for i in range(LANES):
-        finish(ws, i)
+def refine(ws: Lanes, model: int, which: int) -> None:
+    """Finish the solve: fill Z, PULL and MOMENT; X = inf where no sinkage carries the load."""
+    for _ in range(_STEPS):
+        _misfit(ws, model, which)
+        waiting = 0
+        for i in range(at.LANES):
+            if ws[at.DONE + i] == 0.0:
+                _update_slope(ws, i)
+                if _is_settled(ws, i):
+                    ws[at.DONE + i] = 1.0
+                else:
+                    _advance(ws, i)
+                    waiting += 1
+        if waiting == 0:
+            break
+    for i in range(at.LANES):
+        _finish(ws, i)
+
+
+@compiled
+def _forget(ws: Lanes, i: int) -> None:
+    """Open the bracket of a lane and drop its previous point."""
+    ws[at.LOW + i] = ws[at.TOP + i] - _DEPTH
+    ws[at.HIGH + i] = np.inf
+    ws[at.X_BEFORE + i] = ws[at.X + i]
+    ws[at.DONE + i] = 0.0
+
+
+@compiled
+def _misfit(ws: Lanes, model: int, which: int) -> None:
+    """Fill F = log(F_N / W) and the other forces at the current point."""
+    for i in range(at.LANES):
+        ws[at.Z + i] = exp(ws[at.X + i])
+    evaluate(ws, model, which)
+    for i in range(at.LANES):
+        normal = ws[at.NORMAL + i]
+        ws[at.F + i] = log((normal if normal > _SMALLEST else _SMALLEST) / ws[at.LOAD + i])
+
+
+@inlined
+def _update_slope(ws: Lanes, i: int) -> None:
+    """Take the slopes between the last two points of a lane, where these differ."""
+    dx = ws[at.X + i] - ws[at.X_BEFORE + i]
+    if abs(dx) > _SAME:
+        slope = (ws[at.F + i] - ws[at.F_BEFORE + i]) / dx
+        if 0.02 < slope < 100.0:
+            ws[at.CHANGE + i] = min(1.0, max(abs(1.0 - ws[at.SLOPE + i] / slope), 0.5 * abs(dx)))
+            ws[at.SLOPE + i] = slope
+        ws[at.PULL_SLOPE + i] = (ws[at.PULL + i] - ws[at.PULL_BEFORE + i]) / dx
+        ws[at.MOMENT_SLOPE + i] = (ws[at.MOMENT + i] - ws[at.MOMENT_BEFORE + i]) / dx
+
+
+@inlined
+def _is_at_top(ws: Lanes, i: int) -> bool:
+    """Tell whether a lane has shown that no sinkage below the radius carries its load."""
+    return ws[at.X + i] >= ws[at.TOP + i] and ws[at.F + i] < -_ACCURACY
+
+
+@inlined
+def _is_settled(ws: Lanes, i: int) -> bool:
+    """Tell whether one more step, not evaluated, meets the load; its error is the misfit times the slope's error."""
+    misfit = abs(ws[at.F + i])
+    return (misfit < _LAST and misfit * ws[at.CHANGE + i] < _ACCURACY) or _is_at_top(ws, i)
+
+
+@inlined
+def _advance(ws: Lanes, i: int) -> None:
+    """Move a lane by a secant step; where that leaves the bracket, to its middle or to the highest sinkage."""
+    x, f, top = ws[at.X + i], ws[at.F + i], ws[at.TOP + i]
+    if f < 0.0:
+        ws[at.LOW + i] = x
+    else:
+        ws[at.HIGH + i] = x
+    low, high = ws[at.LOW + i], ws[at.HIGH + i]
+    step = x - f / ws[at.SLOPE + i]
+    if not low < step < high:
+        step = top if step >= high > top else 0.5 * (low + min(high, top))
+    ws[at.X_BEFORE + i], ws[at.F_BEFORE + i] = x, f
+    ws[at.PULL_BEFORE + i], ws[at.MOMENT_BEFORE + i] = ws[at.PULL + i], ws[at.MOMENT + i]
+    ws[at.X + i] = min(step, top)
+
+
+@inlined
+def _finish(ws: Lanes, i: int) -> None:
+    """Take the last step of a lane and carry the forces along; X = inf where the load is not carried."""
+    move = -ws[at.F + i] / ws[at.SLOPE + i]
+    ws[at.Z + i] *= 1.0 + move
+    ws[at.PULL + i] += ws[at.PULL_SLOPE + i] * move
+    ws[at.MOMENT + i] += ws[at.MOMENT_SLOPE + i] * move
+    if ws[at.DONE + i] == 0.0 or _is_at_top(ws, i):
+        ws[at.X + i] = np.inf

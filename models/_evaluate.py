@@ -1,0 +1,19 @@
+"""Compiled evaluation of eight lanes by one of the models."""
+
+from bayesterra.models._arc import assemble, measure
+from bayesterra.models._closed_form import close
+from bayesterra.models._compiled import Lanes, compiled
+from bayesterra.models._integral import integrate
+
+M1, M2, M3 = 1, 2, 3
+
+
+@compiled
+def evaluate(ws: Lanes, model: int, which: int) -> None:
+    """Fill the results from the inputs; `which` is the quadrature rule of M1."""
+    measure(ws)
+    if model == M1:
+        integrate(ws, which)
+    else:
+        close(ws, model == M3)
+    assemble(ws)

@@ -1,0 +1,72 @@
+"""Compiled helpers on (parameter set, row) pairs: screening them, and moving them into and out of lanes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesterra.models import _lanes as at
+from bayesterra.models._compiled import Lanes, Whole, compiled
+from bayesterra.models.checks import FloatArray
+
+Codes = NDArray[np.int8]
+Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether to keep the good rows of a bad set
+OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE = range(5)  # conditions.Status
+
+
+@compiled
+def screen(theta: FloatArray, rows: FloatArray, plan: Plan, status: Codes) -> None:
+    """Fill `status` (n, m) with what the parameters alone decide."""
+    n, m = status.shape
+    for i in range(n):
+        first = OK
+        for j in range(m):
+            code = _parameter_status(theta[i], rows[j + i * plan[1]])
+            status[i, j] = code
+            first = code if first == OK else first
+        if first != OK and not plan[2]:
+            for j in range(m):
+                status[i, j] = first if status[i, j] == OK else status[i, j]
+
+
+@compiled
+def _parameter_status(theta: FloatArray, row: FloatArray) -> int:
+    exponent = theta[1] + theta[2] * row[1]
+    ratio = theta[6] + theta[7] * row[0]
+    if not 0.0 < exponent < np.inf:
+        return EXPONENT
+    return OK if -1.0 <= theta[8] < ratio < 1.0 else CONTACT_ANGLE
+
+
+@compiled
+def screen_sinkage(rows: FloatArray, sinkage: FloatArray, plan: Plan, status: Codes) -> None:
+    """Mark the pairs whose sinkage does not lie inside (0, r)."""
+    n, m = status.shape
+    for i in range(n):
+        for j in range(m):
+            if status[i, j] == OK and not 0.0 < sinkage[i, j] < rows[j + i * plan[1], 2]:
+                status[i, j] = SINKAGE
+
+
+@compiled
+def load_lane(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray, sinkage: float) -> None:
+    """Copy a parameter set, a row and a sinkage into a lane."""
+    for q in range(at.PARAMETERS):
+        ws[at.INPUTS + q * at.LANES + lane] = theta[q]
+    ws[at.Z + lane] = sinkage
+    for q in range(at.ROW_COLUMNS):
+        ws[at.ROW + q * at.LANES + lane] = row[q]
+
+
+@compiled
+def pad(ws: Lanes, filled: int) -> None:
+    """Repeat the first lane in the empty ones, so that they hold valid numbers."""
+    for start in range(0, at.SIZE, at.LANES):
+        for lane in range(filled, at.LANES):
+            ws[start + lane] = ws[start]
+
+
+@compiled
+def scatter(ws: Lanes, place: Whole, filled: int, out: FloatArray) -> None:
+    """Copy results from the lanes to the pairs they belong to."""
+    for lane in range(filled):
+        for q in range(out.shape[2]):
+            out[place[lane, 0], place[lane, 1], q] = ws[at.RESULTS + q * at.LANES + lane]
