@@ -1,10 +1,13 @@
 """The one door to numba, so that compiled functions keep their Python types."""
 
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
 from numpy.typing import NDArray
 
 P = ParamSpec("P")
@@ -15,12 +18,31 @@ Whole = NDArray[np.int64]
 
 # Sums may be reordered and products fused, which vector code needs; NaN and infinity keep their meaning.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FAST}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST}
+
+
+def _fingerprint() -> str:
+    digest = sha256()
+    for source in sorted(Path(__file__).parent.glob("_*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+_FINGERPRINT = _fingerprint()
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """numba's cache on disk, which by itself misses changes in the functions that a cached one calls."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), _FINGERPRINT)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` at its first call for each combination of argument types; cached on disk."""
-    return cast(Callable[P, R], numba.njit(**_OPTIONS)(function))
+    dispatcher = numba.njit(**_OPTIONS)(function)
+    dispatcher._cache = _Cache(function)
+    return cast(Callable[P, R], dispatcher)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:

@@ -1,6 +1,6 @@
 """Arrays in, arrays out: the numerical interface of the models, on flat parameter sets and rows."""
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,21 +10,24 @@ from bayesterra.models.checks import FloatArray
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]
+Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes], None]
 
 
 def parameters(theta: ArrayLike) -> FloatArray:
-    """Return `theta` as a C-contiguous (n, 9) array."""
-    array = np.ascontiguousarray(theta, dtype=np.float64)
+    """Return `theta` as a C-contiguous, writable (n, 9) array."""
+    array = np.require(theta, dtype=np.float64, requirements=["C", "W"])  # one kernel: read-only is another type
     if array.ndim != 2 or array.shape[1] != 9:
         raise ValueError(f"'theta' must have shape (n, 9) (got {array.shape})")
     return array
 
 
-def run(kernel: Any, theta: FloatArray, rows: FloatArray, given: ArrayLike, plan: Plan, shape: tuple[int, ...]) -> tuple[FloatArray, Codes]:
+def run(
+    kernel: Kernel, theta: FloatArray, rows: FloatArray, given: ArrayLike, plan: Plan, shape: tuple[int, ...]
+) -> tuple[FloatArray, Codes]:
     """Run a kernel for every pair and return its output (n, m, *shape) and status (n, m)."""
     pairs = (len(theta), 1 if plan[1] else len(rows))
-    values = np.ascontiguousarray(np.broadcast_to(np.asarray(given, dtype=np.float64), pairs))
-    out, status = np.empty((*pairs, *shape)), np.empty(pairs, dtype=np.int8)
+    values, out, status = np.empty(pairs), np.empty((*pairs, *shape)), np.empty(pairs, dtype=np.int8)
+    values[...] = given
     kernel(theta, rows, values, plan, out, status)
     return out, status
 
@@ -34,7 +37,9 @@ def forces(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) 
     return run(_drivers.forces, theta, rows, sinkage, plan, (3,))
 
 
-def components(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
+def components(
+    theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan
+) -> tuple[FloatArray, Codes]:
     """Return the three forces and the eight components (n, m, 11) and status."""
     return run(_drivers.forces, theta, rows, sinkage, plan, (11,))
 
