@@ -29,6 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _report(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    if code == INTERRUPTED:  # some typers turn Ctrl-C into this code themselves
         return _report("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
 

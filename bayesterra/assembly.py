@@ -186,7 +186,7 @@ def _channel_noise(name: str, given: Noise | None, observations: Observations) -
     if np.isnan(sd).any():
         example = f'{name} = "1 {CHANNELS[name].unit}"'
         raise StudyError(f"[noise] needs an entry for the measured channel '{name}', e.g. {example}")
-    return Noise(name, sd=float(np.median(sd)))   # overridden by the table in every row that has a reading
+    return Noise(name, sd=float(np.median(sd)))  # overridden by the table in every row that has a reading
 
 
 def reading_sd(noise: Noise, values: FloatArray, given: FloatArray) -> FloatArray:

@@ -55,11 +55,13 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
-    from bayesterra.run import run_study
     from bayesterra.study import load_study
 
+    loaded = load_study(study)  # mistakes in it are reported before the sampler's libraries are loaded
+    from bayesterra.run import run_study
+
     folder = out or beside(study, "result")
-    result = run_study(load_study(study), out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
     raise typer.Exit(0 if result.converged else 3)
 
 
@@ -135,6 +137,6 @@ def beside(study: Path, what: str) -> Path:
 def _assignment(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals:
-        message = f"must be NAME=VALUE, e.g. phi=\"30 deg\" (got {text!r})"
+        message = f'must be NAME=VALUE, e.g. phi="30 deg" (got {text!r})'
         raise typer.BadParameter(message, param_hint="--set")
     return name.strip(), value.strip()

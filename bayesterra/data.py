@@ -141,9 +141,8 @@ def observations(
         use=_use(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
     )
-    converted = _referenced(raw, wheels, slip_reference, sinkage_reference)
-    problems = [_problem(converted, i, float(raw.slip[i]), wheels) for i in range(len(raw))]
-    return sifted(converted, problems)
+    rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
+    return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,6 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent) -> dict[str, Any]:
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive)
     estimated = {n.parameter: n.law for n in noise.values() if n.parameter and n.law}
     prior = Prior({**soil, **estimated})
-    _check_walkers(given.sampling, prior)
     notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
@@ -199,14 +198,6 @@ def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.Dat
         slip_reference=described.slip_reference,
         sinkage_reference=described.sinkage_reference,
     )
-
-
-def _check_walkers(sampling: SamplingOptions, prior: Prior) -> None:
-    least = 2 * len(prior.names)
-    if sampling.walkers < least:
-        raise StudyError(
-            f"[sampling] 'walkers' must be at least {least}, two per free parameter (got {sampling.walkers})"
-        )
 
 
 def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:

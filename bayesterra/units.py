@@ -15,7 +15,7 @@ ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcs
 
 _EXAMPLES = {"": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m"}
 _NAMES = {"": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque"}
-_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
