@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -90,22 +90,20 @@ class Law:
         return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
 
     @cached_property
-    def _log_density(self) -> Callable[[FloatArray], FloatArray]:
-        """Log density of the uncut law minus the log of its mass in the range, fast for common laws."""
-        offset = float(np.log(self._mass))
+    def _log_mass(self) -> float:
+        return float(np.log(self._mass))
+
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
+        """Log density at points inside the range; common laws without the cost of ``scipy.stats``."""
         if self.dist == "uniform":
-            height = -float(np.log(self.upper - self.lower))
-            return lambda x: np.full(x.shape, height)
+            return np.full(x.shape, -np.log(self.upper - self.lower))
         if self.dist == "loguniform":
-            constant = float(np.log(np.log(self.upper / self.lower)))
-            return lambda x: -np.log(x) - constant
+            return np.asarray(-np.log(x) - np.log(np.log(self.upper / self.lower)))
         if self.dist in ("norm", "halfnorm"):
             loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
-            factor = 2.0 if self.dist == "halfnorm" else 1.0
-            constant = float(np.log(factor / scale) - 0.5 * np.log(2 * np.pi)) - offset
-            return lambda x: constant - 0.5 * ((x - loc) / scale) ** 2
-        base = self._base
-        return lambda x: np.asarray(base.logpdf(x) - offset)
+            peak = (np.log(2.0) if self.dist == "halfnorm" else 0.0) - np.log(scale * np.sqrt(2 * np.pi))
+            return np.asarray(peak - self._log_mass - 0.5 * ((x - loc) / scale) ** 2)
+        return np.asarray(self._base.logpdf(x) - self._log_mass)
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -118,8 +116,8 @@ class Law:
         low, high = self.range
         inside = (x >= low) & (x <= high)
         if inside.all():
-            return self._log_density(x)
-        return np.where(inside, self._log_density(np.where(inside, x, self.median)), -np.inf)
+            return self._log_density_inside(x)
+        return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
 
     def cdf(self, x: FloatArray) -> FloatArray:
         """Probability of a value up to ``x`` (any shape)."""
@@ -134,7 +132,7 @@ class Law:
             raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
         else:
             raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
-        return np.clip(raw, *self.range)
+        return np.asarray(np.clip(raw, *self.range))
 
     @cached_property
     def median(self) -> float:

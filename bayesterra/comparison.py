@@ -1,0 +1,87 @@
+"""Point estimates seen from the posterior: how dense it is where each of them stands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.posterior import INSIDE, REASONS, Posterior
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where a point estimate stands in the posterior.
+
+    Attributes
+    ----------
+    method : name of the estimate.
+    values : soil parameters, SI and radians, by name.
+    log_density : log posterior density there, −inf outside the support.
+    credible_level : share of the draws with a higher density (1 outside the support). Near 0 the estimate is
+        a typical good fit; above 0.99 practically no draw is as improbable.
+    reason : why the density is zero there, "" where it is not.
+    at_bound : free parameters that sit on the edge of their prior's range.
+    """
+
+    method: str
+    values: Mapping[str, float]
+    log_density: float
+    credible_level: float
+    reason: str
+    at_bound: tuple[str, ...]
+
+    @property
+    def word(self) -> str:
+        """The verdict in words."""
+        if self.reason:
+            return f"outside the prior: {self.reason}" if self.reason != REASONS[-1] else self.reason
+        return f"{100 * self.credible_level:.1f} % of the draws are denser"
+
+
+def stand(
+    posterior: Posterior,
+    draws: FloatArray,
+    draw_densities: FloatArray,
+    points: Mapping[str, Mapping[str, float]],
+) -> dict[str, Standing]:
+    """Place point estimates in the posterior.
+
+    Parameters
+    ----------
+    posterior : the density.
+    draws : posterior draws (n, d).
+    draw_densities : log density of each draw (n,).
+    points : soil parameters of each estimate by method; a free parameter that an estimate does not give
+        stands at its posterior median, as estimated noise always does. Values of parameters that the study
+        fixes are not used.
+    """
+    median = dict(zip(posterior.names, np.median(draws, axis=0), strict=True))
+    return {
+        method: _standing(posterior, method, {**median, **values}, draw_densities)
+        for method, values in points.items()
+    }
+
+
+def _standing(
+    posterior: Posterior, method: str, values: Mapping[str, float], draw_densities: FloatArray
+) -> Standing:
+    x = np.array([[values[name] for name in posterior.names]])
+    reason = int(posterior.reasons(x)[0])
+    density = float(posterior.log_density(x)[0])
+    level = float(np.mean(draw_densities > density))
+    soil = {name: values[name] for name in SOIL_PARAMETERS if name in values}
+    at_bound = tuple(
+        name for name in soil if name in posterior.names and _at_edge(posterior, name, soil[name])
+    )
+    return Standing(method, soil, density, level, "" if reason == INSIDE else REASONS[reason], at_bound)
+
+
+def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
+    """Whether a value lies within a thousandth of the finite prior range of one of its ends."""
+    low, high = posterior.prior.laws[name].range
+    width = high - low if np.isfinite(high - low) else abs(value)
+    return bool(min(abs(value - low), abs(value - high)) < 1e-3 * width)

@@ -1,0 +1,207 @@
+"""Convergence of independent ensembles; the only module that imports ArviZ.
+
+Chains have shape (ensembles, steps, walkers). Walkers of one ensemble depend on each other, so they are never
+taken for chains: autocorrelation times come from the walker-averaged autocovariance of each ensemble, R-hat
+compares ensembles only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from arviz_stats.base.array import array_stats
+from scipy.special import ndtri
+from scipy.stats import rankdata
+
+from bayesterra.arrays import FloatArray
+
+R_HAT_LIMIT = 1.01
+STEPS_PER_TAU = 50
+TAILS = (0.05, 0.95)
+
+
+def autocovariance(chain: FloatArray) -> FloatArray:
+    """Walker-averaged autocovariance (..., steps) of chains (..., steps, walkers), by Fourier transform."""
+    steps = chain.shape[-2]
+    centred = chain - chain.mean(axis=(-2, -1), keepdims=True)
+    power = np.abs(np.fft.rfft(centred, n=2 * steps, axis=-2)) ** 2
+    return np.asarray(np.fft.irfft(power.mean(axis=-1), n=2 * steps, axis=-1)[..., :steps] / steps)
+
+
+def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
+    """Integrated autocorrelation time, in steps, of chains (..., steps, walkers).
+
+    Sokal's (1997) self-consistent window on the walker-averaged autocovariance; NaN for a constant chain.
+    """
+    covariance = autocovariance(chain)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / covariance[..., :1]
+    times = 2.0 * np.cumsum(correlation, axis=-1) - 1.0
+    lags = np.arange(times.shape[-1])
+    closed = lags >= window * times
+    stop = np.where(closed.any(axis=-1), closed.argmax(axis=-1), times.shape[-1] - 1)
+    return np.asarray(np.take_along_axis(times, stop[..., None], axis=-1)[..., 0])
+
+
+def effective_size(chains: FloatArray) -> float:
+    """Effective number of draws in (ensembles, steps, walkers): walkers · steps / τ, summed."""
+    _, steps, walkers = chains.shape
+    times = np.maximum(autocorrelation_time(chains), 1.0 / walkers)
+    return float(np.sum(steps * walkers / times))
+
+
+def bulk_size(chains: FloatArray) -> float:
+    """Effective number of draws for the centre: that of the rank-normalised draws (Vehtari et al. 2021)."""
+    ranks = rankdata(chains, axis=None).reshape(chains.shape)
+    return effective_size(ndtri((ranks - 0.375) / (chains.size + 0.25)))
+
+
+def tail_size(chains: FloatArray) -> float:
+    """Effective number of draws for the tails: the smaller one of the 5 and 95 % indicators."""
+    return min(effective_size((chains <= q).astype(float)) for q in np.quantile(chains, TAILS))
+
+
+def r_hat(chains: FloatArray) -> float:
+    """Rank-normalised split R-hat across ensembles.
+
+    Each ensemble is one chain, laid step after step, so that the split compares early with late steps.
+    """
+    return array_r_hat(chains.reshape(len(chains), -1))
+
+
+def array_r_hat(chains: FloatArray) -> float:
+    """ArviZ's rank-normalised split R-hat of chains (chains, draws)."""
+    return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+
+
+def thinning(chains: FloatArray, loss: float = 0.1) -> int:
+    """Largest step between kept draws that costs no quantity more than ``loss`` of its effective draws.
+
+    ``chains`` has shape (parameters, ensembles, steps, walkers).
+    """
+    full = [effective_size(chain) for chain in chains]
+    best = 1
+    for every in range(2, max(2, chains.shape[2] // STEPS_PER_TAU) + 1):
+        kept = [effective_size(chain[:, ::every]) for chain in chains]
+        if min(k / f for k, f in zip(kept, full, strict=True)) < 1.0 - loss:
+            break
+        best = every
+    return best
+
+
+def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
+    """Highest-density interval of draws (n,)."""
+    low, high = array_stats.hdi(np.asarray(draws).ravel(), prob=probability)
+    return float(low), float(high)
+
+
+def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
+    """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
+    return float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
+
+
+def array_ess(chains: FloatArray, method: str = "bulk") -> float:
+    """ArviZ's own effective sample size of chains (chains, draws), to hold beside ours."""
+    prob = TAILS if method == "tail" else None
+    return float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test of the sampling: what was measured, what was asked, and whether it passed."""
+
+    name: str
+    value: float
+    threshold: float
+    passed: bool
+    advice: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Verdict on a set of ensembles.
+
+    Attributes
+    ----------
+    names : parameters.
+    ess_bulk, ess_tail, r_hat, tau : per parameter; τ (steps) is the largest over ensembles.
+    acceptance : share of accepted steps, over all walkers.
+    steps : kept steps per walker.
+    checks : every test with its threshold.
+    """
+
+    names: tuple[str, ...]
+    ess_bulk: FloatArray
+    ess_tail: FloatArray
+    r_hat: FloatArray
+    tau: FloatArray
+    acceptance: float
+    steps: int
+    checks: tuple[Check, ...]
+
+    @property
+    def converged(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def ess(self) -> float:
+        """The smallest bulk or tail effective sample size."""
+        return float(min(self.ess_bulk.min(), self.ess_tail.min()))
+
+    @property
+    def worst_r_hat(self) -> float:
+        """The largest R-hat."""
+        return float(self.r_hat.max())
+
+
+def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, target_ess: float) -> Diagnosis:
+    """Judge ensembles.
+
+    Parameters
+    ----------
+    names : parameters (d).
+    chains : kept draws (ensembles, steps, walkers, d).
+    accepted : share of kept steps that each walker accepted (ensembles, walkers).
+    target_ess : effective draws asked for.
+    """
+    columns = np.ascontiguousarray(np.moveaxis(chains, -1, 0))
+    bulk = np.array([bulk_size(column) for column in columns])
+    tail = np.array([tail_size(column) for column in columns])
+    hats = np.array([r_hat(column) for column in columns])
+    tau = np.array([autocorrelation_time(column).max() for column in columns])
+    checks = _checks(names, bulk, tail, hats, tau, chains.shape[1], accepted, target_ess)
+    return Diagnosis(
+        tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks
+    )
+
+
+def _checks(
+    names: Sequence[str],
+    bulk: FloatArray,
+    tail: FloatArray,
+    hats: FloatArray,
+    tau: FloatArray,
+    steps: int,
+    accepted: FloatArray,
+    target_ess: float,
+) -> tuple[Check, ...]:
+    ess, hat = np.minimum(bulk, tail), np.nan_to_num(hats, nan=np.inf)
+    needed = STEPS_PER_TAU * float(np.nan_to_num(tau, nan=np.inf).max())
+    slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
+    frozen = int((accepted == 0).sum())
+    slow = float(accepted.min() / np.median(accepted))
+    return (
+        Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
+              f"run longer: {slowest} is the slowest"),
+        Check("R-hat across ensembles", float(hat.max()), R_HAT_LIMIT, bool(hat.max() < R_HAT_LIMIT),
+              f"the ensembles disagree on {worst}: run longer, or look for a second mode"),
+        Check("steps for a reliable autocorrelation time", float(steps), needed, steps >= needed,
+              f"run at least {STEPS_PER_TAU} autocorrelation times"),
+        Check("walkers that never moved", float(frozen), 0.0, frozen == 0,
+              "a walker is stuck where the proposals do not reach"),
+        Check("slowest walker's acceptance over the median", slow, 0.2, slow >= 0.2,
+              "a walker hardly moves: the proposals miss a part of the posterior"),
+    )  # fmt: skip

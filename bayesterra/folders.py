@@ -1,0 +1,82 @@
+"""Folders that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bayesterra.errors import ResultError
+
+
+def check_free(folder: Path, *, overwrite: bool) -> None:
+    """Make sure that a result may be written to ``folder``, before any work is spent on it.
+
+    Raises
+    ------
+    ResultError : it exists (and ``overwrite`` is not asked for), is a file, or cannot be made.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ResultError(f"'{folder}' is a file: give another folder with --out")
+    if folder.exists() and not overwrite:
+        raise ResultError(f"'{folder}' exists already: add --overwrite to replace it, or give --out")
+    parent = folder.resolve().parent
+    if not parent.is_dir():
+        raise ResultError(f"'{folder}' cannot be made: the folder '{parent}' does not exist")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise ResultError(f"'{folder}' cannot be made: no permission to write in '{parent}'")
+    if folder.exists() and any(folder.iterdir()) and not (folder / "run.json").exists():
+        raise ResultError(f"'{folder}' is not a result folder: it is not replaced, give another with --out")
+
+
+@contextmanager
+def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Work in ``<folder>.part``; on success it takes the name of ``folder``, on failure it is left as it is.
+
+    With ``overwrite`` an old folder keeps its name until the new one is complete.
+
+    Raises
+    ------
+    ResultError : see :func:`check_free`; or the folder cannot be written.
+    """
+    check_free(folder, overwrite=overwrite)
+    part = folder.with_name(folder.name + ".part")
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        yield part
+        for path in sorted(part.iterdir()):
+            _to_disk(path)
+        _swap(part, folder)
+    except OSError as error:
+        raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+
+
+def _swap(part: Path, folder: Path) -> None:
+    """Give ``part`` the name of ``folder``; an old folder steps aside first and is removed last."""
+    old = folder.with_name(folder.name + ".old")
+    if folder.exists():
+        shutil.rmtree(old, ignore_errors=True)
+        folder.rename(old)
+    part.rename(folder)
+    _to_disk(folder.parent)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _to_disk(path: Path) -> None:
+    """Flush a file or folder to the disk, so that a renamed folder is never half empty."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file so that a reader sees the old or the new one, never a part."""
+    temporary = path.with_name(path.name + ".new")
+    temporary.write_text(text, encoding="utf-8")
+    _to_disk(temporary)
+    temporary.replace(path)

@@ -1,0 +1,82 @@
+"""What the data say about each parameter beyond the prior, measured on the draws.
+
+The reference is the prior after the physical cut, never the stated box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import FloatArray
+
+DETERMINED = 0.9
+"""Contraction from which a parameter or direction counts as determined: sd below a third of the prior's."""
+WEAK = 0.3
+"""Contraction below which a parameter repeats its prior."""
+COUPLED = 0.8
+"""Absolute correlation from which two parameters are coupled."""
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Contraction of parameters and of directions.
+
+    Attributes
+    ----------
+    table : one row per parameter: parameter, verdict, contraction, partner, correlation, prior_sd,
+        posterior_sd (SI).
+    contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
+    directions : those directions in units of the prior's standard deviations, columns (d, d).
+    """
+
+    table: pd.DataFrame
+    contractions: FloatArray
+    directions: FloatArray
+
+    @property
+    def determined(self) -> int:
+        """Number of directions that the data determine."""
+        return int((self.contractions >= DETERMINED).sum())
+
+
+def identifiability(names: Sequence[str], prior: FloatArray, draws: FloatArray) -> Identifiability:
+    """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior."""
+    prior_sd, sd = prior.std(axis=0), draws.std(axis=0)
+    correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
+    partners = np.abs(correlation).argmax(axis=1)
+    contraction = 1.0 - (sd / prior_sd) ** 2
+    coupling = correlation[np.arange(len(names)), partners]
+    table = pd.DataFrame(
+        {
+            "parameter": list(names),
+            "verdict": [verdict(c, r) for c, r in zip(contraction, coupling, strict=True)],
+            "contraction": contraction,
+            "partner": [names[i] for i in partners],
+            "correlation": coupling,
+            "prior_sd": prior_sd,
+            "posterior_sd": sd,
+        }
+    )
+    shares, directions = _directions(prior / prior_sd, draws / prior_sd)
+    return Identifiability(table, shares, directions)
+
+
+def verdict(contraction: float, correlation: float) -> str:
+    """The word for a parameter with this contraction and this strongest correlation."""
+    if contraction >= DETERMINED:
+        return "determined"
+    if abs(correlation) >= COUPLED:
+        return "coupled"
+    return "weakly" if contraction >= WEAK else "repeats its prior"
+
+
+def _directions(prior: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvectors of posterior against prior covariance, and the contraction along each."""
+    root = np.linalg.cholesky(np.atleast_2d(np.cov(prior.T)))
+    inverse = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(inverse @ np.atleast_2d(np.cov(draws.T)) @ inverse.T)
+    return 1.0 - values, inverse.T @ vectors

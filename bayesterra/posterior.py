@@ -1,0 +1,165 @@
+"""Prior and likelihood joined: one callable that knows why a parameter set is impossible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.errors import SupportError
+from bayesterra.likelihood import Forward, Likelihood, Outcomes
+from bayesterra.models import Status
+from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.priors import Prior
+from bayesterra.study import Study
+
+INSIDE, OUTSIDE_PRIOR, OUTSIDE_PHYSICS = 0, -1, -2
+"""Codes of :meth:`Posterior.reasons` beside those of :class:`bayesterra.models.Status`."""
+
+REASONS: Mapping[int, str] = {
+    INSIDE: "inside the support",
+    OUTSIDE_PRIOR: "outside the prior",
+    OUTSIDE_PHYSICS: "Ks, K ≤ 0, c < 0 or φ outside [0°, 90°)",
+    int(Status.EXPONENT): "N = n0 + n1 s ≤ 0",
+    int(Status.CONTACT_ANGLE): "θm outside (θ2, θ1)",
+    int(Status.LOAD): "no sinkage below the wheel radius carries the load",
+    int(Status.SINKAGE): "sinkage outside (0, r)",
+}
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Posterior density of the free parameters of a study.
+
+    Parameters are in physical units (SI, radians), one column per entry of :attr:`names`. The density holds
+    every constant of prior and likelihood; the prior is the stated law, set to zero outside the physical
+    support and not renormalised (:func:`support_shares` measures what the cut takes).
+    """
+
+    prior: Prior
+    likelihood: Likelihood
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters: soil parameters first, then ``noise_<channel>``."""
+        return self.prior.names
+
+    @cached_property
+    def _noise_columns(self) -> list[int]:
+        return [i for i, name in enumerate(self.names) if name.startswith(NOISE_PREFIX)]
+
+    def noise_values(self, x: FloatArray) -> FloatArray:
+        """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d)."""
+        return x[:, self._noise_columns]
+
+    def outcomes(self, x: FloatArray) -> Outcomes:
+        """Model the rows in the fit for parameter sets ``x`` (n, d) inside the physical ranges."""
+        return self.likelihood.forward(self.prior.soil_values(x))
+
+    def log_prior(self, x: FloatArray) -> FloatArray:
+        """Log density (n,) of the stated prior, −inf outside its range and outside the physical ranges."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        known = np.asarray(np.isfinite(x).all(axis=1))
+        safe = np.where(known[:, None], x, 0.0)
+        return np.where(known & self._physical(safe), self.prior.log_density(safe), -np.inf)
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        prior, likelihood = self.log_prior(x), np.full(len(x), -np.inf)
+        candidates = np.flatnonzero(prior > -np.inf)
+        if candidates.size:
+            inside = x[candidates]
+            likelihood[candidates] = self.likelihood.log_density(
+                self.outcomes(inside), self.noise_values(inside)
+            )
+        if np.isnan(likelihood).any() or np.isnan(prior).any():
+            worst = x[np.isnan(likelihood) | np.isnan(prior)][0]
+            raise FloatingPointError(f"log density is NaN at {dict(zip(self.names, worst, strict=True))}")
+        return np.where(likelihood > -np.inf, prior, -np.inf), likelihood
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log posterior density (n,) of parameter sets ``x`` (n, d); −inf outside the support, never NaN.
+
+        Raises
+        ------
+        ValueError : ``x`` does not have one column per free parameter.
+        """
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        if x.ndim != 2 or x.shape[1] != len(self.names):
+            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
+        prior, likelihood = self.log_prior_and_likelihood(x)
+        return prior + np.where(likelihood > -np.inf, likelihood, 0.0)
+
+    def reasons(self, x: FloatArray) -> IntArray:
+        """Why each parameter set (n, d) has no density: a key of ``REASONS`` each, 0 where it has one."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        reasons = np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, INSIDE)
+        reasons[(reasons == INSIDE) & ~self._physical(x)] = OUTSIDE_PHYSICS
+        candidates = np.flatnonzero(reasons == INSIDE)
+        if candidates.size:
+            reasons[candidates] = self.outcomes(x[candidates]).status
+        return reasons
+
+    def _physical(self, x: FloatArray) -> BoolArray:
+        Ks, _, _, c, phi, K, *_ = self.prior.soil_values(x).T
+        inside = (Ks > 0) & (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
+        return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
+
+
+@dataclass(frozen=True)
+class PriorDraws:
+    """Draws from the prior cut to the physical support, and what the cut took.
+
+    Attributes
+    ----------
+    x : accepted parameter sets (n, d).
+    shares : share of the stated prior in each reason of ``REASONS`` (the support itself included).
+    tried : number of draws from the stated prior behind the shares.
+    """
+
+    x: FloatArray
+    shares: Mapping[str, float]
+    tried: int
+
+
+def draw_cut_prior(posterior: Posterior, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:
+    """Draw ``n`` parameter sets from the prior cut to the physical support.
+
+    Raises
+    ------
+    SupportError : fewer than one in 50 000 draws of the stated prior lies in the support.
+    """
+    kept: list[FloatArray] = []
+    counts = dict.fromkeys(REASONS, 0)
+    found = tried = 0
+    while found < n:
+        x = posterior.prior.sample(batch, rng)
+        reasons = posterior.reasons(x)
+        for code, count in zip(*np.unique(reasons, return_counts=True), strict=True):
+            counts[int(code)] += int(count)
+        kept.append(x[reasons == INSIDE])
+        found, tried = found + len(kept[-1]), tried + batch
+        if tried >= 50_000 and found < tried / 50_000:
+            raise SupportError(_no_support(counts, tried))
+    shares = {REASONS[code]: count / tried for code, count in counts.items() if count}
+    return PriorDraws(np.concatenate(kept)[:n], shares, tried)
+
+
+def _no_support(counts: Mapping[int, int], tried: int) -> str:
+    worst = max((code for code in counts if code != INSIDE), key=lambda code: counts[code])
+    return (
+        f"no parameter set of the prior fits the conditions of the data: of {tried} draws"
+        f" {100 * counts[worst] / tried:.0f} % fail because {REASONS[worst]}"
+    )
+
+
+def posterior(study: Study) -> Posterior:
+    """Build the posterior density of a study."""
+    used = study.observations.used()
+    forward = Forward.of(study.model, study.drive, used, dict(study.wheels))
+    return Posterior(study.prior, Likelihood(forward, used, tuple(study.noise.values())))

@@ -1,0 +1,135 @@
+"""What the draws say about readings: at the measured rows, and as bands over slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator
+
+from bayesterra.arrays import FloatArray
+from bayesterra.likelihood import Forward, Likelihood
+from bayesterra.models import Conditions
+from bayesterra.parameters import CHANNELS
+from bayesterra.posterior import Posterior
+from bayesterra.study import Study
+
+GRID = 41
+
+
+@dataclass(frozen=True)
+class RowPredictions:
+    """Predictions at every row of the table, used or not.
+
+    Attributes
+    ----------
+    channels : measured outcomes, the last axis.
+    modelled : (n, rows, channels) without noise, NaN where the model has no answer.
+    readings : (n, rows, channels) with noise.
+    """
+
+    channels: tuple[str, ...]
+    modelled: FloatArray
+    readings: FloatArray
+
+
+def predict_rows(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> RowPredictions:
+    """Model all rows of the table for parameter sets (n, d) and draw a reading for each.
+
+    Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it.
+    """
+    rows = Forward.of(study.model, study.drive, study.observations, dict(study.wheels))
+    likelihood = Likelihood(rows, study.observations, posterior.likelihood.noise)
+    outcomes = rows.one_by_one(posterior.prior.soil_values(draws))
+    noise = posterior.noise_values(draws)
+    return RowPredictions(
+        likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
+    )
+
+
+def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
+    """Predictive mean, 5, 50 and 95 % of every row and channel beside the reading, in field units."""
+    records = []
+    for index, row in enumerate(study.observations.rows):
+        for column, name in enumerate(predictions.channels):
+            scale, readings = CHANNELS[name].scale, predictions.readings[:, index, column]
+            answered = readings[np.isfinite(readings)] / scale
+            quantiles = np.quantile(answered, [0.05, 0.5, 0.95]) if answered.size else [np.nan] * 3
+            records.append(
+                {
+                    "row": row,
+                    "wheel": study.observations.wheel[index],
+                    "slip": study.observations.slip[index],
+                    "channel": name,
+                    "unit": CHANNELS[name].unit,
+                    "used": bool(study.observations.use[index]),
+                    "observed": study.observations.values[name][index] / scale,
+                    "mean": answered.mean() if answered.size else np.nan,
+                    "q05": quantiles[0],
+                    "q50": quantiles[1],
+                    "q95": quantiles[2],
+                    "no_answer": float(np.mean(~np.isfinite(readings))),
+                }
+            )
+    return pd.DataFrame(records)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Modelled outcomes of one wheel over slip.
+
+    Attributes
+    ----------
+    wheel : its name.
+    slip : (g,) grid.
+    outcomes : names of the last axis of ``modelled``.
+    modelled : (n, g, outcomes) without noise, NaN where the model has no answer.
+    readings : the same with noise; outcomes that were not measured have none (NaN).
+    given : load (N) or sinkage (m) along the grid, (g,).
+    """
+
+    wheel: str
+    slip: FloatArray
+    outcomes: tuple[str, ...]
+    modelled: FloatArray
+    readings: FloatArray
+    given: FloatArray
+
+
+def predict_curves(
+    study: Study, posterior: Posterior, draws: FloatArray, rng: Generator
+) -> tuple[Curves, ...]:
+    """Model every wheel over the slips it was driven at, at its median load.
+
+    In the sinkage drive the measured sinkages are joined by straight lines over slip.
+    """
+    return tuple(_curves(study, posterior, draws, wheel, rng) for wheel in study.wheels)
+
+
+def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, rng: Generator) -> Curves:
+    forward = curve_forward(study, wheel)
+    outcomes = forward.one_by_one(posterior.prior.soil_values(draws))
+    readings = np.full(outcomes.values.shape, np.nan)
+    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
+    likelihood = Likelihood(forward, blank, posterior.likelihood.noise)
+    drawn = likelihood.draw(outcomes, posterior.noise_values(draws), rng)
+    for column, name in enumerate(likelihood.channels):
+        readings[:, :, forward.outcomes.index(name)] = drawn[:, :, column]
+    return Curves(wheel, forward.conditions.slip, forward.outcomes, outcomes.values, readings, forward.given)
+
+
+def curve_forward(study: Study, wheel: str) -> Forward:
+    """The study's model on a slip grid for one wheel (see :func:`predict_curves`)."""
+    observations = study.observations
+    mine = np.array([name == wheel for name in observations.wheel]) & observations.use
+    slips = observations.slip[mine] if mine.any() else observations.slip[observations.use]
+    slip = np.linspace(min(0.02, slips.min()), min(0.95, slips.max() + 0.05), GRID)
+    if study.drive == "load":
+        loads = observations.load[mine] if mine.any() else observations.load[observations.use]
+        given = np.full(GRID, np.median(loads))
+    else:
+        order = np.argsort(slips, kind="stable")
+        slip = np.linspace(slips.min(), slips.max(), GRID)
+        given = np.interp(slip, slips[order], observations.values["sinkage"][mine][order])
+    return Forward(study.model, study.drive, Conditions.of(study.wheels[wheel], slip), given)

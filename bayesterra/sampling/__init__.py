@@ -1,0 +1,1 @@
+"""Sampling: adaptation from the prior, then independent emcee ensembles with frozen proposals."""

@@ -1,0 +1,217 @@
+"""From the prior to a proposal: tempered sequential Monte Carlo, then a mixture fitted to what it found.
+
+Each ensemble does this alone, from its own draws of the prior, so that ensembles share nothing and their
+agreement means something. Everything here ends before draws are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from bayesterra.arrays import FloatArray
+from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture
+
+Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
+
+
+@dataclass(frozen=True)
+class AdaptationOptions:
+    """Size of the adaptation.
+
+    Attributes
+    ----------
+    particles : number of points that travel from prior to posterior.
+    keep : share of effective points kept at each temperature.
+    sweeps : differential-evolution steps at each temperature.
+    components : components of the final mixture, at most.
+    refinements : draws per particle in each round of importance sampling that refines the mixture.
+    defence : share of a wide component in the final mixture.
+    """
+
+    particles: int = 1024
+    keep: float = 0.5
+    sweeps: int = 4
+    components: int = 24
+    refinements: tuple[int, ...] = (4, 4, 8, 8)
+    defence: float = 0.1
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """What the adaptation leaves behind.
+
+    Attributes
+    ----------
+    u : points spread like the posterior (n, d), the starting points of the walkers.
+    temperatures : the inverse temperatures travelled.
+    evaluations : parameter sets evaluated.
+    mixture : the frozen proposal.
+    efficiency : effective share of independent draws of the last but one mixture.
+    log_evidence : log of the mean importance weight of all draws.
+    """
+
+    u: FloatArray
+    temperatures: tuple[float, ...]
+    evaluations: int
+    mixture: StudentMixture
+    efficiency: float
+    log_evidence: float
+
+
+@dataclass
+class _Particles:
+    """Points on their way, with the densities at each."""
+
+    u: FloatArray
+    log_prior: FloatArray
+    log_likelihood: FloatArray
+
+    def resampled(self, log_weights: FloatArray, rng: Generator) -> _Particles:
+        """Systematic resampling by weight."""
+        n = len(self.u)
+        steps = np.cumsum(np.exp(log_weights - logsumexp(log_weights)))
+        chosen = np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), n - 1)
+        return _Particles(self.u[chosen], self.log_prior[chosen], self.log_likelihood[chosen])
+
+    def accept(self, new: _Particles, log_ratio: FloatArray, rng: Generator) -> None:
+        """Metropolis step: take the new points where a uniform draw allows."""
+        taken = np.log(rng.random(len(self.u))) < log_ratio
+        self.u[taken] = new.u[taken]
+        self.log_prior[taken] = new.log_prior[taken]
+        self.log_likelihood[taken] = new.log_likelihood[taken]
+
+
+def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, rng: Generator) -> Adaptation:
+    """Carry points from the prior to the posterior and fit a proposal to them.
+
+    Parameters
+    ----------
+    densities : log prior and log likelihood in sampling coordinates.
+    start : draws of the cut prior in sampling coordinates (particles, d).
+    """
+    particles = _Particles(start.copy(), *densities(start))
+    evaluations, temperature, travelled = len(start), 0.0, [0.0]
+    while temperature < 1.0:
+        step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
+        temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
+        particles = particles.resampled(step * particles.log_likelihood, rng)
+        evaluations += _move(particles, densities, temperature, options, rng)
+        travelled.append(temperature)
+    mixture = fit_mixture(particles.u, np.full(len(start), 1.0), options.components, rng)
+    refined = refine(mixture, particles.u, densities, options, rng)
+    evaluations += len(start) * sum(options.refinements)
+    return Adaptation(particles.u, tuple(travelled), evaluations, *refined)
+
+
+def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
+    """Largest temperature step that keeps the wanted share of effective points."""
+
+    def excess(step: float) -> float:
+        log_weights = step * log_likelihood
+        log_share = 2 * logsumexp(log_weights) - logsumexp(2 * log_weights) - np.log(len(log_weights))
+        return float(np.exp(log_share) - keep)
+
+    return most if excess(most) >= 0 else float(brentq(excess, 0.0, most, xtol=1e-12))
+
+
+def _move(
+    particles: _Particles,
+    densities: Densities,
+    temperature: float,
+    options: AdaptationOptions,
+    rng: Generator,
+) -> int:
+    """Spread resampled points by a fitted independence step and differential evolution; returns the cost."""
+    n, d = particles.u.shape
+    guess = fit_mixture(particles.u, np.full(n, 1.0), max(2, options.components // 4), rng, steps=8)
+    for sweep in range(options.sweeps + 2):
+        if sweep < 2:
+            u = guess.sample(n, rng)
+            log_ratio = guess.log_density(particles.u) - guess.log_density(u)
+        else:
+            u, log_ratio = particles.u + _differences(particles.u, d, sweep, rng), np.zeros(n)
+        new = _Particles(u, *densities(u))
+        log_ratio += _tempered(new, temperature) - _tempered(particles, temperature)
+        particles.accept(new, log_ratio, rng)
+    return int(n) * (options.sweeps + 2)
+
+
+def _differences(u: FloatArray, d: int, sweep: int, rng: Generator) -> FloatArray:
+    """Steps (n, d) along differences of random pairs (ter Braak 2006), long and short ones in turn."""
+    n = len(u)
+    first = rng.integers(n, size=n)
+    second = (first + 1 + rng.integers(n - 1, size=n)) % n
+    scale = 2.38 / np.sqrt(2 * d) * (1.0 if sweep % 2 else 0.4)
+    return np.asarray(scale * (u[first] - u[second]))
+
+
+def _tempered(particles: _Particles, temperature: float) -> FloatArray:
+    return particles.log_prior + np.where(
+        np.isneginf(particles.log_likelihood), -np.inf, temperature * particles.log_likelihood
+    )
+
+
+def refine(
+    mixture: StudentMixture, u: FloatArray, densities: Densities, options: AdaptationOptions, rng: Generator
+) -> tuple[StudentMixture, float, float]:
+    """Improve a mixture by adaptive multiple importance sampling (Cornuet et al. 2012).
+
+    Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
+    anew; the points ``u`` (n, d) stay in as an anchor.
+
+    Returns
+    -------
+    The mixture, the effective share of its own draws, and the log evidence from all draws.
+    """
+    drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
+    efficiency = log_evidence = np.nan
+    for draws in options.refinements:
+        efficiency = drawn.extend(mixture, draws * len(u), densities, rng)
+        log_weights = drawn.log_weights()
+        log_evidence = float(logsumexp(log_weights) - np.log(len(log_weights)))
+        # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
+        weights = np.exp(np.minimum(log_weights - log_evidence, 0.5 * np.log(len(log_weights))))
+        inside = weights > 1e-3
+        points = np.concatenate([drawn.u[inside], u])
+        both = np.concatenate([weights[inside], np.full(len(u), 0.1 * weights.sum() / len(u))])
+        fitted = fit_mixture(points, both, options.components, rng)
+        mixture = defended(fitted, points, both, options.defence)
+    return mixture, efficiency, log_evidence
+
+
+@dataclass
+class _Drawn:
+    """Draws of several proposals: coordinates, log target, the proposals and their log densities."""
+
+    u: FloatArray
+    log_target: FloatArray
+    mixtures: list[tuple[StudentMixture, int]]
+    log_proposals: list[FloatArray]
+
+    def extend(self, mixture: StudentMixture, n: int, densities: Densities, rng: Generator) -> float:
+        """Draw n points from one more proposal; returns the effective share of these draws alone."""
+        new = mixture.sample(n, rng)
+        log_prior, log_likelihood = densities(new)
+        target = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood)
+        self.log_proposals = [
+            np.concatenate([old, earlier.log_density(new)])
+            for old, (earlier, _) in zip(self.log_proposals, self.mixtures, strict=True)
+        ]
+        self.u, self.log_target = np.concatenate([self.u, new]), np.concatenate([self.log_target, target])
+        self.log_proposals.append(mixture.log_density(self.u))
+        self.mixtures.append((mixture, n))
+        alone = target - self.log_proposals[-1][-n:]
+        return float(np.exp(2 * logsumexp(alone) - logsumexp(2 * alone)) / n)
+
+    def log_weights(self) -> FloatArray:
+        """Log importance weights against the mixture of all proposals."""
+        shares = [np.log(n / len(self.u)) for _, n in self.mixtures]
+        pooled = [share + density for share, density in zip(shares, self.log_proposals, strict=True)]
+        return np.asarray(self.log_target - np.logaddexp.reduce(pooled, axis=0))
