@@ -8,10 +8,10 @@ from typing import Any
 from scipy import stats
 
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean
+from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import Law
+from bayesterra.priors import RANGED, Law
 from bayesterra.units import quantity
 
 _LIMITS = ("lower", "upper")
@@ -63,12 +63,10 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
     dist = entry.pop("dist", None)
     if dist is None:
         raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
-    known = _arguments(name, dist)
-    for key in entry:
-        if key not in known:
-            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")
+    shapes = _shape_arguments(name, dist)
+    _check_arguments(name, dist, entry, shapes)
     values = {
-        key: quantity(item, "" if key in known[4:] else dimension, f"{name}.{key}", bare=bare)
+        key: quantity(item, "" if key in shapes else dimension, f"{name}.{key}", bare=bare)
         for key, item in entry.items()
     }
     limits = {key: values.pop(key) for key in _LIMITS if key in values}
@@ -78,14 +76,24 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
         raise StudyError(f"'{name}': {error}") from error
 
 
-def _arguments(name: str, dist: object) -> list[str]:
-    """Arguments a law may have: loc, scale, lower, upper, then its shape arguments."""
+def _shape_arguments(name: str, dist: object) -> list[str]:
+    """Names of a law's own arguments beside location and scale."""
     known = getattr(stats, dist, None) if isinstance(dist, str) else None
     if not isinstance(known, stats.rv_continuous):
-        laws = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous)]
-        hint = did_you_mean(str(dist), laws) if len(did_you_mean(str(dist), laws)) < 60 else ""
+        laws = (n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous))
+        hint = suggestion(str(dist), laws)
         raise StudyError(f"'{name}': 'dist' must be a continuous scipy.stats law, got {dist!r}{hint}")
-    return [*_SHIFTS, *_LIMITS, *(part.strip() for part in (known.shapes or "").split(",") if part)]
+    return [] if dist in RANGED else [part.strip() for part in (known.shapes or "").split(",") if part]
+
+
+def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: list[str]) -> None:
+    known = (*shapes, *_SHIFTS, *_LIMITS)
+    for key in entry:
+        if key not in known:
+            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")
+    for key in shapes:
+        if key not in entry:
+            raise StudyError(f"'{name}': {dist} needs its argument '{key}'")
 
 
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:

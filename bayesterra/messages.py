@@ -24,8 +24,14 @@ def errors_in(place: object) -> Iterator[None]:
         raise _LocatedError(f"{place}: {error}") from error
 
 
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """``" (did you mean 'slip'?)"`` where a known name is close, else nothing."""
+    by_lower = {word.lower(): word for word in known}
+    close = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.7)
+    return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``" (did you mean 'slip'?)"`` where a known name is close, else the list of known names."""
+    """The suggestion, or the list of known names where none is close."""
     known = list(known)
-    close = get_close_matches(name, known, n=1, cutoff=0.6)
-    return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(known)})"
+    return suggestion(name, known) or f" (known: {', '.join(known)})"

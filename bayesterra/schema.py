@@ -32,7 +32,7 @@ from pydantic_core import ErrorDetails
 
 from bayesterra import entries
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean
+from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
 from bayesterra.priors import PRIOR_SETS, Law
@@ -62,7 +62,7 @@ def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
 def _priors(value: object, info: ValidationInfo) -> dict[str, Law | float | str]:
     content = entries.table(value, "priors")
     name = content.pop("set", None)
-    if name is not None and name not in PRIOR_SETS:
+    if name is not None and str(name) not in PRIOR_SETS:
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
     chosen: dict[str, Law | float | str] = {} if name is None else {"set": str(name)}
     read = {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()}
@@ -120,7 +120,8 @@ class Table:
         known = list(cls.__dataclass_fields__)
         for key in content if isinstance(content, Mapping) else ():
             if key not in known:
-                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), known)}")
+                hint = suggestion(str(key), known) or _home(str(key)) or did_you_mean(str(key), known)
+                raise StudyError(f"unknown key '{key}'{hint}")
         return content
 
 
@@ -248,14 +249,32 @@ def read_toml(path: Path) -> dict[str, Any]:
 _ADAPTER = TypeAdapter(StudyContent)
 
 
+_HOMES = {
+    "data": DataTable,
+    "wheels.<name>": WheelTable,
+    "model_options": ModelOptions,
+    "least_squares": LeastSquaresOptions,
+    "sampling": SamplingOptions,
+}
+
+
+def _home(key: str) -> str:
+    """Where a key belongs that stands in the wrong table, as it does after a header too early."""
+    if key in StudyContent.__dataclass_fields__ and key not in (*_HOMES, "wheels"):
+        return " (it belongs at the top, before the first table)"
+    homes = (table for table, shape in _HOMES.items() if key in shape.__dataclass_fields__)
+    return next((f" (it belongs in [{table}])" for table in homes), "")
+
+
 def _one_line(error: ErrorDetails) -> str:
     """What is wrong where, from the first of pydantic's errors."""
     *path, key = [str(part) for part in error["loc"]] or [""]
     if error["type"] == "missing":
         return f"{_heading(path)}needs '{key}'"
     if error["type"] == "value_error":  # our own checks name the key themselves
-        whole = isinstance(error["input"], Mapping) and key
-        return f"{_heading([*path, key] if whole else path)}{error['ctx']['error']}"
+        text = str(error["ctx"]["error"])
+        whole = isinstance(error["input"], Mapping) and key and not text.startswith(f"'{key}'")
+        return f"{_heading([*path, key] if whole else path)}{text}"
     must = error["msg"].replace("Input should be", "must be", 1)
     must = "must be a table" if error["type"] in ("dict_type", "dataclass_type") else must
     return f"{_heading(path)}'{key}' {must} (got {_shortened(error['input'])})"

@@ -18,7 +18,7 @@ from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETER
 from bayesterra.posterior import REASONS, Posterior, draw_cut_prior, posterior
 from bayesterra.priors import Law
 from bayesterra.study import Study
-from bayesterra.writing import study_toml
+from bayesterra.writing import simulated_toml
 
 _PRIOR_DRAWS = 2000
 
@@ -146,7 +146,7 @@ def write_simulated(
         raise ResultError(f"'{folder}' exists already: give another folder with --out")
     made_with = true_values(study, truth)
     table = simulate(study, made_with.values, seed)
-    text = study_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
+    text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
     with whole_folder(folder) as part:
         write_text(part / "measurements.csv", table.to_csv(index=False, float_format="%.12g"))
         write_text(part / "study.toml", text)

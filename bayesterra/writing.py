@@ -6,20 +6,24 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
+from bayesterra.data import Observations
+from bayesterra.folders import write_text
 from bayesterra.models import Wheel
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.priors import Law
-from bayesterra.study import Study
+from bayesterra.study import Reference, Study
 from bayesterra.units import text
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def study_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
+def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
     """Write the study file of simulated measurements that stand in ``measurements.csv`` beside it.
 
     Parameters
@@ -28,15 +32,45 @@ def study_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
     truth : SI values of the parameters that the measurements were made with.
     source : how they were made.
     """
-    return "\n".join(_lines(study, truth, source)) + "\n"
-
-
-def _lines(study: Study, truth: Mapping[str, float], source: str) -> Iterator[str]:
     title = f"{study.title}, simulated" if study.title else "simulated"
-    head = {"title": title, "soil": study.soil, "model": study.model.name, "drive": study.drive}
-    yield from _assignments(head)
-    data = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
-    yield from _table("data", {**data, "kind": "simulated", "source": source})
+    head = {"title": title, "soil": study.soil}
+    data = {"kind": "simulated", "source": source}
+    return (
+        "\n".join(_lines(study, head, data, {"truth": Reference(source=source, values=dict(truth))})) + "\n"
+    )
+
+
+def write_study(study: Study, folder: Path) -> None:
+    """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
+    head = {"title": study.title, "soil": study.soil, "date": study.date}
+    data = {"kind": study.kind, "source": study.source}
+    references = {"published": study.published, "truth": study.truth}
+    write_text(folder / "study.toml", "\n".join(_lines(study, head, data, references)) + "\n")
+    write_text(folder / "measurements.csv", _rows(study.observations).to_csv(index=False))
+
+
+def _rows(rows: Observations) -> pd.DataFrame:
+    """All that is known of every row, in SI units, slip on the shearing radius, sinkage from the rim."""
+    measured = {"load": rows.load, **rows.values}
+    columns: dict[str, object] = {"wheel": rows.wheel, "slip": rows.slip}
+    for name, values in measured.items():
+        if not np.isnan(values).all():
+            columns[f"{name} [{CHANNELS[name].dimension}]"] = values
+        given = rows.given_sd.get(name, np.array(np.nan))
+        if not np.isnan(given).all():
+            columns[f"{name}_sd [{CHANNELS[name].dimension}]"] = given
+    return pd.DataFrame({**columns, "use": rows.use.astype(int)})
+
+
+def _lines(
+    study: Study,
+    head: Mapping[str, object],
+    data: Mapping[str, object],
+    references: Mapping[str, Reference | None],
+) -> Iterator[str]:
+    yield from _assignments({**head, "model": study.model.name, "drive": study.drive})
+    table = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
+    yield from _table("data", {**table, **data})
     for name, wheel in study.wheels.items():
         yield from _table(f"wheels.{_key(name)}", _wheel(wheel))
     yield from _table("model_options", asdict(study.model))
@@ -44,7 +78,10 @@ def _lines(study: Study, truth: Mapping[str, float], source: str) -> Iterator[st
     priors = {name: study.prior.entries[name] for name in SOIL_PARAMETERS}
     yield from _table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
     yield from _table("least_squares", _least_squares(study))
-    yield from _table("truth", {"source": source, **{n: _value(n, v) for n, v in truth.items()}})
+    for name, reference in references.items():
+        if reference is not None:
+            known = {n: _value(n, v) for n, v in reference.values.items()}
+            yield from _table(name, {"source": reference.source, **known})
     yield from _table("sampling", asdict(study.sampling))
 
 
