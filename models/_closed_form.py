@@ -4,7 +4,7 @@ from typing import Any
 
 from bayesterra.models import _lanes as at
 from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import divide, exp, log, sin, versine
+from bayesterra.models._elementary import divide, exp, exp_minus_1, log, sin, versine
 
 
 @compiled
@@ -51,4 +51,4 @@ def _peaks(ws: Lanes, i: int, rise: Any, fall: Any) -> tuple[Any, Any]:
     sigma = ws[at.KS + i] * exp(ws[at.N + i] * log(ws[at.RADIUS + i] * rise))
     limit = ws[at.C + i] + sigma * ws[at.TAN_PHI + i]
     path = ws[at.JOIN_1 + i] + 2.0 * ws[at.FRONT + i] - (1.0 - ws[at.SLIP + i]) * fall
-    return sigma, limit - limit * exp(-ws[at.RS_OVER_K + i] * path)
+    return sigma, -limit * exp_minus_1(-ws[at.RS_OVER_K + i] * path)

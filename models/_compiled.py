@@ -16,8 +16,8 @@ Number = TypeVar("Number", float, complex)
 Lanes = NDArray[Any]  # float64, or complex128 for derivatives
 Whole = NDArray[np.int64]
 
-# Sums may be reordered and products fused, which vector code needs; NaN and infinity keep their meaning.
-FAST = {"reassoc", "contract", "arcp", "nsz"}
+# Products and sums may be fused; nothing is reordered, and NaN and infinity keep their meaning.
+FAST = {"contract", "arcp", "nsz"}
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from bayesterra.models import _lanes as at
 from bayesterra.models._compiled import Lanes, Whole, compiled
 from bayesterra.models._evaluate import M1, evaluate
+from bayesterra.models._grid_search import can_fall, search_by_grid
 from bayesterra.models._pairs import LOAD, OK, Codes, Plan, load_lane, pad, scatter, screen, screen_sinkage
 from bayesterra.models._quadrature import ROUGH, RULES, choose_rule
 from bayesterra.models._solve import hand_over, refine, rough_search, start
@@ -106,11 +107,13 @@ def _settle(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray,
     refine(ws, how[0], how[1])
     for lane in range(how[2]):
         i, j = place[lane, 0], place[lane, 1]
-        if ws[at.X + lane] < np.inf:
-            out[i, j, 0] = ws[at.Z + lane]
-            out[i, j, 1] = ws[at.PULL + lane]
-            out[i, j, 2] = ws[at.MOMENT + lane]
-        else:
+        tray, spot = ws, lane
+        if ws[at.X + lane] == np.inf and can_fall(ws, lane, how[0]):
+            tray, spot = search_by_grid(ws, lane, how[0], how[1]), 0
+        out[i, j, 0] = tray[at.Z + spot]
+        out[i, j, 1] = tray[at.PULL + spot]
+        out[i, j, 2] = tray[at.MOMENT + spot]
+        if tray[at.X + spot] == np.inf:
             out[i, j, :] = np.nan
             status[i, j] = LOAD
 

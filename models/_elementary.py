@@ -129,14 +129,34 @@ def _root(x: Any) -> Any:
 @inlined
 def exp(x: Number) -> Number:
     """Return e^x; arguments beyond +-708 are held there."""
+    x, k = _reduce(x)
+    return (1.0 + _series(x)) * power_of_two(k)
+
+
+@inlined
+def exp_minus_1(x: Number) -> Number:
+    """Return e^x - 1 without cancellation at small x; arguments beyond +-708 are held there."""
+    x, k = _reduce(x)
+    scale = power_of_two(k)
+    return scale * _series(x) + (scale - 1.0)
+
+
+@inlined
+def _reduce(x: Number) -> tuple[Number, float]:
+    """Return x - k ln 2 and k, the whole number nearest to x / ln 2."""
     low = -_EXP_LIMIT - x.real
     high = x.real - _EXP_LIMIT
     x = x + (low if low > 0.0 else 0.0) - (high if high > 0.0 else 0.0)
     k = nearest(x.real * _LOG2_E)
-    x = x - k * _LN_2
+    return x - k * _LN_2, k
+
+
+@inlined
+def _series(x: Number) -> Number:
+    """Return e^x - 1 for |x| <= ln(2)/2."""
     a = _EXP
     tail = a[5] + x * (a[6] + x * (a[7] + x * (a[8] + x * (a[9] + x * a[10]))))
-    return (a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * tail))))) * power_of_two(k)
+    return x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * tail))))
 
 
 @inlined

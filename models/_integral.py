@@ -9,7 +9,7 @@ from typing import Any
 
 from bayesterra.models import _lanes as at
 from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import exp, log, sin, versine
+from bayesterra.models._elementary import exp, exp_minus_1, log, sin, versine
 from bayesterra.models._quadrature import NODES, STARTS, WEIGHTS
 
 
@@ -38,7 +38,7 @@ def _add_front(ws: Lanes, i: int, u: float, weight: float) -> tuple[Any, Any]:
     sigma = ws[at.KS + i] * weight * exp(ws[at.N + i] * log(ws[at.RADIUS + i] * rise))
     limit = ws[at.C + i] * weight + sigma * ws[at.TAN_PHI + i]
     path = ws[at.JOIN_1 + i] + 2.0 * half - (1.0 - ws[at.SLIP + i]) * fall
-    tau = limit - limit * exp(-ws[at.RS_OVER_K + i] * path)
+    tau = -limit * exp_minus_1(-ws[at.RS_OVER_K + i] * path)
     cosine, sine = ws[at.COS_1 + i] + rise, ws[at.SIN_1 + i] - fall
     ws[at.SC1 + i] += sigma * cosine
     ws[at.SS1 + i] += sigma * sine
@@ -56,7 +56,7 @@ def _add_rear(ws: Lanes, i: int, u: float, sigma: Any, limit: Any) -> None:
     rise = 2.0 * s * (ws[at.COS_2 + i] * c - ws[at.SIN_2 + i] * s)  # sin(theta) - sin(theta_2)
     fall = 2.0 * s * (ws[at.SIN_2 + i] * c + ws[at.COS_2 + i] * s)  # cos(theta_2) - cos(theta)
     path = ws[at.JOIN_2 + i] - 2.0 * half + (1.0 - ws[at.SLIP + i]) * rise
-    tau = limit - limit * exp(-ws[at.RS_OVER_K + i] * path)
+    tau = -limit * exp_minus_1(-ws[at.RS_OVER_K + i] * path)
     cosine, sine = ws[at.COS_2 + i] - fall, ws[at.SIN_2 + i] + rise
     ws[at.SC2 + i] += sigma * cosine
     ws[at.SS2 + i] += sigma * sine

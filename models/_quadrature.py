@@ -44,7 +44,7 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
     need = max(10.6 + 2.5 * angle, 10.5 + 1.6 * np.sqrt(front), _need_of_exponent(n))
     need = max(need, min(10.3 + 6.0 * np.sqrt(rear) - 0.85 * front, 36.0 + rear / 16.0))
     if c3 != 0.0:
-        need = 44.0 if ratio < 0.0 or n < 0.3 else need + 8.0
+        need = 64.0 if ratio < 0.0 or n < 0.3 else need + 8.0
     which = 0
     while which < RULES - 1 and _COUNTS[which] < need - 0.7:
         which += 1

@@ -16,6 +16,7 @@ _MARGIN = 1e-9  # the search ends this far below the radius, relative
 _DEPTH = 80.0  # and begins this far below its end in log z
 _SMALLEST = 1e-300
 _SAME = 1e-11  # points closer than this in log z give no slope
+_FLAT = 1e-6  # smallest slope that a secant step uses
 _NEAR = 1e-5  # misfit at which few nodes have done their part
 _LAST = 1e-6  # largest misfit that one more step, not evaluated again, may remove
 _ACCURACY = 1e-11  # of F_N after that step
@@ -45,7 +46,7 @@ def start(ws: Lanes) -> None:
 def rough_search(ws: Lanes, model: int) -> None:
     """Come near the root with few nodes."""
     for _ in range(_ROUGH_STEPS):
-        _misfit(ws, model, ROUGH)
+        misfit(ws, model, ROUGH)
         waiting = 0
         for i in range(at.LANES):
             if ws[at.DONE + i] == 0.0:
@@ -69,7 +70,7 @@ def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
 def refine(ws: Lanes, model: int, which: int) -> None:
     """Finish the solve: fill Z, PULL and MOMENT; X = inf where no sinkage carries the load."""
     for _ in range(_STEPS):
-        _misfit(ws, model, which)
+        misfit(ws, model, which)
         waiting = 0
         for i in range(at.LANES):
             if ws[at.DONE + i] == 0.0:
@@ -95,7 +96,7 @@ def _forget(ws: Lanes, i: int) -> None:
 
 
 @compiled
-def _misfit(ws: Lanes, model: int, which: int) -> None:
+def misfit(ws: Lanes, model: int, which: int) -> None:
     """Fill F = log(F_N / W) and the other forces at the current point."""
     for i in range(at.LANES):
         ws[at.Z + i] = exp(ws[at.X + i])
@@ -111,9 +112,10 @@ def _update_slope(ws: Lanes, i: int) -> None:
     dx = ws[at.X + i] - ws[at.X_BEFORE + i]
     if abs(dx) > _SAME:
         slope = (ws[at.F + i] - ws[at.F_BEFORE + i]) / dx
-        if 0.02 < slope < 100.0:
-            ws[at.CHANGE + i] = min(1.0, max(abs(1.0 - ws[at.SLOPE + i] / slope), 0.5 * abs(dx)))
-            ws[at.SLOPE + i] = slope
+        usable = slope > _FLAT
+        change = max(abs(1.0 - ws[at.SLOPE + i] / slope), 0.5 * abs(dx)) if usable else 1.0
+        ws[at.CHANGE + i] = min(1.0, change)
+        ws[at.SLOPE + i] = slope if usable else _FLAT
         ws[at.PULL_SLOPE + i] = (ws[at.PULL + i] - ws[at.PULL_BEFORE + i]) / dx
         ws[at.MOMENT_SLOPE + i] = (ws[at.MOMENT + i] - ws[at.MOMENT_BEFORE + i]) / dx
 
@@ -127,8 +129,9 @@ def _is_at_top(ws: Lanes, i: int) -> bool:
 @inlined
 def _is_settled(ws: Lanes, i: int) -> bool:
     """Tell whether one more step, not evaluated, meets the load; its error is the misfit times the slope's error."""
-    misfit = abs(ws[at.F + i])
-    return (misfit < _LAST and misfit * ws[at.CHANGE + i] < _ACCURACY) or _is_at_top(ws, i)
+    misfit, slope = abs(ws[at.F + i]), ws[at.SLOPE + i]
+    is_near = misfit < _LAST * min(1.0, slope) and misfit * ws[at.CHANGE + i] < _ACCURACY
+    return is_near or _is_at_top(ws, i)
 
 
 @inlined
