@@ -11,8 +11,8 @@ from bayesterra.models._elementary import divide, exp, exp_minus_1, log, sin, ve
 def close(ws: Lanes, cosine_is_linear: bool) -> None:
     """Fill the integrals of Ding et al. 2015, eqs. (18)-(24) for CM1, (25) and (26) for CM2.
 
-    A and B of (24) are split at theta_m: the front part of A is (cos(theta_m) - cos(theta_1))/(theta_1 - theta_m)
-    - sin(theta_m), the rest its rear part; likewise B with the cosine.
+    A and B of (24) are split at theta_m: the front part of A is its second term less sin(theta_m), the rest
+    the rear part; likewise B with cos(theta_m).
     """
     keep = 0.0 if cosine_is_linear else 1.0  # CM2 drops F_Ntau
     for i in range(at.LANES):
@@ -47,7 +47,7 @@ def _mean(half: Any, sin_end: Any, cos_end: Any, side: float) -> tuple[Any, Any]
 
 @inlined
 def _peaks(ws: Lanes, i: int, rise: Any, fall: Any) -> tuple[Any, Any]:
-    """Return sigma_m and tau_m, eqs. (18), (19), from cos(theta_m) - cos(theta_1), sin(theta_1) - sin(theta_m)."""
+    """Return sigma_m and tau_m, eqs. (18), (19); `rise` and `fall` as in _integral, at theta_m."""
     sigma = ws[at.KS + i] * exp(ws[at.N + i] * log(ws[at.RADIUS + i] * rise))
     limit = ws[at.C + i] + sigma * ws[at.TAN_PHI + i]
     path = ws[at.JOIN_1 + i] + 2.0 * ws[at.FRONT + i] - (1.0 - ws[at.SLIP + i]) * fall

@@ -7,7 +7,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core.caching import FunctionCache
+from numba.core import caching
 from numpy.typing import NDArray
 
 P = ParamSpec("P")
@@ -31,18 +31,20 @@ def _fingerprint() -> str:
 _FINGERPRINT = _fingerprint()
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """numba's cache on disk, which by itself misses changes in the functions that a cached one calls."""
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), _FINGERPRINT)
-
-
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` at its first call for each combination of argument types; cached on disk."""
-    dispatcher = numba.njit(**_OPTIONS)(function)
-    dispatcher._cache = _Cache(function)
+    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+    dispatcher._cache = _cache(function)
     return cast(Callable[P, R], dispatcher)
+
+
+def _cache(function: Callable[..., Any]) -> Any:
+    """Return numba's cache on disk, which alone misses changes in the functions that a cached one calls."""
+    new_cache: Any = caching.FunctionCache
+    cache: Any = new_cache(function)
+    index_key = cache._index_key
+    cache._index_key = lambda sig, codegen: (*index_key(sig, codegen), _FINGERPRINT)
+    return cache
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:

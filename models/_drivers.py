@@ -1,4 +1,4 @@
-"""Compiled loops over pairs: gathered into trays of eight lanes by the quadrature rule they need, then evaluated.
+"""Compiled loops over pairs: gathered into trays of eight lanes by the quadrature rule they need.
 
 A pair's result does not depend on its neighbours: lanes never mix, and the rule follows from the pair alone.
 """
@@ -21,7 +21,7 @@ _STEP = 1e-40  # of the complex step: so small that its square vanishes
 def forces(
     theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: Plan, out: FloatArray, status: Codes
 ) -> None:
-    """Fill `out` (n, m, 3 or 11) with the results at `sinkage` (n, m); NaN where `status` (n, m) is not OK."""
+    """Fill `out` (n, m, 3 or 11) with the results at `sinkage` (n, m); NaN where `status` is not OK."""
     screen(theta, rows, plan, status)
     screen_sinkage(rows, sinkage, plan, status)
     trays, filled = np.zeros((RULES, at.SIZE)), np.zeros(RULES, np.int64)
@@ -79,7 +79,12 @@ def response(
 
 @compiled
 def _come_near(
-    theta: FloatArray, rows: FloatArray, plan: Plan, state: tuple[Lanes, Whole, Whole], out: FloatArray, status: Codes
+    theta: FloatArray,
+    rows: FloatArray,
+    plan: Plan,
+    state: tuple[Lanes, Whole, Whole],
+    out: FloatArray,
+    status: Codes,
 ) -> None:
     """Solve the rough tray with few nodes, and pass its lanes on to the trays of the rules they need."""
     trays, filled, place = state

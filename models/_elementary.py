@@ -1,11 +1,12 @@
-"""Branch-free elementary functions that LLVM vectorises, for float64 and, through the same source, complex128.
+"""Branch-free elementary functions that LLVM vectorises, for float64 and, from the same source, complex128.
 
-Polynomials through the Chebyshev points of their interval, relative error below 1e-15. Whatever depends on the
-exponent bits looks at the real part only, so the imaginary part of a complex step passes through as a derivative.
+Polynomials through the Chebyshev points of their interval, relative error below 1e-15. Whatever depends on
+the exponent bits looks at the real part only, so the imaginary part of a complex step passes through as a
+derivative.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from llvmlite import ir
@@ -20,33 +21,70 @@ _SQRT_HALF_BITS = int(np.float64(0.5**0.5).view(np.int64))
 _LOG2_E = 1.4426950408889634
 _LN_2 = 0.6931471805599453
 _EXP_LIMIT = 708.0
-_OPTIONS = {"fastmath": FAST, "error_model": "numpy", "forceinline": True}
+_OPTIONS: Any = {"fastmath": FAST, "error_model": "numpy", "forceinline": True}
 
-# fmt: off
 _EXP = (
-    1.0, 1.0000000000000067, 0.5000000000000006, 0.16666666666554406, 0.04166666666657314, 0.008333333385667782,
-    0.0013888888932488599, 0.00019841170270440067, 2.4801504346997686e-05, 2.764018079620985e-06,
+    1.0,
+    1.0000000000000067,
+    0.5000000000000006,
+    0.16666666666554406,
+    0.04166666666657314,
+    0.008333333385667782,
+    0.0013888888932488599,
+    0.00019841170270440067,
+    2.4801504346997686e-05,
+    2.764018079620985e-06,
     2.7626357441247223e-07,
 )
 _LOG = (
-    2.0000000000000004, 0.6666666666655292, 0.40000000061741614, 0.2857141602110767, 0.22223434547517906,
-    0.18121934431215214, 0.16837659970680488,
+    2.0000000000000004,
+    0.6666666666655292,
+    0.40000000061741614,
+    0.2857141602110767,
+    0.22223434547517906,
+    0.18121934431215214,
+    0.16837659970680488,
 )
 _SIN = (
-    0.9999999999999999, -0.16666666666666072, 0.008333333333282726, -0.00019841269824853736, 2.7557316608034622e-06,
-    -2.5051881879351066e-08, 1.6048166167666442e-10, -7.374360691567403e-13,
+    0.9999999999999999,
+    -0.16666666666666072,
+    0.008333333333282726,
+    -0.00019841269824853736,
+    2.7557316608034622e-06,
+    -2.5051881879351066e-08,
+    1.6048166167666442e-10,
+    -7.374360691567403e-13,
 )
 _VERSINE = (
-    0.5, -0.04166666666666634, 0.0013888888888860694, -2.4801587292441663e-05, 2.755731776674132e-07,
-    -2.08766308298722e-09, 1.1464688686901012e-11, -4.6276610380051693e-14,
+    0.5,
+    -0.04166666666666634,
+    0.0013888888888860694,
+    -2.4801587292441663e-05,
+    2.755731776674132e-07,
+    -2.08766308298722e-09,
+    1.1464688686901012e-11,
+    -4.6276610380051693e-14,
 )
 _ARCSIN = (
-    0.9999999999999999, 0.16666666666676427, 0.07499999997907882, 0.044642858914474275, 0.030381865584522647,
-    0.022374287291571572, 0.017314897522944798, 0.014433415647987925, 0.007375604220007111, 0.03718381828511521,
-    -0.12603009716318744, 0.5016596628094211, -1.353015710351777, 2.764660939213043, -4.015561213734368,
-    4.001828596101466, -2.4409382579876335, 0.7100464866097544,
+    0.9999999999999999,
+    0.16666666666676427,
+    0.07499999997907882,
+    0.044642858914474275,
+    0.030381865584522647,
+    0.022374287291571572,
+    0.017314897522944798,
+    0.014433415647987925,
+    0.007375604220007111,
+    0.03718381828511521,
+    -0.12603009716318744,
+    0.5016596628094211,
+    -1.353015710351777,
+    2.764660939213043,
+    -4.015561213734368,
+    4.001828596101466,
+    -2.4409382579876335,
+    0.7100464866097544,
 )
-# fmt: on
 
 
 @intrinsic
@@ -83,19 +121,20 @@ def _binary_exponent(typingctx: Any, x: Any) -> Any:
     return types.float64(types.float64), build
 
 
-nearest: Callable[[float], float] = _nearest
-power_of_two: Callable[[float], float] = _power_of_two
-binary_exponent: Callable[[float], float] = _binary_exponent
+nearest: Callable[[float], float] = cast(Any, _nearest)
+power_of_two: Callable[[float], float] = cast(Any, _power_of_two)
+binary_exponent: Callable[[float], float] = cast(Any, _binary_exponent)
 
 
 def divide(a: Number, b: Number) -> Number:
-    """Return a / b; for complex numbers to first order in the imaginary parts, which is all a complex step has."""
+    """Return a / b; for complex numbers to first order in the imaginary parts, as a complex step."""
     return a / b
 
 
 def root(x: Number) -> Number:
     """Return the square root; for complex numbers to first order in the imaginary part."""
-    return x**0.5
+    y: Number = x**0.5
+    return y
 
 
 def _divide_plain(a: Any, b: Any) -> Any:
@@ -116,14 +155,16 @@ def _root_first_order(x: Any) -> Any:
     return complex(value, 0.5 * x.imag / value)
 
 
-@overload(divide, jit_options=_OPTIONS)  # type: ignore[untyped-decorator]  # numba has no types
 def _divide(a: Any, b: Any) -> Any:
     return _divide_first_order if types.complex128 in (a, b) else _divide_plain
 
 
-@overload(root, jit_options=_OPTIONS)  # type: ignore[untyped-decorator]  # numba has no types
 def _root(x: Any) -> Any:
     return _root_first_order if x == types.complex128 else _root_plain
+
+
+overload(divide, jit_options=_OPTIONS)(_divide)
+overload(root, jit_options=_OPTIONS)(_root)
 
 
 @inlined

@@ -1,7 +1,7 @@
 """Compiled search for the smallest sinkage that carries a load where F_N does not rise all the way to z = r.
 
-Over the prior box F_N of M1 rises with z wherever c3 >= 0. With c3 < 0 it can start out negative. F_N of M2 and M3
-has a maximum, beyond 0.36 r, when theta_m is close to theta_1.
+Over the prior box F_N of M1 rises with z wherever c3 >= 0; with c3 < 0 it can start out negative. F_N of M2
+and M3 can have one maximum, beyond z = 0.36 r, when theta_m is close to theta_1.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def can_fall(ws: Lanes, lane: int, model: int) -> bool:
 
 @compiled
 def search_by_grid(ws: Lanes, lane: int, model: int, which: int) -> Lanes:
-    """Return a tray that holds the solution of one lane in all lanes; X = inf where F_N stays below the load."""
+    """Return a tray with the solution of one lane in all lanes; X = inf where F_N stays below the load."""
     tray = np.empty(at.SIZE)
     for start in range(0, at.SIZE, at.LANES):
         tray[start : start + at.LANES] = ws[start + lane]
@@ -37,7 +37,7 @@ def search_by_grid(ws: Lanes, lane: int, model: int, which: int) -> Lanes:
             _bracket(tray, carrying)
             refine(tray, model, which)
             return tray
-        peak = np.argmax(tray[at.F : at.F + at.LANES])
+        peak = int(np.argmax(tray[at.F : at.F + at.LANES]))
         low, high = tray[at.X + max(peak - 1, 0)], tray[at.X + min(peak + 1, at.LANES - 1)]
         if high - low < _NARROW:
             break

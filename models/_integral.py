@@ -1,8 +1,8 @@
 """Compiled M1: the stresses integrated by quadrature.
 
-Angles are measured from the stress-free ends, and every difference of cosines or sines is a product of half-angle
-sines, so nothing cancels on short arcs. Node u of the rear part mirrors node u of the front part: one power of the
-normal stress serves both.
+Angles are measured from the stress-free ends, and every difference of cosines or sines is a product of
+half-angle sines, so nothing cancels on short arcs. Node u of the rear part mirrors node u of the front part:
+one power serves both.
 """
 
 from typing import Any

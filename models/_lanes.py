@@ -19,8 +19,8 @@ KS, N0, N1, C, PHI, K, C1, C2, C3, Z = _offsets(0, 10)
 SLIP, EXPONENT_SLIP, RADIUS, WIDTH, START_RADIUS, SHEARING_RADIUS = _offsets(10, 6)
 ROW = SLIP
 
-# The arc: half-widths of its front and rear part, sine and cosine of theta_1 and theta_2, shear displacement over
-# r_s at both, and what the stresses need.
+# The arc: half-widths of its front and rear part, sine and cosine of theta_1 and theta_2, shear displacement
+# over r_s at both, and what the stresses need.
 FRONT, REAR, SIN_1, COS_1, SIN_2, COS_2, THETA_2, JOIN_1, JOIN_2 = _offsets(16, 9)
 N, TAN_PHI, RS_OVER_K = _offsets(25, 3)
 
@@ -34,8 +34,8 @@ NORMAL, PULL, MOMENT = _offsets(38, 3)
 N_SIGMA_1, N_SIGMA_2, N_TAU_1, N_TAU_2, PULL_TAU_1, PULL_TAU_2, PULL_SIGMA_1, PULL_SIGMA_2 = _offsets(41, 8)
 RESULTS = NORMAL
 
-# The sinkage solver: load, log z and log(F_N / W) now and before, slope between them and its last relative change,
-# bracket, highest log z, and whether the lane is done; the other forces before, and their slopes in log z.
+# The sinkage solver: load, log z and log(F_N / W) now and before, slope between them and its last relative
+# change, bracket, highest log z, whether the lane is done; then the other forces before, and their slopes.
 LOAD, X, F, X_BEFORE, F_BEFORE, SLOPE, CHANGE, LOW, HIGH, TOP, DONE = _offsets(49, 11)
 PULL_BEFORE, MOMENT_BEFORE, PULL_SLOPE, MOMENT_SLOPE = _offsets(60, 4)
 SIZE = 64 * LANES

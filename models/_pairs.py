@@ -8,7 +8,7 @@ from bayesterra.models._compiled import Lanes, Whole, compiled
 from bayesterra.models.checks import FloatArray
 
 Codes = NDArray[np.int8]
-Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether to keep the good rows of a bad set
+Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count
 OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE = range(5)  # conditions.Status
 
 

@@ -1,7 +1,7 @@
 """Compiled sinkage solve F_N(z) = W for eight pairs at a time: secant steps in (log z, log F_N), bracketed.
 
-F_N is close to a power of z, so in logarithms the secant converges fast. A few nodes bring the pair near, all nodes
-finish; the last step is so small that F_DP and M_DR are carried along it linearly instead of being evaluated again.
+F_N is close to a power of z, so in logarithms the secant converges fast. A few nodes bring the pair near, all
+nodes finish; the last step is so small that F_DP and M_DR are carried along it linearly, not evaluated again.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ _ROUGH_STEPS, _STEPS = 10, 100
 
 @compiled
 def start(ws: Lanes) -> None:
-    """Guess log z from bearing alone on a short arc: F_N ~ b K_s z^N sqrt(2 r z) times the mean of (1 - x^2)^N."""
+    """Guess log z from bearing on a short arc: F_N ~ b K_s z^N sqrt(2 r z) times a mean of (1 - x^2)^N."""
     for i in range(at.LANES):
         n = ws[at.N0 + i] + ws[at.N1 + i] * ws[at.EXPONENT_SLIP + i]
         ratio = ws[at.C1 + i] + ws[at.C2 + i] * ws[at.SLIP + i]
@@ -60,7 +60,7 @@ def rough_search(ws: Lanes, model: int) -> None:
 
 @compiled
 def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
-    """Copy the state of a lane's solve into another tray, without its bracket, which few nodes may have got wrong."""
+    """Copy a lane's solve into another tray, without its bracket, which few nodes may have got wrong."""
     for q in (at.LOAD, at.X, at.SLOPE, at.CHANGE, at.TOP, at.PULL_SLOPE, at.MOMENT_SLOPE):
         target[q + slot] = source[q + lane]
     _forget(target, slot)
@@ -123,12 +123,12 @@ def _update_slope(ws: Lanes, i: int) -> None:
 @inlined
 def _is_at_top(ws: Lanes, i: int) -> bool:
     """Tell whether a lane has shown that no sinkage below the radius carries its load."""
-    return ws[at.X + i] >= ws[at.TOP + i] and ws[at.F + i] < -_ACCURACY
+    return bool(ws[at.X + i] >= ws[at.TOP + i] and ws[at.F + i] < -_ACCURACY)
 
 
 @inlined
 def _is_settled(ws: Lanes, i: int) -> bool:
-    """Tell whether one more step, not evaluated, meets the load; its error is the misfit times the slope's error."""
+    """Tell whether one more step, not evaluated, meets the load: misfit times error of the slope is small."""
     misfit, slope = abs(ws[at.F + i]), ws[at.SLOPE + i]
     is_near = misfit < _LAST * min(1.0, slope) and misfit * ws[at.CHANGE + i] < _ACCURACY
     return is_near or _is_at_top(ws, i)
@@ -136,7 +136,7 @@ def _is_settled(ws: Lanes, i: int) -> bool:
 
 @inlined
 def _advance(ws: Lanes, i: int) -> None:
-    """Move a lane by a secant step; where that leaves the bracket, to its middle or to the highest sinkage."""
+    """Move a lane by a secant step; outside the bracket, to its middle or to the highest sinkage."""
     x, f, top = ws[at.X + i], ws[at.F + i], ws[at.TOP + i]
     if f < 0.0:
         ws[at.LOW + i] = x

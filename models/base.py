@@ -16,6 +16,7 @@ from bayesterra.models.soil import Soil
 from bayesterra.models.wheel import Wheel
 
 Codes = NDArray[np.int8]
+_CONTACT_RULE = "must lie between c3 and 1, and c3 in [-1, 1)"
 ShearStart = Literal["transition", "rim", "tip"]
 
 
@@ -34,7 +35,7 @@ class _Pairs:
         t, slip = self.theta.T, self.conditions.slip
         for code, name, rule, value in (
             (Status.EXPONENT, "n0 + n1 s", "must be positive", t[1] + t[2] * slip),
-            (Status.CONTACT_ANGLE, "c1 + c2 s", "must lie between c3 and 1, and c3 in [-1, 1)", t[6] + t[7] * slip),
+            (Status.CONTACT_ANGLE, "c1 + c2 s", _CONTACT_RULE, t[6] + t[7] * slip),
             (Status.LOAD, "load", "must be carried by a sinkage below the wheel radius", self.given),
         ):
             require(codes != code, name, rule, value.reshape(self.shape))
@@ -44,9 +45,10 @@ class _Pairs:
 class WheelSoilModel(ABC):
     """A model from (soil, wheel, slip, sinkage) to forces, and from (soil, wheel, slip, load) to sinkage.
 
-    Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values outside
-    the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter sets (n, 9) in
-    the order of SOIL_FIELDS against m rows, a status code in place of an error, NaN where the status is not OK.
+    Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values
+    outside the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter
+    sets (n, 9) in the order of SOIL_FIELDS against m rows, a status code in place of an error, NaN where the
+    status is not OK.
     """
 
     transition_slips: tuple[float, float] = (0.15, 0.5)
@@ -63,7 +65,8 @@ class WheelSoilModel(ABC):
         if not 0 <= first < second <= 1:
             raise ValueError(f"'transition_slips' must rise within [0, 1] (got {self.transition_slips})")
         if self.shear_start not in SHEAR_STARTS:
-            raise ValueError(f"'shear_start' must be one of {', '.join(SHEAR_STARTS)} (got {self.shear_start!r})")
+            names = ", ".join(SHEAR_STARTS)
+            raise ValueError(f"'shear_start' must be one of {names} (got {self.shear_start!r})")
 
     @property
     def name(self) -> str:
@@ -76,7 +79,7 @@ class WheelSoilModel(ABC):
         return Forces(*(plain(values[:, i].reshape(shape)) for i in range(3)))
 
     def components(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Components:
-        """Return F_N and F_DP by stress and by part of the arc, eq. (15); M3 leaves F_Ntau out, so it is zero."""
+        """Return F_N and F_DP by stress and by part of the arc, eq. (15); M3 has no F_Ntau, so it is zero."""
         values, shape = self._results(soil, wheel, slip, sinkage, width=11)
         return Components(*(plain(values[:, i].reshape(shape)) for i in range(3, 11)))
 
@@ -87,14 +90,16 @@ class WheelSoilModel(ABC):
         pairs = self._pairs(soil, wheel, slip, load=load)
         require(pairs.given > 0, "load", "must be positive", pairs.given.reshape(pairs.shape))
         given = pairs.given[:, None]
-        values, status = batch.response(pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True))
+        values, status = batch.response(
+            pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True)
+        )
         pairs.check(status)
         return plain(values[:, 0, 0].reshape(pairs.shape))
 
     def stresses(
         self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats
     ) -> tuple[Floats, Floats]:
-        """Return normal and shear stress in Pa at `angle` in rad from the vertical; zero off the contact arc."""
+        """Return normal and shear stress in Pa at `angle` in rad from the vertical; zero off the arc."""
         pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
         _check_sinkage(pairs, wheel)
         theta, slips, depth, angles = np.broadcast_arrays(
@@ -121,7 +126,7 @@ class WheelSoilModel(ABC):
     def response_at(
         self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, every_row: bool = False
     ) -> tuple[FloatArray, Codes]:
-        """Return z, F_DP, M_DR (n, m, 3) and status (n, m) under positive `load` (m,) or (n, m); see `forces_at`."""
+        """Return z, F_DP, M_DR (n, m, 3) and status (n, m) under `load` (m,) or (n, m); see `forces_at`."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
@@ -159,7 +164,7 @@ class WheelSoilModel(ABC):
         return values[:, 0], pairs.shape
 
     def _pairs(self, soil: Soil, wheel: Wheel, slip: Floats, **given: Floats) -> _Pairs:
-        (name, value), = given.items()
+        ((name, value),) = given.items()
         fields = np.moveaxis(soil.as_array(), -1, 0)
         *theta, slips, values = np.broadcast_arrays(*fields, as_floats("slip", slip), as_floats(name, value))
         require((slips >= 0) & (slips < 1), "slip", "must lie in [0, 1)", slips)
@@ -182,8 +187,8 @@ class WheelSoilModel(ABC):
         slip = conditions.slip
         exponent_slip = np.zeros_like(slip) if self.constant_exponent else slip
         start = np.asarray(self._start_radius(conditions, slip))
-        columns = (slip, exponent_slip, conditions.radius, conditions.width, start, conditions.shearing_radius)
-        return np.ascontiguousarray(np.stack(columns, axis=-1))
+        wheel = (conditions.radius, conditions.width, start, conditions.shearing_radius)
+        return np.ascontiguousarray(np.stack((slip, exponent_slip, *wheel), axis=-1))
 
     def _plan(self, *, paired: bool = False, every_row: bool = False) -> tuple[int, int, bool]:
         return self._code, int(paired), every_row

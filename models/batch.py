@@ -15,7 +15,9 @@ Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes],
 
 def parameters(theta: ArrayLike) -> FloatArray:
     """Return `theta` as a C-contiguous, writable (n, 9) array."""
-    array = np.require(theta, dtype=np.float64, requirements=["C", "W"])  # one kernel: read-only is another type
+    array = np.require(
+        theta, dtype=np.float64, requirements=["C", "W"]
+    )  # one kernel: read-only is another type
     if array.ndim != 2 or array.shape[1] != 9:
         raise ValueError(f"'theta' must have shape (n, 9) (got {array.shape})")
     return array

@@ -6,9 +6,9 @@ from enum import IntEnum
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayesterra.models.checks import FloatArray, as_floats, require
-from bayesterra.models.geometry import Floats
 from bayesterra.models.wheel import Wheel
 
 
@@ -37,19 +37,25 @@ class Conditions:
     shearing_radius: FloatArray
 
     @classmethod
-    def of(cls, wheels: Wheel | Sequence[Wheel], slip: Floats | Sequence[float], phi: float | None = None) -> Self:
+    def of(cls, wheels: Wheel | Sequence[Wheel], slip: ArrayLike, phi: float | None = None) -> Self:
         """Return the conditions of one wheel, or of one wheel per row, at `slip` (m,).
 
-        `phi` serves wheels whose shearing-radius coefficient comes from equation (2). Raises ValueError for slips
-        outside [0, 1), and where `phi` is needed and missing.
+        `phi` serves wheels whose shearing-radius coefficient comes from equation (2). Raises ValueError for
+        slips outside [0, 1), and where `phi` is needed and missing.
         """
         slips = np.atleast_1d(as_floats("slip", np.asarray(slip, dtype=np.float64)))
         require((slips >= 0) & (slips < 1), "slip", "must lie in [0, 1)", slips)
         rows = [wheels] * slips.size if isinstance(wheels, Wheel) else list(wheels)
-        require(len(rows) == slips.size, "wheels", f"must be one wheel or one per row ({slips.size})", len(rows))
-        dimensions = ([getattr(w, name) for w in rows] for name in ("radius", "width", "lug_height"))
-        arrays = [np.asarray(values, dtype=np.float64) for values in dimensions]
-        return cls(slips, *arrays, np.array([_shearing_radius(wheel, phi) for wheel in rows], dtype=np.float64))
+        require(
+            len(rows) == slips.size, "wheels", f"must be one wheel or one per row ({slips.size})", len(rows)
+        )
+        return cls(
+            slips,
+            np.array([float(wheel.radius) for wheel in rows]),
+            np.array([float(wheel.width) for wheel in rows]),
+            np.array([float(wheel.lug_height) for wheel in rows]),
+            np.array([_shearing_radius(wheel, phi) for wheel in rows]),
+        )
 
 
 def _shearing_radius(wheel: Wheel, phi: float | None) -> float:

@@ -13,7 +13,7 @@ from bayesterra.models.wheel import Wheel
 
 @dataclass(frozen=True)
 class Contact:
-    """A wheel in the soil: exponent and angles of Ding et al. 2015, eqs. (5)-(8), (12); all fields broadcast."""
+    """A wheel in the soil: exponent and angles, Ding et al. 2015, eqs. (5)-(8), (12); fields broadcast."""
 
     soil: Soil
     wheel: Wheel

@@ -19,7 +19,7 @@ class Forces:
 
 @dataclass(frozen=True)
 class Components:
-    """The shares of F_N and F_DP, Ding et al. 2015, eq. (15): by stress and by part, 1 front and 2 rear; N."""
+    """Shares of F_N and F_DP in N, Ding et al. 2015, eq. (15): by stress and part, 1 front and 2 rear."""
 
     F_Nsigma1: Floats
     F_Nsigma2: Floats

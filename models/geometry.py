@@ -38,7 +38,7 @@ def shearing_radius_coefficient(radius: Floats, lug_height: Floats, lug_count: i
 
 
 def minimum_lug_height(radius: Floats, lug_count: int, phi: Floats, lug_friction: Floats) -> Floats:
-    """Return the lug height h_min from which (9) holds, eq. (10); `lug_friction` from 0 (none) to 1 (full)."""
+    """Return the least lug height for which (9) holds, eq. (10); `lug_friction` from 0 to 1 (full)."""
     _check_lugs(1.0, lug_count)
     slope = np.tan(np.pi / 4 - np.asarray(phi) / 2)
     pitch = 2.0 * np.pi / lug_count
@@ -48,8 +48,12 @@ def minimum_lug_height(radius: Floats, lug_count: int, phi: Floats, lug_friction
 
 
 def shear_start_radius(
-    radius: Floats, lug_height: Floats, slip: Floats, *,
-    transition_slips: tuple[float, float] = (0.15, 0.5), shear_start: str = "transition",
+    radius: Floats,
+    lug_height: Floats,
+    slip: Floats,
+    *,
+    transition_slips: tuple[float, float] = (0.15, 0.5),
+    shear_start: str = "transition",
 ) -> Floats:
     """Return R_j, eq. (13), or its variants R_j = r ("rim") and R_j = r + h ("tip")."""
     if shear_start == "rim":
@@ -62,7 +66,7 @@ def shear_start_radius(
 
 
 def slip_from_speeds(angular_speed: Floats, travel_speed: Floats, radius: Floats) -> Floats:
-    """Return the slip on `radius`, eq. (3): over the circumferential speed when driving, the travel speed when braking.
+    """Return the slip on `radius`, eq. (3), positive when driving, negative when braking.
 
     Raises ValueError where both speeds are zero, or either is negative.
     """
@@ -75,10 +79,11 @@ def slip_from_speeds(angular_speed: Floats, travel_speed: Floats, radius: Floats
 
 
 def convert_slip(slip: Floats, from_radius: Floats, to_radius: Floats) -> Floats:
-    """Return driving slip on `to_radius` from slip on `from_radius`: s = 1 - (r_from/r_to)(1 - s_from), eq. (3)."""
+    """Return driving slip on another radius, s = 1 - (r_from/r_to)(1 - s_from), from eq. (3)."""
     return plain(np.asarray(1.0 - np.asarray(from_radius) / to_radius * (1.0 - np.asarray(slip))))
 
 
 def _check_lugs(lug_height: Floats, lug_count: int) -> None:
-    require(np.asarray(lug_height) > 0, "lug_height", "must be positive for equations (2) and (10)", lug_height)
+    height = np.asarray(lug_height)
+    require(height > 0, "lug_height", "must be positive for equations (2) and (10)", height)
     require(lug_count >= 3, "lug_count", "must be at least 3 for equations (2) and (10)", lug_count)

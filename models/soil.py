@@ -43,7 +43,8 @@ class Soil:
 
     def as_array(self) -> FloatArray:
         """Return the parameters in the order of SOIL_FIELDS along a last axis of nine."""
-        return np.stack(np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in astuple(self))), axis=-1)
+        values = (np.asarray(value, dtype=np.float64) for value in astuple(self))
+        return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
 SOIL_FIELDS = tuple(field.name for field in fields(Soil))

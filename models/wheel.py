@@ -43,9 +43,8 @@ class Wheel:
         shape = np.shape(phi)
         if self.lug_height == 0:
             return plain(np.full(shape, float(self.radius)))
-        coefficient = self.shearing_radius_coefficient
-        if coefficient is None:
-            coefficient = self._coefficient_from_friction(phi)
+        given = self.shearing_radius_coefficient
+        coefficient = self._coefficient_from_friction(phi) if given is None else given
         return plain(np.broadcast_to(self.radius + np.asarray(coefficient) * self.lug_height, shape).copy())
 
     def _coefficient_from_friction(self, phi: float | FloatArray) -> float | FloatArray:
