@@ -1,1 +1,65 @@
-"""Bayesian inference for the mechanical parameters of planetary soil."""
+"""Bayesian inference for the mechanical parameters of planetary soil from wheel tests.
+
+>>> import bayesterra as bt
+>>> wheel = bt.Wheel(radius=0.135, width=0.165, lug_height=0.015, lug_count=24)
+>>> round(wheel.shearing_radius(0.5568), 4)
+0.1462
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
+    from bayesterra.identification import Fit, fit
+    from bayesterra.models import Soil, Wheel
+    from bayesterra.noise import Noise
+    from bayesterra.posteriors import Posterior, posterior
+    from bayesterra.priors import Law, Prior
+    from bayesterra.simulation import simulate
+    from bayesterra.study import Study, load_study
+    from bayesterra.workflow import RunResult, load_result, run
+
+_HOMES = {
+    "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
+    "identification": ("Fit", "fit"),
+    "models": ("Soil", "Wheel"),
+    "noise": ("Noise",),
+    "posteriors": ("Posterior", "posterior"),
+    "priors": ("Law", "Prior"),
+    "simulation": ("simulate",),
+    "study": ("Study", "load_study"),
+    "workflow": ("RunResult", "load_result", "run"),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "BayesterraError",
+    "Fit",
+    "Law",
+    "Noise",
+    "Posterior",
+    "Prior",
+    "ResultError",
+    "RunResult",
+    "Soil",
+    "Study",
+    "StudyError",
+    "SupportError",
+    "Wheel",
+    "fit",
+    "load_result",
+    "load_study",
+    "posterior",
+    "run",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name where it is first used: help and version must come at once."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'bayesterra' has no attribute {name!r}")
+    return getattr(import_module(f"bayesterra.{_HOME[name]}"), name)

@@ -58,7 +58,7 @@ def run(
     from bayesterra.study import load_study
 
     loaded = load_study(study)  # mistakes in it are reported before the sampler's libraries are loaded
-    from bayesterra.run import run_study
+    from bayesterra.workflow import run_study
 
     folder = out or beside(study, "result")
     result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, quiet=quiet)

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.posterior import INSIDE, REASONS, Posterior
+from bayesterra.posteriors import INSIDE, REASONS, Posterior
 
 
 @dataclass(frozen=True)

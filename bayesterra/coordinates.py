@@ -26,7 +26,7 @@ from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import NOISE_PREFIX
-from bayesterra.posterior import Posterior
+from bayesterra.posteriors import Posterior
 from bayesterra.priors import Law
 
 

@@ -126,7 +126,7 @@ class Diagnosis:
     Attributes
     ----------
     names : parameters.
-    ess_bulk, ess_tail, r_hat, tau : per parameter; τ (steps) is the largest over ensembles.
+    ess_bulk, ess_tail, r_hat, tau : per parameter; τ (steps) is pooled over ensembles.
     acceptance : share of accepted steps, over all walkers.
     steps : kept steps per walker.
     checks : every test with its threshold.
@@ -171,7 +171,7 @@ def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, tar
     bulk = np.array([bulk_size(column) for column in columns])
     tail = np.array([tail_size(column) for column in columns])
     hats = np.array([r_hat(column) for column in columns])
-    tau = np.array([autocorrelation_time(column).max() for column in columns])
+    tau = chains.shape[0] * chains.shape[1] * chains.shape[2] / np.array([effective_size(c) for c in columns])
     checks = _checks(names, bulk, tail, hats, tau, chains.shape[1], accepted, target_ess)
     return Diagnosis(
         tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks

@@ -20,7 +20,7 @@ from bayesterra.identifiability import Identifiability, identifiability
 from bayesterra.identification import Fit, fit_all, report_table
 from bayesterra.mode import Mode, find_mode
 from bayesterra.parameters import NOISE_PREFIX, PARAMETERS, Parameter
-from bayesterra.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
+from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.predictive import predict_curves, predict_rows, predictive_table
 from bayesterra.record import run_record
 from bayesterra.results import Result, curves_dataset, draws_tree
@@ -90,8 +90,8 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     samples = sample(target, study.sampling, sampling, report)
     report(Progress("comparing", 1.0))
     kept = keep(samples.chains)
-    mode = find_mode(target, _subset(kept.flat, 4000))
     fits, refused = fit_all(study)
+    mode = find_mode(target, _subset(kept.flat, 4000), [fitted.values() for fitted in fits.values()])
     analysis = Analysis(study, target, prior, samples, kept, mode, fits, refused)
     result = analysis.result(default_rng(predicting))
     seconds = {**samples.seconds, "total": time.perf_counter() - started}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,10 @@ from scipy.optimize import LinearConstraint, minimize
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.parameters import NOISE_PREFIX
-from bayesterra.posterior import Posterior
+from bayesterra.posteriors import Posterior
 
 STARTS = 8
+EDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,23 @@ class Mode:
     starts: int
 
 
-def find_mode(posterior: Posterior, draws: FloatArray) -> Mode:
+def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping[str, float]] = ()) -> Mode:
     """Maximise the posterior density of the soil parameters, noise held at its posterior median.
 
     Parameters
     ----------
     posterior : the density.
     draws : posterior draws (n, d); the densest of them are starting points, their spread sets the scales.
+    guesses : further starting points, soil parameters by name.
     """
     soil = np.array([not name.startswith(NOISE_PREFIX) for name in posterior.names])
     held = np.where(soil, draws, np.median(draws, axis=0))
     density = posterior.log_density(held)
     starts = held[np.argsort(-density, kind="stable")[_spaced(len(held))]]
+    median = dict(zip(posterior.names, np.median(held, axis=0), strict=True))
+    others = [[{**median, **guess}[name] for name in posterior.names] for guess in guesses]
+    starts = np.vstack([starts, *others])
+    starts = starts[posterior.log_density(starts) > -np.inf]
     objective = _Objective(posterior, soil, np.cov(held[:, soil].T).reshape(soil.sum(), -1))
     ends = np.array([objective.climb(start) for start in starts])
     levels = posterior.log_density(ends)
@@ -68,54 +74,66 @@ class _Objective:
     covariance: FloatArray
 
     def climb(self, start: FloatArray) -> FloatArray:
-        """Climb from a starting point (d,) inside the prior's range; returns the best point met."""
+        """Climb from a starting point (d,) inside the support; returns the best point met."""
         factor: FloatArray = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
-        ranges = np.array([law.range for law in self.posterior.prior.laws.values()], dtype=np.float64)
-        low, high = ranges[self.soil].T
+        rows, low, high = self._limits()
         x = start
-        for _ in range(3):  # a restart forgets a stale curvature estimate
+        for _ in range(6):  # a restart forgets a stale curvature estimate
             base = x[self.soil]
-            inside = LinearConstraint(factor, low - base, high - base)
+            inside = LinearConstraint(rows @ factor, low - rows @ base, high - rows @ base)
             step = minimize(
-                self._slope(x, factor, low, high),
+                self._slope(x, factor),
                 np.zeros(len(base)),
                 jac=True,
                 method="SLSQP",
                 constraints=[inside],
                 options={"maxiter": 200, "ftol": 1e-12},
             )
-            new = self._at(x, np.clip(base + factor @ step.x, low, high))
+            new = self._at(x, base + factor @ step.x)
             before, after = self.posterior.log_density(np.stack([x, new]))
             if not after > before:
                 break
             x = new
-            if after - before < 1e-9:
+            if after - before < 1e-7:
                 break
         return x
 
+    def _limits(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Linear limits of the support: the prior's ranges, and θ2 < θm < θ1 at the outermost slips."""
+        names = [name for name, soil in zip(self.posterior.names, self.soil, strict=True) if soil]
+        ranges = np.array([self.posterior.prior.laws[name].range for name in names], dtype=np.float64)
+        rows, low, high = [np.eye(len(names))], [ranges[:, 0]], [ranges[:, 1]]
+        fixed, slip = self.posterior.prior.fixed, self.posterior.likelihood.forward.conditions.slip
+        for s in (slip.min(), slip.max()):
+            weights = {"c1": 1.0, "c2": float(s)}
+            known = sum(weights[name] * fixed[name] for name in weights if name in fixed)
+            rows.append(np.array([[weights.get(name, 0.0) for name in names]]))
+            low.append(np.array([max(fixed.get("c3", -1.0), -1.0) - known + EDGE]))
+            high.append(np.array([1.0 - known - EDGE]))
+        return np.vstack(rows), np.concatenate(low), np.concatenate(high)
+
     def _at(self, x: FloatArray, soil_values: FloatArray) -> FloatArray:
+        """Put soil values into a parameter set, inside the prior's ranges to the last digit."""
         moved = x.copy()
         moved[self.soil] = soil_values
-        return moved
+        ranges = np.array([law.range for law in self.posterior.prior.laws.values()])
+        return np.asarray(np.clip(moved, ranges[:, 0], ranges[:, 1]))
 
-    def _slope(
-        self, x: FloatArray, factor: FloatArray, low: FloatArray, high: FloatArray
-    ) -> Callable[[FloatArray], tuple[float, FloatArray]]:
+    def _slope(self, x: FloatArray, factor: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
         """Value and gradient by central differences, one-sided at an edge of the support."""
-        d, width = len(low), 1e-4 * np.sqrt(np.diagonal(self.covariance))
+        widths = 1e-4 * np.sqrt(np.diagonal(self.covariance))
+        steps = np.zeros((len(widths), len(x)))
+        steps[:, self.soil] = np.diag(widths)
 
         def value_and_gradient(y: FloatArray) -> tuple[float, FloatArray]:
-            centre = np.clip(x[self.soil] + factor @ y, low, high)
-            points = np.repeat(centre[None], 2 * d + 1, axis=0)
-            points[1 : d + 1] += np.diag(np.minimum(width, high - centre))
-            points[d + 1 :] -= np.diag(np.minimum(width, centre - low))
-            sets = np.repeat(x[None], len(points), axis=0)
-            sets[:, self.soil] = points
-            level = self.posterior.log_density(sets)
+            centre = self._at(x, x[self.soil] + factor @ y)
+            level = self.posterior.log_density(np.vstack([centre, centre + steps, centre - steps]))
             if np.isneginf(level[0]):
-                return 1e10, np.zeros(d)
-            level = np.where(np.isneginf(level), level[0], level)
-            run = np.diagonal(points[1 : d + 1] - points[d + 1 :])
-            return -float(level[0]), -factor.T @ ((level[1 : d + 1] - level[d + 1 :]) / run)
+                return 1e10, np.zeros(len(widths))
+            ahead, behind = level[1 : len(widths) + 1], level[len(widths) + 1 :]
+            run = widths * ((ahead > -np.inf).astype(float) + (behind > -np.inf))
+            ahead, behind = (np.where(np.isneginf(side), level[0], side) for side in (ahead, behind))
+            slope = np.divide(ahead - behind, run, out=np.zeros_like(run), where=run > 0)
+            return -float(level[0]), -factor.T @ slope
 
         return value_and_gradient

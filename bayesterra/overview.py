@@ -12,7 +12,7 @@ from rich.table import Table
 from bayesterra.arrays import FloatArray
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posterior import draw_cut_prior, posterior
+from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.priors import RANGED, Law
 from bayesterra.simulation import Truth
 from bayesterra.study import Study

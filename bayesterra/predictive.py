@@ -12,7 +12,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood import Forward, Likelihood
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS
-from bayesterra.posterior import Posterior
+from bayesterra.posteriors import Posterior
 from bayesterra.study import Study
 
 GRID = 41

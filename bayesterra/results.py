@@ -13,7 +13,7 @@ import xarray as xr
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood import Likelihood
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.posterior import Posterior
+from bayesterra.posteriors import Posterior
 from bayesterra.predictive import Curves, RowPredictions
 from bayesterra.study import Study
 

@@ -15,7 +15,7 @@ from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
 from bayesterra.likelihood import Forward, Likelihood
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.posterior import REASONS, Posterior, draw_cut_prior, posterior
+from bayesterra.posteriors import REASONS, Posterior, draw_cut_prior, posterior
 from bayesterra.priors import Law
 from bayesterra.study import Study
 from bayesterra.writing import simulated_toml

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.diagnostics import Diagnosis, diagnose
-from bayesterra.posterior import Posterior, draw_cut_prior
+from bayesterra.posteriors import Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.ensemble import Ensemble
 from bayesterra.study import SamplingOptions

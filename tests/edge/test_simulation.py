@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError, SupportError
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.posterior import posterior
+from bayesterra.posteriors import posterior
 from bayesterra.priors import Law
 from bayesterra.simulation import simulate, true_values, write_simulated
 from bayesterra.study import Study, load_study

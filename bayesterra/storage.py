@@ -1,0 +1,75 @@
+"""Result folders: the only module that knows their file formats."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from bayesterra.errors import ResultError, StudyError
+from bayesterra.folders import write_text
+from bayesterra.results import Result
+from bayesterra.study import load_study
+from bayesterra.writing import write_study
+
+TABLES = ("summary", "least_squares", "identifiability", "predictive")
+
+
+def write_result(result: Result, folder: Path) -> None:
+    """Write draws, tables, record and a copy of the study into an existing folder."""
+    # each dataset is written on its own terms: draws compress well, coordinates need no chunks
+    encoding = {
+        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
+        for node in result.draws.subtree
+        if node.data_vars
+    }
+    result.draws.to_netcdf(folder / "draws.nc", engine="h5netcdf", encoding=encoding)
+    for name in TABLES:
+        write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
+    write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
+    write_study(result.study, folder)
+
+
+def _numeric(node: xr.DataTree) -> list[str]:
+    return [str(name) for name, values in node.data_vars.items() if values.dtype.kind in "fi" and values.ndim]
+
+
+def _plain(value: Any) -> Any:
+    """A value that JSON can hold: NaN and infinities become null, NumPy numbers Python ones."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_result(folder: Path) -> Result:
+    """Read a result folder.
+
+    Raises
+    ------
+    ResultError : the folder is missing, incomplete or damaged.
+    """
+    if not folder.is_dir():
+        raise ResultError(f"'{folder}' is not a result folder: there is no such folder")
+    missing = [name for name in _FILES if not (folder / name).is_file()]
+    if missing:
+        raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
+    try:
+        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
+        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
+        draws.close()
+        return Result(study=load_study(folder), draws=draws, record=record, **tables)
+    except StudyError:
+        raise
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
+
+
+_FILES = ("draws.nc", "run.json", "study.toml", "measurements.csv", *(f"{name}.csv" for name in TABLES))

@@ -1,0 +1,95 @@
+"""A study in, a result folder with its report out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Self
+
+from bayesterra import inference, report
+from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.results import Result
+from bayesterra.sampling.sampler import Progress
+from bayesterra.storage import read_result, write_result
+from bayesterra.study import Study
+
+__all__ = ["RunResult", "load_result", "run", "run_study"]
+
+
+class RunResult(Result):
+    """A result that can be saved as a folder with its report."""
+
+    @classmethod
+    def of(cls, result: Result) -> Self:
+        """The same result, with a report to write."""
+        return cls(**{field.name: getattr(result, field.name) for field in fields(Result)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the result folder, whole or not at all; returns the path of the report.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite) as part:
+            self._write(part)
+        return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
+        write_result(self, part)
+        report.write(self, part / "report.html")
+
+
+def run(
+    study: Study, *, seed: int = 1, progress: Callable[[Progress], None] = lambda update: None
+) -> RunResult:
+    """Sample the posterior of a study and compare it with least squares; see :func:`inference.run`."""
+    return RunResult.of(inference.run(study, seed=seed, report=progress))
+
+
+def load_result(folder: str | Path) -> RunResult:
+    """Read a saved result folder.
+
+    Raises
+    ------
+    ResultError : the folder is missing, incomplete or damaged.
+    """
+    return RunResult.of(read_result(Path(folder)))
+
+
+def run_study(
+    study: Study, *, out: Path, seed: int = 1, overwrite: bool = False, quiet: bool = False
+) -> RunResult:
+    """Run a study into a folder, with a progress bar on a terminal and a status file to poll.
+
+    Raises
+    ------
+    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    from bayesterra.console import progress_bar
+
+    check_free(out, overwrite=overwrite)
+    with whole_folder(out, overwrite=overwrite) as part:
+        status = part / "status.json"
+        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
+
+            def update(progress: Progress) -> None:
+                write_text(status, json.dumps(_status(progress)) + "\n")
+                show(progress)
+
+            result = run(study, seed=seed, progress=update)
+            show(Progress("writing the report", 1.0))
+            result._write(part)
+        status.unlink()
+    return result
+
+
+def _status(progress: Progress) -> dict[str, object]:
+    """What a poller of ``status.json`` sees."""
+    diagnosis = progress.diagnosis
+    known = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
+    return {"stage": progress.stage, "done": progress.done, "seconds_left": progress.seconds_left, **known}
