@@ -1,0 +1,88 @@
+"""The architecture that the folder listing shows is the one that the code has."""
+
+import ast
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} - {*(ROOT / "bayesterra" / "models").rglob("*.py")})
+MODELS = sorted((ROOT / "models").rglob("*.py"))
+
+ONLY_IN = {
+    "emcee": {"sampling/ensemble.py"},
+    "arviz_stats": {"diagnostics.py"},
+    "arviz_base": {"diagnostics.py"},
+    "h5netcdf": {"storage.py"},
+    "pint": {"units.py"},
+    "jinja2": {"report"},
+    "corner": {"figures"},
+    "matplotlib": {"figures"},
+    "typer": {"cli.py", "__main__.py"},
+}
+"""Outside libraries that one part of the package only may import."""
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level names that a source file imports, wherever in the file."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return plain | {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+
+
+@pytest.mark.parametrize("library", ONLY_IN)
+def test_outside_libraries_are_imported_in_one_place(library: str) -> None:
+    """A library with a seam of its own is imported behind that seam only."""
+    users = {
+        path.relative_to(ROOT / "bayesterra").as_posix()
+        for path in SOURCES
+        if any(name.split(".")[0] == library for name in imported(path))
+    }
+    strays = {user for user in users if not any(user.startswith(allowed) for allowed in ONLY_IN[library])}
+    assert not strays
+
+
+def test_models_know_no_statistics() -> None:
+    """The models import nothing of the package but each other."""
+    names = set().union(*(imported(path) for path in MODELS))
+    assert {name for name in names if name.startswith("bayesterra")} == {
+        name for name in names if name.startswith("bayesterra.models")
+    }
+
+
+def test_listed_packages_are_the_folders_that_exist() -> None:
+    """The packages of pyproject.toml are the folders with Python files, no more and no fewer."""
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in SOURCES}
+    assert listed == folders | {"bayesterra.models"}
+
+
+def test_models_are_not_importable_under_another_name() -> None:
+    """The folder models/ has one import name, so no class exists twice."""
+    done = subprocess.run([sys.executable, "-c", "import models"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "bayesterra.models" in done.stderr
+
+
+def test_public_names_exist_and_do_not_clash_with_modules() -> None:
+    """Every public name resolves, and no module shadows one."""
+    import bayesterra
+
+    for name in bayesterra.__all__:
+        assert getattr(bayesterra, name) is not None
+    modules = {path.stem for path in (ROOT / "bayesterra").iterdir()}
+    assert not modules & set(bayesterra.__all__)
+
+
+def test_help_comes_without_the_heavy_libraries() -> None:
+    """The command line starts in a blink: help imports none of the large libraries."""
+    code = (
+        "import sys; from typer.testing import CliRunner; from bayesterra.cli import app;"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0;"
+        "print(sorted({'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'emcee', 'xarray'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
