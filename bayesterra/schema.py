@@ -42,7 +42,8 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 
 def _bare(info: ValidationInfo) -> bool:
-    return bool(info.context and info.context.get("bare"))
+    """Whether numbers are SI values: they are unless a file is read."""
+    return info.context is None or bool(info.context.get("bare"))
 
 
 def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | None:
@@ -249,7 +250,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 _ADAPTER = TypeAdapter(StudyContent)
 
 
-_HOMES = {
+_HOMES: dict[str, Any] = {
     "data": DataTable,
     "wheels.<name>": WheelTable,
     "model_options": ModelOptions,

@@ -15,6 +15,7 @@ ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcs
 
 _EXAMPLES = {"": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m"}
 _NAMES = {"": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque"}
+_FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
@@ -111,7 +112,19 @@ def column_header(header: str) -> tuple[str, str | None]:
     return name, None if unit is None else unit.strip()
 
 
-def text(value: float, unit: str, scale: float) -> str:
-    """Write an SI value in a field unit, with 15 digits; ``scale`` is the SI value of one ``unit``."""
-    number = f"{value / scale:.15g}"
-    return number if unit in ("", "-") else f"{number} {unit}"
+def text(value: float, dimension: str) -> str | float:
+    """Write an SI value, in a field unit where that is exact, such that :func:`quantity` reads it back.
+
+    Parameters
+    ----------
+    value : SI value.
+    dimension : as in :func:`quantity`; pure numbers stay numbers.
+    """
+    if not dimension:
+        return float(value)
+    unit = _FIELD_UNITS.get(dimension, dimension)
+    scale = factor(unit, dimension)
+    near = value / scale
+    candidates = (f"{near:.{digits}g}" for digits in (15, 16, 17))
+    exact = next((number for number in candidates if float(number) * scale == value), None)
+    return f"{float(value)!r} {dimension}" if exact is None else f"{exact} {unit}"

@@ -95,50 +95,39 @@ def _least_squares(study: Study) -> dict[str, object]:
 
 
 def _wheel(wheel: Wheel) -> dict[str, object]:
-    lengths = {name: text(getattr(wheel, name), "mm", 1e-3) for name in ("radius", "width", "lug_height")}
+    lengths = {name: text(getattr(wheel, name), "m") for name in ("radius", "width", "lug_height")}
     coefficient = wheel.shearing_radius_coefficient
     rest = {} if coefficient is None else {"shearing_radius_coefficient": coefficient}
     return {**lengths, "lug_count": wheel.lug_count, **rest}
 
 
 def _noise(noise: Noise) -> object:
-    channel = CHANNELS[noise.channel]
+    dimension = CHANNELS[noise.channel].dimension
     if noise.law is not None:
-        return {"estimate": _law(noise.law, channel.unit, channel.scale)}
+        return {"estimate": _law(noise.law, dimension)}
     if noise.fraction is not None:
-        return {"fraction": noise.fraction, "floor": text(noise.floor, channel.unit, channel.scale)}
-    return text(noise.sd or 0.0, channel.unit, channel.scale)
+        return {"fraction": noise.fraction, "floor": text(noise.floor, dimension)}
+    return text(noise.sd or 0.0, dimension)
 
 
 def _prior(name: str, entry: Law | float) -> object:
-    if isinstance(entry, Law):
-        return _law(entry, _unit(name), PARAMETERS[name].scale)
-    return _value(name, entry)
+    return _law(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
 
 
-def _law(law: Law, unit: str, scale: float) -> dict[str, object]:
+def _law(law: Law, dimension: str) -> dict[str, object]:
     """Location, scale and limits have the unit of the parameter, shape arguments have none."""
     known = {**law.shape, "lower": law.lower, "upper": law.upper}
     dimensional = ("loc", "scale", "lower", "upper")
     values = {
-        key: _text(value, unit, scale) if key in dimensional else value
+        key: text(value, dimension if key in dimensional else "")
         for key, value in known.items()
         if np.isfinite(value)
     }
     return {"dist": law.dist, **values}
 
 
-def _unit(name: str) -> str:
-    """The unit as it is written in study files: a modulus K_s is given as a pressure."""
-    return "kPa" if name == "Ks" else PARAMETERS[name].unit
-
-
 def _value(name: str, value: float) -> object:
-    return _text(value, _unit(name), PARAMETERS[name].scale)
-
-
-def _text(value: float, unit: str, scale: float) -> object:
-    return float(value) if unit == "-" else text(value, unit, scale)
+    return text(value, PARAMETERS[name].dimension)
 
 
 def _table(name: str, content: Mapping[str, object]) -> Iterator[str]:
