@@ -97,14 +97,16 @@ def largest_stress(theta: Complex, middle: Complex, at: Contact) -> Complex:
     Ks, n0, n1, *_ = theta
     half_sum, half_difference = (at.entrance + middle) / 2, (at.entrance - middle) / 2
     depth = 2 * at.radius * np.sin(half_sum) * np.sin(half_difference)
-    return Ks * np.exp((n0 + n1 * at.slip) * np.log(depth))
+    stress: Complex = Ks * np.exp((n0 + n1 * at.slip) * np.log(depth))
+    return stress
 
 
 def mobilised(theta: Complex, middle: Complex, at: Contact) -> Complex:
     """E of (19): the share of the shear strength that is mobilised at θm."""
     K = theta[5]
     path = (at.shear_start - middle) - (1 - at.slip) * (np.sin(at.shear_start) - np.sin(middle))
-    return -np.expm1(-at.shearing_radius * path / K)
+    share: Complex = -np.expm1(-at.shearing_radius * path / K)
+    return share
 
 
 def drawbar_pull_2(theta: Complex, at: Contact) -> Complex:
@@ -125,7 +127,8 @@ def resistance_moment_2(theta: Complex, at: Contact) -> Complex:
     _, middle, A, B, C = shape(theta, at)
     E, friction, r_s = mobilised(theta, middle, at), np.tan(theta[4]) / (at.radius * A), at.shearing_radius
     strength = at.width * theta[3] + at.normal * friction
-    return r_s**2 * C * E * strength / (1 + r_s * B * E * friction)
+    moment: Complex = r_s**2 * C * E * strength / (1 + r_s * B * E * friction)
+    return moment
 
 
 def drawbar_pull_3(theta: Complex, at: Contact) -> Complex:
@@ -147,7 +150,8 @@ def resistance_moment_3(theta: Complex, at: Contact) -> Complex:
     leaving, middle, *_ = shape(theta, at)
     cohesion = at.width * theta[3] * (at.entrance - leaving) / 2
     friction = at.normal * np.tan(theta[4]) / (at.radius * np.cos(middle))
-    return mobilised(theta, middle, at) * at.shearing_radius**2 * (cohesion + friction)
+    moment: Complex = mobilised(theta, middle, at) * at.shearing_radius**2 * (cohesion + friction)
+    return moment
 
 
 BOTH = ("normal_force", "resistance_moment")

@@ -33,7 +33,7 @@ class Fit:
     held : parameters that were not free.
     at_bound : free parameters within 1e-4 of their range from a bound.
     missing : parameters that could not be identified; ``notes`` say why.
-    clipped : θm/θ1 (or N) was kept inside the model's range for some row at the end.
+    clipped : at some slip, θm/θ1 (or N) was clipped to the model's range; with joint, it is at its edge.
     notes : in words, one line each.
     seconds : time taken.
     noise : typical standard deviation of each channel behind the weights of joint, SI; else empty.

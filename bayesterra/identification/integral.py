@@ -16,7 +16,11 @@ from bayesterra.likelihood import Forward
 from bayesterra.models import M1
 from bayesterra.parameters import SOIL_PARAMETERS
 
-MAX_PASSES = 300
+MAX_PASSES = 100
+
+STALL = 10
+"""Passes without a new smallest change after which the passes are given up."""
+
 _SHEAR = [SOIL_PARAMETERS.index(name) for name in ("c", "phi")]
 _ANGLE = {SOIL_PARAMETERS.index(name) for name in ("c1", "c2")}
 
@@ -66,10 +70,11 @@ def integral_steps(readings: Readings, model: M1) -> list[Step]:
 
 @dataclass(frozen=True)
 class Passes:
-    """Parameters (9,) after each pass, and whether the passes came to rest with every inner fit at a minimum."""
+    """Parameters (9,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
 
     path: tuple[FloatArray, ...]
     converged: bool
+    rested: bool
 
 
 def iterate(plan: Plan, settings: Settings) -> Passes:
@@ -79,23 +84,33 @@ def iterate(plan: Plan, settings: Settings) -> Passes:
     bounds. At least two passes are made, because the first one leaves the shear stress out of F_N.
     """
     path = [one_pass(plan, settings.start, settings, first=True)]
-    while len(path) < MAX_PASSES:
+    changes: list[float] = []
+    while len(path) < MAX_PASSES and len(changes) - _smallest(changes) <= STALL:
         path.append(one_pass(plan, path[-1][0], settings, first=False))
-        if _change(path[-1][0] - path[-2][0], plan, settings) < settings.delta:
-            return Passes(tuple(theta for theta, _ in path), path[-1][1])
-    return Passes(tuple(theta for theta, _ in path), converged=False)
+        changes.append(_change(path[-1][0] - path[-2][0], plan, settings))
+        if changes[-1] < settings.delta:
+            return Passes(tuple(theta for theta, _ in path), path[-1][1], rested=True)
+    return Passes(tuple(theta for theta, _ in path), converged=False, rested=False)
+
+
+def _smallest(changes: list[float]) -> int:
+    return int(np.argmin(changes)) if changes else 0
 
 
 def one_pass(plan: Plan, theta: FloatArray, settings: Settings, *, first: bool) -> tuple[FloatArray, bool]:
     """Parameters after fitting every step once, and whether all of them ended at a minimum."""
     converged = True
     for step in plan.steps:
-        curve = step.curve
-        if first and step.group == "P_I" and isinstance(curve, ForceCurve):
-            step = replace(step, curve=replace(curve, shearless=True))
-        minimum = step.run(theta, settings)
+        minimum = (_shearless(step) if first else step).run(theta, settings)
         theta, converged = minimum.theta, converged and minimum.converged
     return theta, converged
+
+
+def _shearless(step: Step) -> Step:
+    """The step as the first pass makes it: F_N without the shear stress, which is not known yet."""
+    if step.group == "P_I" and isinstance(step.curve, ForceCurve):
+        return replace(step, curve=replace(step.curve, shearless=True))
+    return step
 
 
 def _change(difference: FloatArray, plan: Plan, settings: Settings) -> float:

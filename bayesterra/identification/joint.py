@@ -7,19 +7,20 @@ the method, joint against the posterior the uncertainty. Laws of the prior enter
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
+from bayesterra.identification.angles import boxes
 from bayesterra.identification.fits import error_figure
 from bayesterra.identification.settings import Settings
-from bayesterra.identification.solver import Minimum, minimise
+from bayesterra.identification.solver import Box, Minimum, minimise
 from bayesterra.identification.support import ClippedModel, clip, excess_jacobian
 from bayesterra.likelihood import Likelihood
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.posterior import Posterior, draw_cut_prior
+from bayesterra.posteriors import Posterior, draw_cut_prior
 
 STARTS = 8
 """Starts drawn from the cut prior, beside those that the caller has."""
@@ -28,7 +29,16 @@ ROUNDS = 3
 """Rounds in which the weights of channels with estimated noise follow the residuals."""
 
 PENALTY = 1e4
-"""Residual per unit of θm/θ1 (or N) outside the model's range: steep enough to end inside, and smooth."""
+"""Residual per unit of θm/θ1 or N outside the model's range, and per width of a parameter outside its own."""
+
+COARSE, COARSE_EVALUATIONS = 1e-10, 300
+"""Tolerance and evaluations of the search from each start; the best is refined."""
+
+SAME_COST = 0.01
+"""Starts within this much of the best half sum of squares count as having reached it."""
+
+
+_ANGLES = [SOIL_PARAMETERS.index(name) for name in ("c1", "c2")]
 
 
 @dataclass(frozen=True)
@@ -40,12 +50,15 @@ class WeightedMisfit:
     model : the model at the rows.
     columns : which outcomes were measured, among those of the drive.
     measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
+    lower, upper : (9,) ranges of the parameters.
     """
 
     model: ClippedModel
     columns: tuple[int, ...]
     measured: FloatArray
     sd: FloatArray
+    lower: FloatArray
+    upper: FloatArray
 
     @property
     def _slip(self) -> FloatArray:
@@ -56,18 +69,31 @@ class WeightedMisfit:
         return self.model.values(theta)[:, self.columns]
 
     def values(self, theta: FloatArray) -> FloatArray:
-        """Residuals of the readings, then 2 m penalties; NaN where no sinkage carries a load."""
+        """Residuals of the readings, then 2 m + 9 penalties; NaN where no sinkage carries a load."""
         known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
         misfit = ((self.predicted(theta) - self.measured) / self.sd)[known]
-        if not np.isfinite(misfit).all():
-            return np.full(known.sum() + 2 * len(known), np.nan)
-        return np.concatenate([misfit, PENALTY * clipped.angle, PENALTY * clipped.exponent])
+        penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
+        return np.concatenate([misfit, PENALTY * penalties])
+
+    def _outside(self, theta: FloatArray) -> FloatArray:
+        return theta - np.clip(theta, self.lower, self.upper)
+
+    @property
+    def _size(self) -> FloatArray:
+        width = self.upper - self.lower
+        return np.where(np.isfinite(width) & (width > 0), width, 1.0)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivatives of :meth:`values` by the nine parameters."""
         known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
         misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[known]
-        return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip)])
+        outside = np.diag((self._outside(theta) != 0) / self._size)
+        return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
+
+    def angles_at_range(self, theta: FloatArray) -> bool:
+        """Whether c1 or c2 is at an end of its range or beyond."""
+        near = 1e-6 * self._size
+        return bool(np.any(((theta < self.lower + near) | (theta > self.upper - near))[_ANGLES]))
 
 
 @dataclass(frozen=True)
@@ -103,23 +129,35 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     StudyError : fewer readings than free parameters.
     SupportError : no start has an answer.
     """
-    columns = settings.free(SOIL_PARAMETERS)
-    likelihood = posterior.likelihood
+    columns, likelihood = settings.free(SOIL_PARAMETERS), posterior.likelihood
     _check_count(likelihood, len(columns))
-    misfit = _misfit(posterior, estimated=_prior_medians(posterior))
+    search = boxes(settings, columns, likelihood.forward.conditions.slip)
+    misfit = _misfit(posterior, settings, _prior_medians(posterior))
     minima = [
-        minimise(misfit, start, columns, settings.lower, settings.upper)
-        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], settings)
+        minimise(misfit, start, search[0], tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
+        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], search[0])
     ]
-    best = min(minima, key=lambda minimum: minimum.cost)
-    reached = sum(minimum.cost <= best.cost * (1 + 1e-6) + 1e-12 for minimum in minima)
+    best = _refined(misfit, min(minima, key=_cost), search)
+    reached = sum(minimum.cost <= best.cost + SAME_COST for minimum in minima)
     path = [best.theta]
     for _ in range(ROUNDS if any(noise.law for noise in likelihood.noise) else 0):
-        misfit = _misfit(posterior, _residual_sd(posterior, misfit, best.theta, len(columns)))
-        best = minimise(misfit, best.theta, columns, settings.lower, settings.upper)
+        misfit = _misfit(posterior, settings, _residual_sd(posterior, misfit, best.theta, len(columns)))
+        best = _refined(misfit, best, search)
         path.append(best.theta)
     sd, errors = _summary(likelihood, misfit, best.theta)
     return JointFit(best, tuple(path), sd, errors, reached, len(minima))
+
+
+def _cost(minimum: Minimum) -> float:
+    return minimum.cost
+
+
+def _refined(misfit: WeightedMisfit, rough: Minimum, search: list[Box]) -> Minimum:
+    """The minimum to full precision, in other coordinates too where c1 or c2 is at an end of its range."""
+    best = minimise(misfit, rough.theta, search[0])
+    if misfit.angles_at_range(best.theta):
+        best = min((minimise(misfit, best.theta, box) for box in search), key=_cost)
+    return replace(best, theta=np.clip(best.theta, misfit.lower, misfit.upper))
 
 
 def _check_count(likelihood: Likelihood, free: int) -> None:
@@ -128,7 +166,7 @@ def _check_count(likelihood: Likelihood, free: int) -> None:
         raise StudyError(f"too few observations for joint: {count} readings, {free} parameters")
 
 
-def _misfit(posterior: Posterior, estimated: Mapping[str, float]) -> WeightedMisfit:
+def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, float]) -> WeightedMisfit:
     likelihood = posterior.likelihood
     outcomes = likelihood.forward.outcomes
     columns = tuple(outcomes.index(channel) for channel in likelihood.channels)
@@ -138,7 +176,14 @@ def _misfit(posterior: Posterior, estimated: Mapping[str, float]) -> WeightedMis
         value = np.array([estimated[noise.channel]]) if noise.law else None
         given = likelihood.observations.given_sd.get(noise.channel, none)
         sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, given)[0]
-    return WeightedMisfit(ClippedModel(likelihood.forward), columns, likelihood.measured, sd)
+    model = ClippedModel(likelihood.forward)
+    return WeightedMisfit(model, columns, likelihood.measured, sd, *_ranges(settings))
+
+
+def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
+    """Ranges (9,) of the parameters; held ones have none, for they cannot move."""
+    held = np.isin(SOIL_PARAMETERS, settings.held)
+    return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
 
 
 def _prior_medians(posterior: Posterior) -> dict[str, float]:
@@ -172,15 +217,10 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
     return list(soil)
 
 
-def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], settings: Settings) -> list[FloatArray]:
-    """Starts moved inside the bounds and clear of the edges of the model's range, where they have an answer."""
-    held = [SOIL_PARAMETERS.index(name) for name in settings.held]
-    kept = []
-    for start in starts:
-        start = np.clip(start, settings.lower, settings.upper)
-        start[held] = settings.start[held]
-        if np.isfinite(misfit.values(start)).all():
-            kept.append(start)
+def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], box: Box) -> list[FloatArray]:
+    """Starts moved inside the box, where the model has an answer."""
+    moved = [box.parameters(box.coordinates(start)) for start in starts]
+    kept = [start for start in moved if np.isfinite(misfit.values(start)).all()]
     if not kept:
         raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
     return kept
@@ -196,5 +236,3 @@ def _summary(
         for i, name in enumerate(likelihood.channels)
     }
     return sd, errors
-
-

@@ -12,15 +12,16 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.identification.decoupled import decoupled_steps
 from bayesterra.identification.fits import FORCES, METHODS, Fit, soil_of
-from bayesterra.identification.integral import MAX_PASSES, Passes, integral_steps, iterate, one_pass
-from bayesterra.identification.joint import fit_joint
+from bayesterra.identification.integral import Passes, integral_steps, iterate, one_pass
+from bayesterra.identification.joint import JointFit, fit_joint
 from bayesterra.identification.readings import Readings, readings
 from bayesterra.identification.settings import Overrides, Settings, iteration_settings, joint_settings
 from bayesterra.identification.steps import Plan, plan
-from bayesterra.identification.support import clip
+from bayesterra.identification.support import MARGIN, Clip, clip
+from bayesterra.likelihood import Forward
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.parameters import CHANNELS, SOIL_PARAMETERS
-from bayesterra.posterior import posterior
+from bayesterra.posteriors import posterior
 from bayesterra.study import Study
 
 
@@ -51,18 +52,21 @@ def fit(
 
     Raises
     ------
-    StudyError : an unknown method or parameter, fewer readings than parameters, or nothing that can be fitted.
+    StudyError : an unknown method or parameter, fewer readings than parameters, or nothing to be fitted.
+    SupportError : joint finds no start value for which the model has an answer.
     """
     overrides = Overrides(hold, start, lower, upper, delta)
     methods = study.least_squares.methods if methods is None else methods
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
         raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
-    fits = {method: _RUN[method](method, study, overrides) for method in methods}
+    fits: dict[str, Fit] = {}
+    for method in sorted(methods, key=METHODS.index):
+        fits[method] = _RUN[method](method, study, overrides, fits)
     if fits and all(not one.path for one in fits.values()):
         reasons = dict.fromkeys(note for one in fits.values() for note in one.notes)
         raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
-    return fits
+    return {method: fits[method] for method in methods}
 
 
 def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
@@ -77,11 +81,12 @@ def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
     return fits, tuple(refused)
 
 
-def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
+def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str, Fit]) -> Fit:
     """IM1, IM2 or IM3."""
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
-    steps = integral_steps(rows, _m1(study)) if method == "IM1" else decoupled_steps(method, rows, study.model)
+    integral = method == "IM1"
+    steps = integral_steps(rows, _m1(study)) if integral else decoupled_steps(method, rows, study.model)
     todo = plan(method, steps, settings)
     passes = _passes(method, todo, settings)
     theta = passes.path[-1] if passes.path else settings.start
@@ -104,17 +109,17 @@ def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
 
 def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
     if not todo.steps:
-        return Passes((), converged=False)
+        return Passes((), converged=False, rested=True)
     if method == "IM1":
         return iterate(todo, settings)
     theta, converged = one_pass(todo, settings.start, settings, first=False)
-    return Passes((theta,), converged)
+    return Passes((theta,), converged, rested=True)
 
 
-def _fit_joint(method: str, study: Study, overrides: Overrides) -> Fit:
+def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> Fit:
     began = perf_counter()
     settings, density = joint_settings(study, overrides), posterior(study)
-    found = fit_joint(density, settings, _other_results(study, overrides))
+    found = fit_joint(density, settings, _other_results(study, overrides, known))
     theta = found.best.theta
     drive = density.likelihood.forward
     return Fit(
@@ -127,17 +132,29 @@ def _fit_joint(method: str, study: Study, overrides: Overrides) -> Fit:
         held=settings.held,
         at_bound=settings.at_bound(theta, settings.free(SOIL_PARAMETERS)),
         missing=(),
-        clipped=clip(theta, drive.conditions.slip).any,
-        notes=(
-            f"{found.reached} of {found.started} starts ended at the best fit",
-            *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in found.errors),
-        ),
+        clipped=_edge(theta, drive).any,
+        notes=_joint_notes(found, drive, theta),
         seconds=perf_counter() - began,
         noise=found.sd,
     )
 
 
-_RUN: Mapping[str, Callable[[str, Study, Overrides], Fit]] = {
+def _edge(theta: FloatArray, drive: Forward) -> Clip:
+    """Which rows are at the edge of the model's range, where a search is stopped a margin inside."""
+    return clip(theta, drive.conditions.slip, 2 * MARGIN)
+
+
+def _joint_notes(found: JointFit, drive: Forward, theta: FloatArray) -> tuple[str, ...]:
+    edge = _edge(theta, drive)
+    return (
+        f"{found.reached} of {found.started} starts ended at the best fit",
+        *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in found.errors),
+        *(["θm/θ1 = c1 + c2 s is at the edge of (c3, 1) at some slip"] if np.any(edge.angle) else []),
+        *(["N = n0 + n1 s is at its edge, 0, at some slip"] if np.any(edge.exponent) else []),
+    )
+
+
+_RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {
     "IM1": _fit_groups,
     "IM2": _fit_groups,
     "IM3": _fit_groups,
@@ -145,15 +162,15 @@ _RUN: Mapping[str, Callable[[str, Study, Overrides], Fit]] = {
 }
 
 
-def _other_results(study: Study, overrides: Overrides) -> list[FloatArray]:
+def _other_results(study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> list[FloatArray]:
     """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
     found = []
     for method in ("IM1", "IM2", "IM3"):
         try:
-            one = _fit_groups(method, study, overrides)
+            one = known.get(method) or _fit_groups(method, study, overrides, known)
         except StudyError:
             continue  # the method needs more readings than joint
-        found.append(np.array(list(one.values().values())))
+        found.append(one.soil.as_array())
     return found
 
 
@@ -180,6 +197,6 @@ def _notes(method: str, todo: Plan, passes: Passes, rows: Readings, theta: Float
     if _clipped(method, theta, rows.conditions.slip):
         notes.append("θm/θ1 = c1 + c2 s leaves (c3, 1) at some slip and was clipped there")
     if passes.path and not passes.converged:
-        limit = len(passes.path) == MAX_PASSES
-        notes.append(f"no rest after {MAX_PASSES} passes" if limit else "an inner fit did not reach a minimum")
+        restless = f"the parameters did not come to rest in {len(passes.path)} passes"
+        notes.append("an inner fit did not reach a minimum" if passes.rested else restless)
     return tuple(notes)

@@ -106,7 +106,8 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     """
     asked = overrides.over(study)
     hold = {"c3": START["c3"], **(asked.hold or {})}
-    box = {name: entry.range if isinstance(entry, Law) else (entry, entry) for name, entry in PAPER_BOX.items()}
+    box = {name: entry.range for name, entry in PAPER_BOX.items() if isinstance(entry, Law)}
+    box["c3"] = (START["c3"], START["c3"])
     low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
     high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}
     start = {name: float(np.clip(START[name], low[name], high[name])) for name in SOIL_PARAMETERS}
@@ -114,8 +115,7 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     for name in SOIL_PARAMETERS:
         if name not in hold:
             _check_range(name, low[name], start[name], high[name])
-    arrays = (frozen([table[name] for name in SOIL_PARAMETERS]) for table in (start, low, high))
-    return Settings(*arrays, held=_in_order(hold), delta=float(asked.delta or 0.0))
+    return Settings(_ordered(start), _ordered(low), _ordered(high), _in_order(hold), asked.delta or 0.0)
 
 
 def joint_settings(study: Study, overrides: Overrides) -> Settings:
@@ -127,20 +127,25 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
     hold = dict(asked.hold or {})
     laws = {name: study.prior.laws[name] for name in SOIL_PARAMETERS if name in study.prior.laws}
     start = {name: law.median for name, law in laws.items()}
-    for name, value in (asked.start or {}).items():
-        if name in laws and laws[name].range[0] <= value <= laws[name].range[1]:
-            start[name] = value
-    start |= hold
-    limits = {name: laws[name].range if name in laws else (hold[name],) * 2 for name in SOIL_PARAMETERS}
-    low, high = np.array([limits[name] for name in SOIL_PARAMETERS]).T
-    return Settings(frozen([start[name] for name in SOIL_PARAMETERS]), frozen(low), frozen(high), _in_order(hold))
+    start |= {name: value for name, value in (asked.start or {}).items() if _inside(laws.get(name), value)}
+    low, high = (hold | {name: law.range[end] for name, law in laws.items()} for end in (0, 1))
+    return Settings(_ordered(start | hold), _ordered(low), _ordered(high), _in_order(hold))
+
+
+def _inside(law: Law | None, value: float) -> bool:
+    return law is not None and law.range[0] <= value <= law.range[1]
+
+
+def _ordered(table: Mapping[str, float]) -> FloatArray:
+    return frozen([table[name] for name in SOIL_PARAMETERS])
 
 
 def _check_range(name: str, low: float, start: float, high: float) -> None:
+    where = f"least squares of {name!r}"
     if not low < high:
-        raise StudyError(f"least squares: 'lower' of {name!r} must be below 'upper' (got {low:g} and {high:g})")
+        raise StudyError(f"{where}: 'lower' must be below 'upper' (got {low:g} and {high:g})")
     if not low <= start <= high:
-        raise StudyError(f"least squares: 'start' of {name!r} must lie in [{low:g}, {high:g}] (got {start:g})")
+        raise StudyError(f"{where}: 'start' must lie in [{low:g}, {high:g}] (got {start:g})")
 
 
 def _in_order(names: Mapping[str, float]) -> tuple[str, ...]:

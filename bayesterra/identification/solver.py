@@ -44,6 +44,37 @@ class Formula:
 
 
 @dataclass(frozen=True)
+class Box:
+    """Where a search may go: bounds on coordinates x, with parameters (9,) = ``basis`` @ x.
+
+    Attributes
+    ----------
+    lower, upper : (9,) bounds of the coordinates.
+    columns : the coordinates that are free; the others stay as at the start.
+    basis : (9, 9), None where the coordinates are the parameters.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    columns: list[int]
+    basis: FloatArray | None = None
+
+    def coordinates(self, theta: FloatArray) -> FloatArray:
+        """Coordinates (9,) of parameters (9,), the free ones moved inside the bounds."""
+        x = theta.copy() if self.basis is None else np.linalg.inv(self.basis) @ theta
+        x[self.columns] = np.clip(x, self.lower, self.upper)[self.columns]
+        return x
+
+    def parameters(self, x: FloatArray) -> FloatArray:
+        """Parameters (9,) of coordinates (9,)."""
+        return x if self.basis is None else self.basis @ x
+
+    def slopes(self, derivatives: FloatArray) -> FloatArray:
+        """Derivatives (k, free) by the free coordinates, from those by the parameters (k, 9)."""
+        return (derivatives if self.basis is None else derivatives @ self.basis)[:, self.columns]
+
+
+@dataclass(frozen=True)
 class Minimum:
     """Parameters (9,) at the end, half the sum of squares there, and whether a stopping rule was met."""
 
@@ -53,34 +84,54 @@ class Minimum:
 
 
 def minimise(
-    residual: Curve, start: FloatArray, columns: list[int], lower: FloatArray, upper: FloatArray
+    residual: Curve,
+    start: FloatArray,
+    box: Box,
+    *,
+    tolerance: float = TOLERANCE,
+    evaluations: int = MAX_EVALUATIONS,
 ) -> Minimum:
-    """Minimise the sum of squares of ``residual`` over ``columns`` of the parameters (9,).
+    """Minimise the sum of squares of ``residual`` over the free coordinates of ``box``, from ``start`` (9,).
 
     Trust-region reflective, variables scaled by the width of their bounds. A trial step to where the
     residual is not finite is refused and the trust region shrinks; only the start must have an answer.
     """
+    origin, columns = box.coordinates(start), box.columns
 
-    def complete(x: FloatArray) -> FloatArray:
-        theta = start.copy()
-        theta[columns] = x
-        return theta
+    def parameters(free: FloatArray) -> FloatArray:
+        x = origin.copy()
+        x[columns] = free
+        return box.parameters(x)
 
+    def values(free: FloatArray) -> FloatArray:
+        return residual.values(parameters(free))
+
+    def jacobian(free: FloatArray) -> FloatArray:
+        return box.slopes(residual.jacobian(parameters(free)))
+
+    lower, upper = box.lower[columns], box.upper[columns]
     result = least_squares(
-        lambda x: residual.values(complete(x)),
-        start[columns],
-        jac=lambda x: residual.jacobian(complete(x))[:, columns],
-        bounds=(lower[columns], upper[columns]),
-        x_scale=_widths(start, lower, upper)[columns],
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
-        gtol=TOLERANCE,
-        max_nfev=MAX_EVALUATIONS,
+        values,
+        origin[columns],
+        jac=jacobian,
+        bounds=(lower, upper),
+        x_scale=_widths(origin, box.lower, box.upper)[columns],
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=evaluations,
     )
-    return Minimum(complete(result.x), float(result.cost), bool(result.status > 0))
+    theta = parameters(_on_bounds(result.x, lower, upper))
+    return Minimum(theta, float(result.cost), bool(result.status > 0))
 
 
-def _widths(start: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Width of the bounds; the size of the start value (or 1) where they are open."""
+def _on_bounds(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Put values on the bound that they have converged to; the search itself stays strictly inside."""
+    near = 1e-10 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    return np.where(x < lower + near, lower, np.where(x > upper - near, upper, x))
+
+
+def _widths(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Width of the bounds; the size of the value (or 1) where they are open."""
     width = upper - lower
-    return np.where(np.isfinite(width) & (width > 0), width, np.where(start == 0, 1.0, np.abs(start)))
+    return np.where(np.isfinite(width) & (width > 0), width, np.where(x == 0, 1.0, np.abs(x)))

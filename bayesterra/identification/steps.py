@@ -11,8 +11,12 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.identification.fits import error_figure
 from bayesterra.identification.settings import GROUPS, Settings
-from bayesterra.identification.solver import Curve, Minimum, minimise
+from bayesterra.identification.solver import Box, Curve, Minimum, minimise
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+
+EVALUATIONS = 100
+"""Evaluations per parameter of an inner fit, the limit of ``lsqcurvefit``. A fit whose θm/θ1 is clipped may
+need them all, for its sum of squares has a kink there."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class Step:
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
         residual = Misfit(self.curve, self.measured, self.known)
-        return minimise(residual, start, columns, settings.lower, settings.upper)
+        box = Box(settings.lower, settings.upper, columns)
+        return minimise(residual, start, box, evaluations=EVALUATIONS * len(columns))
 
     def error(self, theta: FloatArray) -> float:
         """Error figure (16) in percent, NaN without readings."""

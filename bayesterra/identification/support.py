@@ -16,7 +16,7 @@ from bayesterra.likelihood import Forward
 from bayesterra.models import Conditions
 from bayesterra.parameters import SOIL_PARAMETERS
 
-MARGIN = 1e-4
+MARGIN = 1e-6
 """Distance of θm/θ1 from c3 and 1, and of N from 0, at which rows are clipped."""
 
 _N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
@@ -43,14 +43,14 @@ class Clip:
         return bool(np.any(self.angle) or np.any(self.exponent))
 
 
-def clip(theta: FloatArray, slip: FloatArray) -> Clip:
+def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
     """Parameters inside the model's range for every row; ``theta`` (9,), ``slip`` (m,)."""
     rows = np.repeat(theta[None, :], len(slip), axis=0)
     ratio, exponent = theta[_C1] + theta[_C2] * slip, theta[_N0] + theta[_N1] * slip
-    inside = np.clip(ratio, theta[_C3] + MARGIN, 1 - MARGIN)
-    positive = np.maximum(exponent, MARGIN)
+    inside = np.clip(ratio, theta[_C3] + margin, 1 - margin)
+    positive = np.maximum(exponent, margin)
     rows[inside != ratio, _C1], rows[inside != ratio, _C2] = inside[inside != ratio], 0.0
-    rows[positive != exponent, _N0], rows[positive != exponent, _N1] = MARGIN, 0.0
+    rows[positive != exponent, _N0], rows[positive != exponent, _N1] = margin, 0.0
     return Clip(rows, ratio - inside, exponent - positive)
 
 
@@ -89,7 +89,8 @@ class ClippedModel:
         """Outcomes (m, 3) for parameters (9,); NaN where no sinkage carries the load."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
-            return part(row).values[0]
+            outcomes: FloatArray = part(row).values[0]
+            return outcomes
 
         return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (3,))
 
@@ -99,7 +100,8 @@ class ClippedModel:
         def run(part: Forward, row: FloatArray) -> FloatArray:
             model = part.model
             step = model.response_jacobian_at if part.drive == "load" else model.jacobian_at
-            return step(row, part.conditions, part.given)[0, :, :, :9]
+            derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, :9]
+            return derivatives
 
         clipped = clip(theta, self.forward.conditions.slip)
         return chain(self._by_group(clipped.theta, run, (3, 9)), clipped)

@@ -42,22 +42,24 @@ def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, 
 
 
 def print_fits(fits: Mapping[str, Fit], study: Study, console: Console | None = None) -> None:
-    """Print the fits side by side, with published values where the study has them, and what to know of each."""
+    """Print the fits side by side, with published values where there are any, and what to know of each."""
     from rich.console import Console
 
     console = console or Console()
     console.print(_table(fits, study))
-    console.print("= held   | at a bound   – not identified; errors: largest misfit over largest reading (16)")
+    console.print("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
     for fit in fits.values():
         console.print(f"{fit.method}: {_sentence(fit)}", highlight=False)
 
 
 def _table(fits: Mapping[str, Fit], study: Study) -> Table:
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     rows = report_table(fits)
     reference = study.published or study.truth
-    table = Table(title=f"Least squares: {study.title}" if study.title else "Least squares")
+    title = f"Least squares: {study.title}" if study.title else "Least squares"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("parameter", "unit"):
         table.add_column(header)
     for header in (*fits, *(["truth" if reference is study.truth else "published"] if reference else [])):

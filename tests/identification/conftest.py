@@ -1,6 +1,7 @@
 """Noise-free model data of the wheels and parameters of Ding et al. 2015."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,7 +81,7 @@ def make_study() -> MakeStudy:
     def make(
         model: str, wheel: str, soil: Soil, *, data: pd.DataFrame | None = None, **options: object
     ) -> Study:
-        given = {
+        given: dict[str, Any] = {
             "noise": {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3, "normal_force": 1.0},
             "priors": {"set": "paper-box"},
             "least_squares": {"hold": {"Ks": soil.Ks}},

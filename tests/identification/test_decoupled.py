@@ -17,7 +17,7 @@ from bayesterra.study import Study
 def test_equations_hold_on_their_own_model(
     method: str, model: str, make_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
 ) -> None:
-    """With the forces that the closed-form model gives put in, the decoupled equations return the same forces."""
+    """With the closed-form model's own forces put in, the decoupled equations return the same forces."""
     soil = printed[method]["Wh22"]
     study = make_study(model, "Wh22", Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}))
     steps = decoupled_steps(method, readings(study), study.model)

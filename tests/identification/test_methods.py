@@ -119,7 +119,7 @@ def test_hold_start_and_bounds_override_the_study(study: Study, soil: Soil) -> N
     assert freed.held == ("c3",)
     bounded = fit(study, ("IM3",), lower={"phi": 0.55}, start={"phi": 0.56})["IM3"]
     assert bounded.soil.phi >= 0.55
-    angles = {"Ks": soil.Ks, "c1": 0.5, "c2": 0.0}
+    angles = {"Ks": float(soil.Ks), "c1": 0.5, "c2": 0.0}
     held = fit(study, ("IM1", "joint"), hold=angles)
     for found in held.values():
         assert (found.soil.c1, found.soil.c2, found.soil.Ks) == (0.5, 0.0, soil.Ks)
@@ -138,8 +138,8 @@ def test_a_parameter_fixed_by_the_prior_is_held(make_study: MakeStudy, soil: Soi
     [
         ({"hold": {"psi": 1.0}}, r"least squares knows no parameter 'psi' \(one of Ks, "),
         ({"start": {"phi": float("nan")}}, r"'phi' must be finite \(got nan\)"),
-        ({"start": {"phi": 1.5}}, r"'start' of 'phi' must lie in \[0, 0.872665\] \(got 1.5\)"),
-        ({"lower": {"K": 0.1}}, r"'lower' of 'K' must be below 'upper' \(got 0.1 and 0.05\)"),
+        ({"start": {"phi": 1.5}}, r"of 'phi': 'start' must lie in \[0, 0.872665\] \(got 1.5\)"),
+        ({"lower": {"K": 0.1}}, r"of 'K': 'lower' must be below 'upper' \(got 0.1 and 0.05\)"),
         ({"delta": 0.0}, r"'delta' must be above 0 \(got 0\)"),
         ({"methods": ("IM4",)}, r"'methods' must be among IM1, IM2, IM3, joint \(got 'IM4'\)"),
     ],
@@ -163,3 +163,19 @@ def test_bound_and_clipping_are_reported(make_study: MakeStudy, make_table: Make
     found = fit(make_study("M1", "Wh32", soil, data=data), ("IM3",))["IM3"]
     assert found.clipped
     assert any("was clipped" in note for note in found.notes)
+
+
+def test_passes_that_do_not_come_to_rest_are_given_up(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Out of passes, IM1 is not converged and says after how many; the path holds them all."""
+    monkeypatch.setattr("bayesterra.identification.integral.MAX_PASSES", 3)
+    found = fit(study, ("IM1",), delta=1e-6)["IM1"]
+    assert not found.converged
+    assert len(found.path) == found.passes == 3
+    assert "the parameters did not come to rest in 3 passes" in found.notes
+
+
+def test_passes_that_only_wander_are_given_up(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten passes without a new smallest change end IM1 long before the last pass allowed."""
+    changes = iter([0.1, *[0.2] * 50])
+    monkeypatch.setattr("bayesterra.identification.integral._change", lambda *_: next(changes))
+    assert fit(study, ("IM1",))["IM1"].passes == 12

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 
-import numpy as np
 import pytest
 
 from bayesterra.identification import fit
@@ -29,3 +28,43 @@ def test_each_method_recovers_its_model(
     assert not found.clipped
     assert not found.at_bound
     assert found.held == ("Ks", "c3")
+
+
+PASSES = {
+    "Wh11": (12, 40),
+    "Wh12": (11, 32),
+    "Wh21": (10, 29),
+    "Wh22": (5, 22),
+    "Wh31": (14, 56),
+    "Wh32": (14, 48),
+}
+"""Passes of IM1 with δ = 0.002 and with 1e-6."""
+
+COHESION_LEFT = {"Wh11": 46.8, "Wh12": 191.9, "Wh21": 175.1, "Wh22": 222.0, "Wh31": 30.4, "Wh32": 216.3}
+"""Cohesion (Pa) that IM1 with δ = 0.002 returns for 103, 218, 212, 236, 97 and 268 Pa."""
+
+
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_the_papers_tolerance_stops_early(
+    wheel: str, make_study: Callable[..., Study], printed: Printed
+) -> None:
+    """δ = 0.002 stops far from the cohesion behind the data although every fit error is below 0.4 %."""
+    study = make_study("M1", wheel, printed["IM1"][wheel])
+    early, late = (fit(study, ("IM1",), delta=delta)["IM1"] for delta in (0.002, 1e-6))
+    assert early.converged
+    assert max(early.errors.values()) < 0.4
+    assert early.soil.c == pytest.approx(COHESION_LEFT[wheel], abs=0.2)
+    assert (early.passes, late.passes) == pytest.approx(PASSES[wheel], abs=1)
+    assert late.path[: early.passes] == early.path
+
+
+@pytest.mark.parametrize("drive", ["load", "sinkage"])
+@pytest.mark.parametrize("model", ["M1", "M2", "M3"])
+def test_joint_recovers_every_model_in_both_drives(
+    model: str, drive: str, make_study: Callable[..., Study], printed: Printed
+) -> None:
+    """With K_s held, all channels together give every parameter back to 1e-6, wherever the search starts."""
+    soil = printed["IM3" if model == "M3" else "IM1"]["Wh31"]
+    found = fit(make_study(model, "Wh31", soil, drive=drive), ("joint",))["joint"]
+    assert found.converged
+    assert found.soil.as_array() == pytest.approx(soil.as_array(), rel=1e-6)
