@@ -31,7 +31,8 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
 
     Fitted to 56 000 pairs over the prior box with its corners. What asks for nodes: a small exponent N; shear
     that builds up over a small part of the arc, measured by the growth of j/K over the front and the rear
-    part (the rear counts only as far as the front has left 1 - exp(-j/K) short of 1); a long arc; a leaving angle.
+    part (the rear counts only as far as the front has left 1 - exp(-j/K) short of 1); a long arc; a leaving
+    angle.
     """
     slip, c3 = row[0], theta[8]
     n, ratio = theta[1] + theta[2] * row[1], theta[6] + theta[7] * slip

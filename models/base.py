@@ -11,7 +11,7 @@ from bayesterra.models.checks import FloatArray, as_floats, plain, require
 from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.contact import Contact
 from bayesterra.models.forces import Components, Forces
-from bayesterra.models.geometry import SHEAR_STARTS, Floats, shear_start_radius
+from bayesterra.models.geometry import SHEAR_STARTS, Floats, exponent, shear_start_radius
 from bayesterra.models.soil import Soil
 from bayesterra.models.wheel import Wheel
 
@@ -26,6 +26,7 @@ class _Pairs:
 
     theta: FloatArray
     conditions: Conditions
+    exponent: FloatArray
     given: FloatArray
     shape: tuple[int, ...]
 
@@ -34,7 +35,7 @@ class _Pairs:
         codes = status.reshape(self.shape)
         t, slip = self.theta.T, self.conditions.slip
         for code, name, rule, value in (
-            (Status.EXPONENT, "n0 + n1 s", "must be positive", t[1] + t[2] * slip),
+            (Status.EXPONENT, "n0 + n1 s", "must be positive", self.exponent),
             (Status.CONTACT_ANGLE, "c1 + c2 s", _CONTACT_RULE, t[6] + t[7] * slip),
             (Status.LOAD, "load", "must be carried by a sinkage below the wheel radius", self.given),
         ):
@@ -102,13 +103,13 @@ class WheelSoilModel(ABC):
         """Return normal and shear stress in Pa at `angle` in rad from the vertical; zero off the arc."""
         pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
         _check_sinkage(pairs, wheel)
-        theta, slips, depth, angles = np.broadcast_arrays(
-            pairs.theta.T.reshape((9, *pairs.shape)), pairs.conditions.slip.reshape(pairs.shape),
-            pairs.given.reshape(pairs.shape), as_floats("angle", angle),
-        )  # fmt: skip
-        contact = Contact.of(Soil(*theta), wheel, slips[0], depth[0], self._start_radius(wheel, slips[0]))
-        normal, shear = self._stresses(contact, angles[0])
-        on_arc = (angles[0] >= contact.leaving) & (angles[0] <= contact.entrance)
+        inputs = (*pairs.theta.T, pairs.exponent, pairs.conditions.slip, pairs.given)
+        *theta, n, slips, depth, angles = np.broadcast_arrays(
+            *(values.reshape(pairs.shape) for values in inputs), as_floats("angle", angle)
+        )
+        contact = Contact.of(Soil(*theta), wheel, slips, depth, self._start_radius(wheel, slips), n)
+        normal, shear = self._stresses(contact, angles)
+        on_arc = (angles >= contact.leaving) & (angles <= contact.entrance)
         return plain(np.where(on_arc, normal, 0.0)), plain(np.where(on_arc, shear, 0.0))
 
     def forces_at(
@@ -174,7 +175,8 @@ class WheelSoilModel(ABC):
             slips.ravel(), size * wheel.radius, size * wheel.width, size * wheel.lug_height,
             np.asarray(wheel.shearing_radius(flat[:, 4])),
         )  # fmt: skip
-        return _Pairs(flat, conditions, values.ravel(), slips.shape)
+        n = exponent(flat[:, 1], flat[:, 2], self._exponent_slip(conditions.slip))
+        return _Pairs(flat, conditions, np.asarray(n), values.ravel(), slips.shape)
 
     def _start_radius(self, wheel: Wheel | Conditions, slip: Floats) -> Floats:
         return shear_start_radius(
@@ -185,10 +187,12 @@ class WheelSoilModel(ABC):
     def _rows(self, conditions: Conditions) -> FloatArray:
         """Return the columns of _lanes.ROW: slip, slip of the exponent, r, b, R_j, r_s."""
         slip = conditions.slip
-        exponent_slip = np.zeros_like(slip) if self.constant_exponent else slip
         start = np.asarray(self._start_radius(conditions, slip))
         wheel = (conditions.radius, conditions.width, start, conditions.shearing_radius)
-        return np.ascontiguousarray(np.stack((slip, exponent_slip, *wheel), axis=-1))
+        return np.ascontiguousarray(np.stack((slip, self._exponent_slip(slip), *wheel), axis=-1))
+
+    def _exponent_slip(self, slip: FloatArray) -> FloatArray:
+        return np.zeros_like(slip) if self.constant_exponent else slip
 
     def _plan(self, *, paired: bool = False, every_row: bool = False) -> tuple[int, int, bool]:
         return self._code, int(paired), every_row

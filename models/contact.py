@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from bayesterra.models.checks import FloatArray, require
-from bayesterra.models.geometry import Floats, entrance_angle, exponent, leaving_angle, maximum_stress_angle
+from bayesterra.models.geometry import Floats, entrance_angle, leaving_angle, maximum_stress_angle
 from bayesterra.models.soil import Soil
 from bayesterra.models.wheel import Wheel
 
@@ -25,16 +25,18 @@ class Contact:
     start: Floats
 
     @classmethod
-    def of(cls, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, start_radius: Floats) -> Self:
+    def of(
+        cls, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, start_radius: Floats, exponent: Floats
+    ) -> Self:
         """Return the contact at a sinkage in m; ValueError where eq. (4) is not defined."""
         entrance = entrance_angle(sinkage, wheel.radius)
-        n = exponent(soil.n0, soil.n1, slip)
-        require(np.asarray(n) > 0, "n0 + n1 s", "must be positive", n)
+        require(np.asarray(exponent) > 0, "n0 + n1 s", "must be positive", exponent)
         ratio = np.asarray(maximum_stress_angle(1.0, soil.c1, soil.c2, slip))
         inside = (ratio > soil.c3) & (ratio < 1) & (np.asarray(soil.c3) >= -1)
         require(inside, "c1 + c2 s", "must lie between c3 and 1, and c3 in [-1, 1)", ratio)
         start = entrance_angle(np.asarray(start_radius) - wheel.radius + sinkage, start_radius)
-        return cls(soil, wheel, slip, n, entrance, leaving_angle(entrance, soil.c3), ratio * entrance, start)
+        leaving = leaving_angle(entrance, soil.c3)
+        return cls(soil, wheel, slip, exponent, entrance, leaving, ratio * entrance, start)
 
     def normal_stress(self, angle: FloatArray) -> FloatArray:
         """Return sigma, eq. (4); rear angles are mirrored to the front angle of equal stress."""
