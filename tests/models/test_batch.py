@@ -150,7 +150,7 @@ def test_status_names_what_failed(
 
 
 def test_a_set_that_fails_in_one_row(g1: Soil, wheels: dict[str, Wheel]) -> None:
-    """A set whose contact angle fails at the highest slip is refused in all, unless every row is asked for."""
+    """A set whose contact angle fails at the highest slip is refused in all, unless `every_row` is set."""
     theta = np.array([astuple(replace(g1, c1=0.1, c2=-0.3))])
     conditions = Conditions.of(wheels["Wh11"], SLIPS)
     assert np.all(M1().forces_at(theta, conditions, 0.01)[1] == Status.CONTACT_ANGLE)

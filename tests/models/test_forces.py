@@ -85,8 +85,9 @@ def test_components_are_the_integrals_they_name(g1: Soil, wheels: dict[str, Whee
     theta_1 = float(np.arccos(1 - 0.02 / wheel.radius))
     theta_m = (0.5 - 0.3 * 0.3) * theta_1
 
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+
     def integral(stress: int, weight: Callable[[FloatArray], FloatArray], low: float, high: float) -> float:
-        nodes, weights = np.polynomial.legendre.leggauss(400)
         theta = low + (high - low) * (nodes + 1) / 2
         values = np.asarray(model.stresses(g1, wheel, 0.3, 0.02, theta)[stress])
         return float(wheel.width * (high - low) / 2 * np.sum(weights * values * weight(theta)))
