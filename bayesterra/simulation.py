@@ -15,8 +15,7 @@ from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
 from bayesterra.likelihood import Forward, Likelihood
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.posteriors import REASONS, Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
+from bayesterra.posteriors import REASONS, draw_cut_prior, posterior
 from bayesterra.study import Study
 from bayesterra.writing import simulated_toml
 
@@ -60,19 +59,9 @@ def true_values(study: Study, given: Mapping[str, float | str] | None = None) ->
 
 
 def _cut_prior_medians(study: Study) -> dict[str, float]:
-    """Medians of the cut prior; where they lie outside the support, the draw nearest in probability."""
     density = posterior(study)
     draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
-    middle = np.median(draws, axis=0)
-    if density.reasons(middle[None, :])[0]:
-        middle = draws[_nearest(density, draws, middle)]
-    return dict(zip(density.names, (float(v) for v in middle), strict=True))
-
-
-def _nearest(density: Posterior, draws: FloatArray, middle: FloatArray) -> int:
-    laws: list[Law] = list(density.prior.laws.values())
-    steps = [law.cdf(draws[:, i]) - law.cdf(middle[i : i + 1]) for i, law in enumerate(laws)]
-    return int(np.argmin(np.sum(np.square(steps), axis=0)))
+    return dict(zip(density.names, np.median(draws, axis=0).tolist(), strict=True))
 
 
 def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed: int = 1) -> pd.DataFrame:
