@@ -137,6 +137,24 @@ def root(x: Number) -> Number:
     return y
 
 
+def hold(x: Number) -> Number:
+    """Return x, with its real part held within +-708."""
+    return x
+
+
+def _hold_plain(x: Any) -> Any:
+    x = x if x > -_EXP_LIMIT else -_EXP_LIMIT
+    return x if x < _EXP_LIMIT else _EXP_LIMIT
+
+
+def _hold_complex(x: Any) -> Any:
+    return complex(min(max(x.real, -_EXP_LIMIT), _EXP_LIMIT), x.imag)
+
+
+def _hold(x: Any) -> Any:
+    return _hold_complex if x == types.complex128 else _hold_plain
+
+
 def _divide_plain(a: Any, b: Any) -> Any:
     return a / b
 
@@ -165,6 +183,7 @@ def _root(x: Any) -> Any:
 
 overload(divide, jit_options=_OPTIONS)(_divide)
 overload(root, jit_options=_OPTIONS)(_root)
+overload(hold, jit_options=_OPTIONS)(_hold)
 
 
 @inlined
@@ -185,9 +204,7 @@ def exp_minus_1(x: Number) -> Number:
 @inlined
 def _reduce(x: Number) -> tuple[Number, float]:
     """Return x - k ln 2 and k, the whole number nearest to x / ln 2."""
-    low = -_EXP_LIMIT - x.real
-    high = x.real - _EXP_LIMIT
-    x = x + (low if low > 0.0 else 0.0) - (high if high > 0.0 else 0.0)
+    x = hold(x)
     k = nearest(x.real * _LOG2_E)
     return x - k * _LN_2, k
 

@@ -22,7 +22,7 @@ _ALL = [rule(count) for count in (*COUNTS, ROUGH_COUNT)]
 NODES = np.concatenate([nodes for nodes, _ in _ALL])
 WEIGHTS = np.concatenate([weights for _, weights in _ALL])
 STARTS = np.concatenate([[0], np.cumsum([*COUNTS, ROUGH_COUNT])])  # rule i occupies STARTS[i]:STARTS[i + 1]
-_COUNTS = np.array(COUNTS)
+_RULE_OF = np.searchsorted(COUNTS, np.arange(COUNTS[-1] + 1))  # the first rule of at least so many nodes
 
 
 @compiled
@@ -46,10 +46,7 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
     need = max(need, min(10.3 + 6.0 * np.sqrt(rear) - 0.85 * front, 36.0 + rear / 16.0))
     if c3 != 0.0:
         need = 64.0 if ratio < 0.0 or n < 0.3 else need + 8.0
-    which = 0
-    while which < RULES - 1 and _COUNTS[which] < need - 0.7:
-        which += 1
-    return which
+    return _RULE_OF[int(need + 0.3) if need < COUNTS[-1] else COUNTS[-1]]
 
 
 @compiled
