@@ -81,7 +81,8 @@ def _standing(
 
 
 def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
-    """Whether a value lies within a thousandth of the finite prior range of one of its ends."""
-    low, high = posterior.prior.laws[name].range
-    width = high - low if np.isfinite(high - low) else abs(value)
+    """Whether a value lies within a thousandth of the prior's range (98 % range if infinite) of an end."""
+    law = posterior.prior.laws[name]
+    low, high = law.range
+    width = high - low if np.isfinite(high - low) else float(np.ptp(law.quantile(np.array([0.01, 0.99]))))
     return bool(min(abs(value - low), abs(value - high)) < 1e-3 * width)

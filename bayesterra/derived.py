@@ -24,7 +24,7 @@ class Drive:
 
     Attributes
     ----------
-    load : N.
+    load : N, NaN where neither load nor normal force was measured (and so are the responses).
     sinkage, drawbar_pull, resistance_moment : (n, slips), NaN where the model has no answer.
     """
 
@@ -38,7 +38,8 @@ def drive(study: Study, soil: FloatArray) -> Drive:
     """Drive the study's first wheel over ``SLIP_GRID`` on soils (n, 9)."""
     observations = study.observations.used()
     force = observations.values.get("normal_force", observations.load)
-    load = float(np.nanmedian(np.where(np.isnan(observations.load), force, observations.load)))
+    loads = np.where(np.isnan(observations.load), force, observations.load)
+    load = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
     conditions = Conditions.of(next(iter(study.wheels.values())), SLIP_GRID)
     forward = Forward(study.model, "load", conditions, np.full(len(SLIP_GRID), load))
     z, pull, moment = forward.one_by_one(soil).values.transpose(2, 0, 1)

@@ -46,10 +46,13 @@ def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
 
 
 def effective_size(chains: FloatArray) -> float:
-    """Effective number of draws in (ensembles, steps, walkers): walkers · steps / τ, summed."""
+    """Effective number of draws in (ensembles, steps, walkers): walkers · steps / τ, summed.
+
+    An ensemble in which nothing varies has none.
+    """
     _, steps, walkers = chains.shape
     times = np.maximum(autocorrelation_time(chains), 1.0 / walkers)
-    return float(np.sum(steps * walkers / times))
+    return float(np.nansum(steps * walkers / times))
 
 
 def bulk_size(chains: FloatArray) -> float:
@@ -81,11 +84,12 @@ def thinning(chains: FloatArray, loss: float = 0.1) -> int:
 
     ``chains`` has shape (parameters, ensembles, steps, walkers).
     """
-    full = [effective_size(chain) for chain in chains]
+    varying = [chain for chain in chains if effective_size(chain) > 0]
+    full = [effective_size(chain) for chain in varying]
     best = 1
     for every in range(2, max(2, chains.shape[2] // STEPS_PER_TAU) + 1):
-        kept = [effective_size(chain[:, ::every]) for chain in chains]
-        if min(k / f for k, f in zip(kept, full, strict=True)) < 1.0 - loss:
+        kept = [effective_size(chain[:, ::every]) for chain in varying]
+        if min((k / f for k, f in zip(kept, full, strict=True)), default=0.0) < 1.0 - loss:
             break
         best = every
     return best
@@ -171,7 +175,8 @@ def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, tar
     bulk = np.array([bulk_size(column) for column in columns])
     tail = np.array([tail_size(column) for column in columns])
     hats = np.array([r_hat(column) for column in columns])
-    tau = chains.shape[0] * chains.shape[1] * chains.shape[2] / np.array([effective_size(c) for c in columns])
+    with np.errstate(divide="ignore"):
+        tau = columns[0].size / np.array([effective_size(column) for column in columns])
     checks = _checks(names, bulk, tail, hats, tau, chains.shape[1], accepted, target_ess)
     return Diagnosis(
         tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks
@@ -192,7 +197,7 @@ def _checks(
     needed = STEPS_PER_TAU * float(np.nan_to_num(tau, nan=np.inf).max())
     slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
     frozen = int((accepted == 0).sum())
-    slow = float(accepted.min() / np.median(accepted))
+    slow = float(accepted.min() / max(np.median(accepted), 1e-300))
     return (
         Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
               f"run longer: {slowest} is the slowest"),

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bayesterra.errors import ResultError
+from bayesterra.errors import BayesterraError, ResultError
 
 
 def check_free(folder: Path, *, overwrite: bool) -> None:
@@ -33,9 +33,10 @@ def check_free(folder: Path, *, overwrite: bool) -> None:
 
 @contextmanager
 def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Work in ``<folder>.part``; on success it takes the name of ``folder``, on failure it is left as it is.
+    """Work in ``<folder>.part``; on success it takes the name of ``folder``.
 
-    With ``overwrite`` an old folder keeps its name until the new one is complete.
+    On an error of the package or of the disk nothing is left behind; a program that is interrupted or killed
+    leaves ``<folder>.part``. With ``overwrite`` an old folder keeps its name until the new one is complete.
 
     Raises
     ------
@@ -50,13 +51,16 @@ def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
         for path in sorted(part.iterdir()):
             _to_disk(path)
         _swap(part, folder)
-    except OSError as error:
+    except (OSError, BayesterraError) as error:
+        shutil.rmtree(part, ignore_errors=True)
+        if isinstance(error, BayesterraError):
+            raise
         raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
 
 
 def _swap(part: Path, folder: Path) -> None:
     """Give ``part`` the name of ``folder``; an old folder steps aside first and is removed last."""
-    old = folder.with_name(folder.name + ".old")
+    old = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")  # no name that a person would give
     if folder.exists():
         shutil.rmtree(old, ignore_errors=True)
         folder.rename(old)

@@ -207,6 +207,7 @@ class Analysis:
                 _array_diagnosis(chains[name].reshape(subset.shape[:2])),
             )
             for name, quantity in DERIVED.items()
+            if np.isfinite(chains[name]).any() and np.isfinite(prior[name]).any()
         ]
 
     def findings(self, result: Result) -> dict[str, Any]:

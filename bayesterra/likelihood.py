@@ -140,8 +140,9 @@ class Likelihood:
         """Log density of every reading, (n, m, channels); 0 where nothing was measured."""
         predicted = self.predicted(outcomes)
         scale = self.scales(predicted, noise_values)
-        standard = (self.measured - predicted) / scale
-        density = -0.5 * standard**2 - np.log(scale) - 0.5 * np.log(2 * np.pi)
+        with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
+            standard = (self.measured - predicted) / scale
+            density = -0.5 * standard**2 - np.log(scale) - 0.5 * np.log(2 * np.pi)
         return np.where(np.isnan(self.measured), 0.0, density)
 
     def log_density(self, outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:

@@ -123,11 +123,11 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     """The study's model on a slip grid for one wheel (see :func:`predict_curves`)."""
     observations = study.observations
     mine = np.array([name == wheel for name in observations.wheel]) & observations.use
-    slips = observations.slip[mine] if mine.any() else observations.slip[observations.use]
+    mine = mine if mine.any() else observations.use
+    slips = observations.slip[mine]
     slip = np.linspace(min(0.02, slips.min()), min(0.95, slips.max() + 0.05), GRID)
     if study.drive == "load":
-        loads = observations.load[mine] if mine.any() else observations.load[observations.use]
-        given = np.full(GRID, np.median(loads))
+        given = np.full(GRID, np.median(observations.load[mine]))
     else:
         order = np.argsort(slips, kind="stable")
         slip = np.linspace(slips.min(), slips.max(), GRID)

@@ -83,6 +83,11 @@ class Law:
         return bool(self._base.cdf(self.lower) > 0.5)
 
     @cached_property
+    def _lower_tail(self) -> bool:
+        """Whether the range lies in the lower tail."""
+        return bool(self._base.cdf(self.upper) < 0.5)
+
+    @cached_property
     def _mass(self) -> float:
         """Probability of the uncut law inside the range."""
         if self._upper_tail:
@@ -103,7 +108,8 @@ class Law:
             loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
             peak = (np.log(2.0) if self.dist == "halfnorm" else 0.0) - np.log(scale * np.sqrt(2 * np.pi))
             return np.asarray(peak - self._log_mass - 0.5 * ((x - loc) / scale) ** 2)
-        return np.asarray(self._base.logpdf(x) - self._log_mass)
+        density = np.asarray(self._base.logpdf(x) - self._log_mass)
+        return np.where(np.isposinf(density), -np.inf, density)  # a pole is a point without probability
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -115,9 +121,10 @@ class Law:
         """Log density at ``x`` (any shape), −inf outside the range."""
         low, high = self.range
         inside = (x >= low) & (x <= high)
-        if inside.all():
-            return self._log_density_inside(x)
-        return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
+        with np.errstate(over="ignore"):  # a value far out in the tail has the log density −inf
+            if inside.all():
+                return self._log_density_inside(x)
+            return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
 
     def cdf(self, x: FloatArray) -> FloatArray:
         """Probability of a value up to ``x`` (any shape)."""
@@ -125,6 +132,21 @@ class Law:
         if self._upper_tail:
             return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
         return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
+
+    def survival(self, x: FloatArray) -> FloatArray:
+        """Probability of a value above ``x`` (any shape), to the last digit where it is small."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._lower_tail:
+            return np.asarray((self._base.cdf(self.upper) - self._base.cdf(x)) / self._mass)
+        return np.asarray((self._base.sf(x) - self._base.sf(self.upper)) / self._mass)
+
+    def upper_quantile(self, q: FloatArray) -> FloatArray:
+        """Value above which the probability is ``q`` (any shape), the inverse of :meth:`survival`."""
+        if self._lower_tail:
+            raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
+        return np.asarray(np.clip(raw, *self.range))
 
     def quantile(self, q: FloatArray) -> FloatArray:
         """Value below which the probability is ``q`` (any shape)."""

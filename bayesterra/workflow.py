@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import fields
+from math import isfinite
 from pathlib import Path
 from typing import Self
 
@@ -92,4 +93,8 @@ def _status(progress: Progress) -> dict[str, object]:
     """What a poller of ``status.json`` sees."""
     diagnosis = progress.diagnosis
     known = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
-    return {"stage": progress.stage, "done": progress.done, "seconds_left": progress.seconds_left, **known}
+    numbers = {"done": progress.done, "seconds_left": progress.seconds_left, **known}
+    finite = {
+        name: value if value is not None and isfinite(value) else None for name, value in numbers.items()
+    }
+    return {"stage": progress.stage, **finite}

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.diagnostics import Diagnosis, diagnose
+from bayesterra.errors import StudyError
 from bayesterra.posteriors import Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.ensemble import Ensemble
@@ -101,7 +102,13 @@ def sample(
     seed : root of all random streams of this call.
     report : called with a :class:`Progress` after each stage and round.
     adaptation : size of the adaptation; default :class:`AdaptationOptions`.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
     """
+    if not posterior.names:
+        raise StudyError("every parameter is fixed: there is nothing to sample")
     target = Target(posterior, coordinates(posterior))
     plan = adaptation or AdaptationOptions()
     streams = seed.spawn(options.ensembles)
