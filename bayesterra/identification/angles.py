@@ -1,12 +1,10 @@
 """Coordinates in which the limits of the contact angle are bounds, so that a search can slide along them.
 
 θm/θ1 = c1 + c2 s must stay inside (c3, 1) at every slip, which is a slanted edge in c1 and c2. In the
-ratios at the lowest and the highest slip it is a plain bound; the ranges of c1 and c2 are then slanted.
+ratios at the lowest and the highest slip it is a plain bound.
 """
 
 from __future__ import annotations
-
-from itertools import combinations
 
 import numpy as np
 
@@ -19,30 +17,14 @@ from bayesterra.parameters import SOIL_PARAMETERS
 _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2", "c3"))
 
 
-def boxes(settings: Settings, columns: list[int], slip: FloatArray) -> list[Box]:
-    """Boxes to search ``columns`` in, first the one whose bounds are the limits of θm/θ1.
-
-    The others bound c1 or c2 themselves, alone or beside one limit: for minima at such a corner.
-    """
-    if not {_C1, _C2}.issubset(columns) or np.ptp(slip) == 0:
-        return [_narrowed(settings, columns, slip)]
-    low, high = settings.lower[_C3] + MARGIN, 1 - MARGIN
-    choices = {  # row of the coordinate in terms of (c1, c2), and its bounds
-        "lowest": ((1.0, float(slip.min())), (low, high)),
-        "highest": ((1.0, float(slip.max())), (low, high)),
-        "c1": ((1.0, 0.0), (settings.lower[_C1], settings.upper[_C1])),
-        "c2": ((0.0, 1.0), (settings.lower[_C2], settings.upper[_C2])),
-    }
-    pairs = (np.array([first, second]) for first, second in combinations(choices.values(), 2))
-    return [_box(settings, columns, pair) for pair in pairs if abs(np.linalg.det(pair[:, 0])) > 1e-6]
-
-
-def _box(settings: Settings, columns: list[int], pair: FloatArray) -> Box:
-    """Box in which c1 and c2 are replaced by two combinations; ``pair`` holds rows and bounds, (2, 2, 2)."""
-    lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(SOIL_PARAMETERS))
+def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
+    """Box in which θm/θ1 at the lowest and at the highest slip stand for c1 and c2, where both are free."""
+    if not {_C1, _C2}.issubset(columns) or np.ptp(slip) < 1e-6:
+        return _narrowed(settings, columns, slip)
     angles = [_C1, _C2]
-    lower[angles], upper[angles] = pair[:, 1].T
-    basis[np.ix_(angles, angles)] = np.linalg.inv(pair[:, 0])
+    lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(SOIL_PARAMETERS))
+    lower[angles], upper[angles] = settings.lower[_C3] + MARGIN, 1 - MARGIN
+    basis[np.ix_(angles, angles)] = np.linalg.inv([[1.0, slip.min()], [1.0, slip.max()]])
     return Box(lower, upper, columns, basis)
 
 

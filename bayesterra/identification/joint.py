@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.identification.angles import boxes
+from bayesterra.identification.angles import ratio_box
 from bayesterra.identification.fits import error_figure
 from bayesterra.identification.settings import Settings
 from bayesterra.identification.solver import Box, Minimum, minimise
@@ -36,9 +37,6 @@ COARSE, COARSE_EVALUATIONS = 1e-10, 300
 
 SAME_COST = 0.01
 """Starts within this much of the best half sum of squares count as having reached it."""
-
-
-_ANGLES = [SOIL_PARAMETERS.index(name) for name in ("c1", "c2")]
 
 
 @dataclass(frozen=True)
@@ -90,11 +88,6 @@ class WeightedMisfit:
         outside = np.diag((self._outside(theta) != 0) / self._size)
         return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
 
-    def angles_at_range(self, theta: FloatArray) -> bool:
-        """Whether c1 or c2 is at an end of its range or beyond."""
-        near = 1e-6 * self._size
-        return bool(np.any(((theta < self.lower + near) | (theta > self.upper - near))[_ANGLES]))
-
 
 @dataclass(frozen=True)
 class JointFit:
@@ -131,32 +124,26 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     """
     columns, likelihood = settings.free(SOIL_PARAMETERS), posterior.likelihood
     _check_count(likelihood, len(columns))
-    search = boxes(settings, columns, likelihood.forward.conditions.slip)
+    box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
     misfit = _misfit(posterior, settings, _prior_medians(posterior))
     minima = [
-        minimise(misfit, start, search[0], tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
-        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], search[0])
+        minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
+        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], box)
     ]
-    best = _refined(misfit, min(minima, key=_cost), search)
+    best = _refined(misfit, min(minima, key=attrgetter("cost")), box)
     reached = sum(minimum.cost <= best.cost + SAME_COST for minimum in minima)
     path = [best.theta]
     for _ in range(ROUNDS if any(noise.law for noise in likelihood.noise) else 0):
         misfit = _misfit(posterior, settings, _residual_sd(posterior, misfit, best.theta, len(columns)))
-        best = _refined(misfit, best, search)
+        best = _refined(misfit, best, box)
         path.append(best.theta)
     sd, errors = _summary(likelihood, misfit, best.theta)
     return JointFit(best, tuple(path), sd, errors, reached, len(minima))
 
 
-def _cost(minimum: Minimum) -> float:
-    return minimum.cost
-
-
-def _refined(misfit: WeightedMisfit, rough: Minimum, search: list[Box]) -> Minimum:
-    """The minimum to full precision, in other coordinates too where c1 or c2 is at an end of its range."""
-    best = minimise(misfit, rough.theta, search[0])
-    if misfit.angles_at_range(best.theta):
-        best = min((minimise(misfit, best.theta, box) for box in search), key=_cost)
+def _refined(misfit: WeightedMisfit, rough: Minimum, box: Box) -> Minimum:
+    """The minimum to full precision; what a penalty lets past a range, some 1e-9 of its width, is cut off."""
+    best = minimise(misfit, rough.theta, box)
     return replace(best, theta=np.clip(best.theta, misfit.lower, misfit.upper))
 
 

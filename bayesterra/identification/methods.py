@@ -108,8 +108,9 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
 
 
 def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
-    if not todo.steps:
-        return Passes((), converged=False, rested=True)
+    if not todo.steps:  # all held, so that the values are only judged, or nothing measured to fit them to
+        held = bool(todo.judged) and not todo.missing
+        return Passes((settings.start,) if held else (), converged=held, rested=True)
     if method == "IM1":
         return iterate(todo, settings)
     theta, converged = one_pass(todo, settings.start, settings, first=False)

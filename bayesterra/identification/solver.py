@@ -97,6 +97,8 @@ def minimise(
     residual is not finite is refused and the trust region shrinks; only the start must have an answer.
     """
     origin, columns = box.coordinates(start), box.columns
+    if not columns:
+        return Minimum(start, 0.5 * float(np.sum(residual.values(start) ** 2)), converged=True)
 
     def parameters(free: FloatArray) -> FloatArray:
         x = origin.copy()

@@ -1,6 +1,7 @@
 """What ``fit`` accepts, refuses and reports."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ import pytest
 from bayesterra.errors import StudyError
 from bayesterra.identification import METHODS, fit, fit_all
 from bayesterra.models import Soil
-from bayesterra.study import Study
+from bayesterra.study import Study, load_study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -179,3 +180,30 @@ def test_passes_that_only_wander_are_given_up(study: Study, monkeypatch: pytest.
     changes = iter([0.1, *[0.2] * 50])
     monkeypatch.setattr("bayesterra.identification.integral._change", lambda *_: next(changes))
     assert fit(study, ("IM1",))["IM1"].passes == 12
+
+
+def test_parameters_all_held_are_judged(study: Study, soil: Soil) -> None:
+    """With nothing free, the held values come back with their fit errors."""
+    hold = {name: float(value) for name, value in vars(soil).items()}
+    for found in fit(study, ("IM1", "joint"), hold=hold).values():
+        assert found.converged
+        assert found.soil == soil
+        assert found.errors["drawbar_pull"] < 1e-6
+
+
+HELD_KS = {  # n0, n1, c (Pa), φ (deg), K (mm), c1, c2 of the shipped rows with K_s held at 2500 kPa/m^N
+    "IM1": (0.7923, 1.136, 1589, 16.85, 6.493, 0.182, 0.240),
+    "IM2": (0.7280, 1.247, 408.5, 29.38, 12.42, 0.293, 0.033),
+    "IM3": (0.7246, 1.232, 619.1, 25.06, 10.20, 0.296, -0.089),
+    "joint": (0.7927, 1.114, 1063, 23.49, 9.496, 0.095, 0.494),
+}
+
+
+def test_hit_wh32_with_the_modulus_held() -> None:
+    """On the shipped rows the methods part by 12 degrees in φ; IM2 comes nearest to the paper's 29.3."""
+    study = load_study(Path(__file__).parents[2] / "studies" / "hit-wh32")
+    for method, found in fit(study, hold={"Ks": 2.5e6}).items():
+        n0, n1, c, phi, K, c1, c2 = HELD_KS[method]
+        expected = (2.5e6, n0, n1, c, np.radians(phi), 1e-3 * K, c1, c2, 0.0)
+        assert found.converged
+        assert found.soil.as_array() == pytest.approx(expected, rel=2e-3, abs=1e-3)

@@ -2,9 +2,12 @@
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
 import pytest
 
+from bayesterra.arrays import FloatArray
 from bayesterra.identification import fit
+from bayesterra.identification.solver import Box, Curve, Minimum, minimise
 from bayesterra.models import Soil
 from bayesterra.study import Study
 
@@ -68,3 +71,22 @@ def test_joint_recovers_every_model_in_both_drives(
     found = fit(make_study(model, "Wh31", soil, drive=drive), ("joint",))["joint"]
     assert found.converged
     assert found.soil.as_array() == pytest.approx(soil.as_array(), rel=1e-6)
+
+
+def test_inner_fits_restart_in_every_pass(
+    make_study: Callable[..., Study], printed: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every inner fit of every pass begins at Table 17's values, not where the last pass ended."""
+    starts = []
+
+    def watched(residual: Curve, start: FloatArray, box: Box, **limits: int) -> Minimum:
+        starts.append(start[box.columns])
+        return minimise(residual, start, box, evaluations=limits["evaluations"])
+
+    monkeypatch.setattr("bayesterra.identification.steps.minimise", watched)
+    found = fit(make_study("M1", "Wh22", printed["IM1"]["Wh22"]), ("IM1",))["IM1"]
+    assert len(starts) == 3 * found.passes
+    for bearing, shearing, angles in zip(starts[0::3], starts[1::3], starts[2::3], strict=True):
+        assert bearing.tolist() == [0.5, 0.5]
+        assert shearing == pytest.approx([200.0, np.radians(30.0), 0.01])
+        assert angles.tolist() == [0.5, 0.0]
