@@ -1,18 +1,19 @@
-r"""Sampling coordinates that straighten the ridges of wheel–soil posteriors and do away with their edges.
+"""Sampling coordinates that straighten the ridges of wheel–soil posteriors and do away with their edges.
 
 A wheel feels the stress under it, not the parameters of the stress. So the sampler moves
 
 ====================  =======================================================================================
-K_s, n0, n1           normal score of K_s under its prior; log of the stress K_s ℓ^N at two slips
-c, φ                  log of the shear strength τ = c + p tan φ; probit of its frictional share p tan φ / τ
+K_s, n0, n1           normal score of K_s under its prior; log of the stress under the wheel at two slips
 c1, c2                probit of θm/θ1, counted from θ2/θ1, at the lowest and the highest slip
-K, noise              log
+c, φ, K               log of the shear stress mobilised at a typical displacement; probit of its frictional
+                      share; log of K
+noise                 log
 any other             normal score under its prior
 ====================  =======================================================================================
 
-ℓ is the depth of soil over the contact and p the stress under the wheel, both typical of the data. The map
-is exact and invertible and its Jacobian is part of the density, so the posterior does not depend on ℓ, p and
-the slips. The physical limits (c ≥ 0, θ2 < θm < θ1) lie at infinity: no proposal is lost beyond them.
+at a sinkage, a normal stress and a shear displacement that are typical of the data. The map is exact and
+invertible and its Jacobian is part of the density, so the posterior does not depend on what is typical. The
+physical limits (c ≥ 0, θ2 < θm < θ1) lie at infinity: no proposal is lost beyond them.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.posteriors import Posterior
 from bayesterra.priors import Law
+
+USUAL_STRESS = 5e3
+"""Stress under a rover's wheel, Pa; typical where neither load nor normal force was measured."""
 
 
 class Block(Protocol):
@@ -79,66 +83,73 @@ class NormalScore:
 
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
-        return np.asarray(ndtri(np.clip(self.law.cdf(x), 1e-300, 1.0 - 1e-16)))
+        below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.law.cdf, self.law.survival))
+        return np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
-        x = self.law.quantile(ndtr(u))
+        # each half from its own tail: 1 − Φ(u) keeps no digits above u = 8
+        x, upper = np.empty_like(u), u > 0
+        x[~upper] = self.law.quantile(ndtr(u[~upper]))
+        x[upper] = self.law.upper_quantile(ndtr(-u[upper]))
         return x, (_log_normal(u) - self.law.log_density(x)).sum(axis=1)
 
 
 @dataclass(frozen=True)
-class Bearing:
-    """K_s, n0 and, if free, n1, as the score of K_s and the log stress at one slip or two.
+class Stress:
+    """K_s, n0 and, if free, n1, as the score of K_s and the log of the stress at one slip or two.
 
     Attributes
     ----------
     score : of K_s.
-    slips, log_depths : where the stress is taken, and log ℓ (m) there, (k − 1,) each.
+    slips : where the stress is taken, (k − 1,).
+    entrance : entrance angle θ1 there, (k − 1,).
+    radius : wheel radius, m.
     """
 
     score: NormalScore
     slips: FloatArray
-    log_depths: FloatArray
+    entrance: FloatArray
+    radius: float
 
-    @property
-    def _matrix(self) -> FloatArray:
-        """From (n0, n1) to N log ℓ at the slips."""
-        exponents = np.column_stack([np.ones(len(self.slips)), self.slips])[:, : len(self.slips)]
-        return exponents * self.log_depths[:, None]
+    def _log_depths(self, ratios: FloatArray) -> FloatArray:
+        """Log of the depth that carries the load, for θm/θ1 (n, k − 1): two thirds of the base of (18)."""
+        deepest = self.radius * (np.cos(ratios * self.entrance) - np.cos(self.entrance))
+        return np.asarray(np.log(deepest / 1.5))
 
-    def from_physical(self, x: FloatArray) -> FloatArray:
-        """See :class:`Block`."""
-        stress = np.log(x[:, :1]) + x[:, 1:] @ self._matrix.T
+    def from_physical(self, x: FloatArray, ratios: FloatArray) -> FloatArray:
+        """Coordinates of parameters (n, k) at given θm/θ1 (n, k − 1)."""
+        slopes = self.slips if x.shape[1] == 3 else np.zeros(1)
+        exponents = x[:, 1:2] + x[:, -1:] * slopes
+        stress = np.log(x[:, :1]) + exponents * self._log_depths(ratios)
         return np.column_stack([self.score.from_physical(x[:, :1]), stress])
 
-    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`Block`."""
+    def to_physical(self, u: FloatArray, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Parameters (n, k) and log |dx/du| (n,) of coordinates (n, k) at given θm/θ1 (n, k − 1)."""
         Ks, log_jacobian = self.score.to_physical(u[:, :1])
-        with np.errstate(divide="ignore"):
-            exponents = (u[:, 1:] - np.log(Ks)) @ np.linalg.inv(self._matrix).T
-        return np.column_stack([Ks, exponents]), log_jacobian - np.linalg.slogdet(self._matrix)[1]
+        depths = self._log_depths(ratios)
+        exponents = (u[:, 1:] - np.log(Ks)) / depths
+        log_jacobian = log_jacobian - np.log(np.abs(depths)).sum(axis=1)
+        if u.shape[1] == 2:
+            return np.column_stack([Ks, exponents]), log_jacobian
+        width = self.slips[1] - self.slips[0]
+        n1 = (exponents[:, 1:] - exponents[:, :1]) / width
+        return np.column_stack([Ks, exponents[:, :1] - n1 * self.slips[0], n1]), log_jacobian - np.log(width)
 
 
 @dataclass(frozen=True)
-class Strength:
-    """c and φ as the log of the strength τ at the stress p (Pa) and probit of its frictional share."""
+class Bearing:
+    """Bearing parameters alone, at θm/θ1 = 1/2."""
 
-    stress: float
+    stress: Stress
 
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
-        friction = self.stress * np.tan(x[:, 1])
-        strength = x[:, 0] + friction
-        return np.column_stack([np.log(strength), ndtri(friction / strength)])
+        return self.stress.from_physical(x, np.full((len(x), x.shape[1] - 1), 0.5))
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
-        strength = np.exp(u[:, 0])
-        slope = strength * ndtr(u[:, 1]) / self.stress
-        x = np.column_stack([strength * ndtr(-u[:, 1]), np.arctan(slope)])
-        # dc dφ = τ² cos²φ / p · d(log τ) d(share)
-        return x, 2 * u[:, 0] + _log_normal(u[:, 1]) - np.log1p(slope**2) - np.log(self.stress)
+        return self.stress.to_physical(u, np.full((len(u), u.shape[1] - 1), 0.5))
 
 
 @dataclass(frozen=True)
@@ -153,14 +164,76 @@ class Angles:
         ratio = x[:, :1] + x[:, 1:] * np.array(self.slips)
         return np.asarray(ndtri((ratio - self.leaving) / (1.0 - self.leaving)))
 
+    def ratios(self, u: FloatArray) -> FloatArray:
+        """θm/θ1 at the two slips (n, 2) of coordinates (n, 2)."""
+        return np.asarray(self.leaving + (1.0 - self.leaving) * ndtr(u))
+
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
-        width = self.slips[1] - self.slips[0]
-        ratio = self.leaving + (1.0 - self.leaving) * ndtr(u)
+        width, ratio = self.slips[1] - self.slips[0], self.ratios(u)
         c2 = (ratio[:, 1] - ratio[:, 0]) / width
-        logs = _log_normal(u).sum(axis=1)
         constant = 2 * np.log(1.0 - self.leaving) - np.log(width)
-        return np.column_stack([ratio[:, 0] - c2 * self.slips[0], c2]), logs + constant
+        x = np.column_stack([ratio[:, 0] - c2 * self.slips[0], c2])
+        return x, _log_normal(u).sum(axis=1) + constant
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Bearing parameters and contact angles together, K_s, n0, (n1), c1, c2: the stress is taken at θm."""
+
+    stress: Stress
+    angles: Angles
+
+    def from_physical(self, x: FloatArray) -> FloatArray:
+        """See :class:`Block`."""
+        angles = self.angles.from_physical(x[:, -2:])
+        return np.column_stack([self.stress.from_physical(x[:, :-2], self._ratios(angles)), angles])
+
+    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Block`."""
+        angles, angle_term = self.angles.to_physical(u[:, -2:])
+        bearing, bearing_term = self.stress.to_physical(u[:, :-2], self._ratios(u[:, -2:]))
+        return np.column_stack([bearing, angles]), angle_term + bearing_term
+
+    def _ratios(self, u: FloatArray) -> FloatArray:
+        return np.clip(self.angles.ratios(u), 1e-6, 1 - 1e-6)[:, : len(self.stress.slips)]
+
+
+@dataclass(frozen=True)
+class Strength:
+    """c, φ and, if free, K, as the log of the mobilised stress, probit of its frictional share, and log K.
+
+    Attributes
+    ----------
+    stress : normal stress p, Pa; the strength there is τ = c + p tan φ.
+    displacement : shear displacement j, m; τ (1 − exp(−j/K)) is mobilised there, (9).
+    """
+
+    stress: float
+    displacement: float
+
+    def _log_mobilised(self, log_K: FloatArray) -> FloatArray:
+        """Log of 1 − exp(−j/K) (n,); 0 where K is not among the parameters (n, 0)."""
+        ratio = self.displacement * np.exp(-log_K)
+        return np.asarray(np.log(-np.expm1(-ratio)).sum(axis=1))
+
+    def from_physical(self, x: FloatArray) -> FloatArray:
+        """See :class:`Block`."""
+        friction, log_K = self.stress * np.tan(x[:, 1]), np.log(x[:, 2:])
+        strength = x[:, 0] + friction
+        mobilised = np.log(strength) + self._log_mobilised(log_K)
+        return np.column_stack([mobilised, ndtri(friction / strength), log_K])
+
+    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Block`."""
+        log_K = u[:, 2:]
+        log_strength = u[:, 0] - self._log_mobilised(log_K)
+        strength = np.exp(log_strength)
+        slope = strength * ndtr(u[:, 1]) / self.stress
+        x = np.column_stack([strength * ndtr(-u[:, 1]), np.arctan(slope), np.exp(log_K)])
+        # dc dφ = τ² cos²φ / p · d(log τ) d(share)
+        plane = 2 * log_strength + _log_normal(u[:, 1]) - np.log1p(slope**2) - np.log(self.stress)
+        return x, plane + log_K.sum(axis=1)
 
 
 @dataclass(frozen=True)
@@ -184,7 +257,7 @@ class Coordinates:
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Physical parameters (n, d) and log |dx/du| (n,) of sampling coordinates (n, d)."""
         x, log_jacobian = np.empty_like(u), np.zeros(len(u))
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):  # far proposals overflow; the prior turns them away
             for columns, block in self.blocks:
                 x[:, columns], term = block.to_physical(u[:, columns])
                 log_jacobian += term
@@ -199,17 +272,21 @@ def plain_coordinates(names: Sequence[str]) -> Coordinates:
 def coordinates(posterior: Posterior) -> Coordinates:
     """Choose the map for a study: which parameters are free, and what is typical of its rows."""
     names, laws, fixed = posterior.names, posterior.prior.laws, posterior.prior.fixed
-    slips = _slips(posterior)
-    depths = _log_depths(posterior, np.array(slips))
+    rows = _Typical.of(posterior)
+    bearing = tuple(name for name in ("Ks", "n0", "n1") if {"Ks", "n0"} <= set(names) and name in names)
+    limited = fixed.get("c3", 1.0) < 1.0 and _several_slips(posterior)
+    angles = ("c1", "c2") if {"c1", "c2"} <= set(names) and limited else ()
+    shear = tuple(name for name in ("c", "phi", "K") if {"c", "phi"} <= set(names) and name in names)
     choices: list[tuple[tuple[str, ...], Block]] = []
-    if {"Ks", "n0", "n1"} <= set(names):
-        choices.append((("Ks", "n0", "n1"), Bearing(NormalScore(laws["Ks"]), np.array(slips), depths)))
-    elif {"Ks", "n0"} <= set(names):
-        choices.append((("Ks", "n0"), Bearing(NormalScore(laws["Ks"]), np.array(slips[:1]), depths[:1])))
-    if {"c", "phi"} <= set(names):
-        choices.append((("c", "phi"), Strength(_typical_stress(posterior))))
-    if {"c1", "c2"} <= set(names) and fixed.get("c3", 1.0) < 1.0:
-        choices.append((("c1", "c2"), Angles(slips, fixed["c3"])))
+    if bearing and angles:
+        stress = rows.stress_block(NormalScore(laws["Ks"]), len(bearing) - 1)
+        choices.append((bearing + angles, Contact(stress, Angles(rows.slips, fixed["c3"]))))
+    elif bearing:
+        choices.append((bearing, Bearing(rows.stress_block(NormalScore(laws["Ks"]), len(bearing) - 1))))
+    elif angles:
+        choices.append((angles, Angles(rows.slips, fixed["c3"])))
+    if shear:
+        choices.append((shear, Strength(rows.stress, rows.displacement)))
     taken = {name for group, _ in choices for name in group}
     choices += [((name,), _alone(name, laws[name])) for name in names if name not in taken]
     return Coordinates(tuple((tuple(map(names.index, group)), block) for group, block in choices))
@@ -221,33 +298,64 @@ def _alone(name: str, law: Law) -> Block:
     return Logarithm() if scale else NormalScore(law)
 
 
-def _slips(posterior: Posterior) -> tuple[float, float]:
-    """Lowest and highest slip in the fit; with one slip only, any second one makes the map invertible."""
-    slip = posterior.likelihood.forward.conditions.slip
-    low, high = float(slip.min()), float(slip.max())
-    return (low, high) if high - low > 1e-3 else (low, low + 0.1)
+def _several_slips(posterior: Posterior) -> bool:
+    """Whether slip varies; with one slip only, θm is not limited at any other."""
+    return bool(np.ptp(posterior.likelihood.forward.conditions.slip) > 1e-3)
 
 
-def _log_depths(posterior: Posterior, slips: FloatArray) -> FloatArray:
-    """Log of the typical depth of soil over the contact, r (cos θm − cos θ1), at two slips, m."""
-    slip = posterior.likelihood.forward.conditions.slip
-    level = np.log(_typical_sinkage(posterior))
-    slope, start = np.polyfit(slip, level, 1) if np.ptp(slip) > 1e-3 else (0.0, level.mean())
-    return np.asarray(np.log(0.75) + start + slope * slips)  # θm = θ1/2 leaves 3/4 of the sinkage
+@dataclass(frozen=True)
+class _Typical:
+    """What is typical of the rows of a study.
+
+    Attributes
+    ----------
+    slips : lowest and highest slip.
+    entrance : entrance angles there, (2,).
+    radius : median wheel radius, m.
+    stress : load over the chord of the contact, median, Pa.
+    displacement : shear displacement at θm = θ1/2, (11), median, m.
+    """
+
+    slips: tuple[float, float]
+    entrance: FloatArray
+    radius: float
+    stress: float
+    displacement: float
+
+    @classmethod
+    def of(cls, posterior: Posterior) -> _Typical:
+        rows, observations = posterior.likelihood.forward.conditions, posterior.likelihood.observations
+        measured = observations.values.get("normal_force", observations.load)
+        force = np.where(np.isnan(measured), observations.load, measured)
+        z = _sinkage(posterior)
+        theta = np.arccos(1.0 - z / rows.radius)
+        middle = 0.5 * theta
+        sheared = (theta - middle) - (1 - rows.slip) * (np.sin(theta) - np.sin(middle))
+        # with one slip only, any second one makes the map of the stresses invertible
+        low, high, spread = float(rows.slip.min()), float(rows.slip.max()), _several_slips(posterior)
+        slope, level = np.polyfit(rows.slip, np.log(theta), 1) if spread else (0.0, np.log(theta).mean())
+        high = high if spread else low + 0.1
+        return cls(
+            slips=(low, high),
+            entrance=np.exp(np.clip(level + slope * np.array([low, high]), -4.0, 0.4)),
+            radius=float(np.median(rows.radius)),
+            stress=_median(force / (rows.width * rows.radius * np.sin(theta)), USUAL_STRESS),
+            displacement=float(np.median(rows.shearing_radius * sheared)),
+        )
+
+    def stress_block(self, score: NormalScore, slips: int) -> Stress:
+        """The stress at the first ``slips`` of the two slips."""
+        return Stress(score, np.array(self.slips[:slips]), self.entrance[:slips], self.radius)
 
 
-def _typical_sinkage(posterior: Posterior) -> FloatArray:
+def _median(values: FloatArray, otherwise: float) -> float:
+    """Median of what is known, or ``otherwise`` where nothing is."""
+    known = values[~np.isnan(values)]
+    return float(np.median(known)) if known.size else otherwise
+
+
+def _sinkage(posterior: Posterior) -> FloatArray:
     """Sinkage of every row (m,): measured where it was, else a tenth of the radius; at least 1 % of it."""
     radius = posterior.likelihood.forward.conditions.radius
     measured = posterior.likelihood.observations.values.get("sinkage", np.full(len(radius), np.nan))
     return np.clip(np.where(np.isnan(measured), 0.1 * radius, measured), 0.01 * radius, 0.9 * radius)
-
-
-def _typical_stress(posterior: Posterior) -> float:
-    """Load over the chord of the contact, median over the rows, Pa."""
-    rows, observations = posterior.likelihood.forward.conditions, posterior.likelihood.observations
-    measured = observations.values.get("normal_force", observations.load)
-    force = np.where(np.isnan(measured), observations.load, measured)
-    sinkage = _typical_sinkage(posterior)
-    chord = np.sqrt(2 * rows.radius * sinkage - sinkage**2)
-    return float(np.nanmedian(force / (rows.width * chord)))

@@ -14,11 +14,15 @@ from numpy.random import Generator
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
+
+
+FLATTENING = 0.8
+"""Power of the importance weights in the final fit: a proposal should be wider than its target."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +78,8 @@ class _Particles:
     log_likelihood: FloatArray
 
     def resampled(self, log_weights: FloatArray, rng: Generator) -> _Particles:
-        """Systematic resampling by weight."""
-        n = len(self.u)
-        steps = np.cumsum(np.exp(log_weights - logsumexp(log_weights)))
-        chosen = np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), n - 1)
+        """As many points, drawn by weight."""
+        chosen = _systematic(np.exp(log_weights - log_weights.max()), len(self.u), rng)
         return _Particles(self.u[chosen], self.log_prior[chosen], self.log_likelihood[chosen])
 
     def accept(self, new: _Particles, log_ratio: FloatArray, rng: Generator) -> None:
@@ -86,6 +88,12 @@ class _Particles:
         self.u[taken] = new.u[taken]
         self.log_prior[taken] = new.log_prior[taken]
         self.log_likelihood[taken] = new.log_likelihood[taken]
+
+
+def _systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
+    """Indices (n,) drawn in proportion to weights by systematic resampling."""
+    steps = np.cumsum(weights) / weights.sum()
+    return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
 
 
 def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, rng: Generator) -> Adaptation:
@@ -118,7 +126,9 @@ def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
         log_share = 2 * logsumexp(log_weights) - logsumexp(2 * log_weights) - np.log(len(log_weights))
         return float(np.exp(log_share) - keep)
 
-    return most if excess(most) >= 0 else float(brentq(excess, 0.0, most, xtol=1e-12))
+    if excess(most) >= 0:
+        return most
+    return float(brentq(excess, 0.0, most, xtol=1e-300, rtol=1e-6, maxiter=1000))  # steps can be very short
 
 
 def _move(
@@ -177,10 +187,11 @@ def refine(
         log_weights = drawn.log_weights()
         log_evidence = float(logsumexp(log_weights) - np.log(len(log_weights)))
         # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-        weights = np.exp(np.minimum(log_weights - log_evidence, 0.5 * np.log(len(log_weights))))
-        inside = weights > 1e-3
-        points = np.concatenate([drawn.u[inside], u])
-        both = np.concatenate([weights[inside], np.full(len(u), 0.1 * weights.sum() / len(u))])
+        relative = np.minimum(log_weights - log_evidence, 0.5 * np.log(len(log_weights)))
+        weights = np.exp(FLATTENING * relative)
+        chosen = _systematic(weights, 5 * len(u), rng)
+        points = np.concatenate([drawn.u[chosen], u])
+        both = np.concatenate([np.full(len(chosen), 1.0), np.full(len(u), 0.5)])
         fitted = fit_mixture(points, both, options.components, rng)
         mixture = defended(fitted, points, both, options.defence)
     return mixture, efficiency, log_evidence

@@ -83,7 +83,7 @@ class StudentMixture:
 
 
 def fit_mixture(
-    u: FloatArray, weights: FloatArray, components: int, rng: Generator, *, dof: float = 8.0, steps: int = 25
+    u: FloatArray, weights: FloatArray, components: int, rng: Generator, *, dof: float = 4.0, steps: int = 25
 ) -> StudentMixture:
     """Fit a mixture to weighted points by expectation–maximisation (t laws: Liu and Rubin 1995).
 
