@@ -27,7 +27,7 @@ class Outcomes:
     Attributes
     ----------
     values : (n, m, 3) in the order of ``DRIVE_OUTCOMES``, NaN where the model has no answer.
-    status : (n,) 0, or the first :class:`bayesterra.models.Status` that left a row without an answer.
+    status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
     """
 
     values: FloatArray

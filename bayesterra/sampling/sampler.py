@@ -71,7 +71,8 @@ class Target:
         """Log prior (with Jacobian) and log likelihood, (n,) each, −inf outside the support."""
         x, log_jacobian = self.coordinates.to_physical(u)
         prior, likelihood = self.posterior.log_prior_and_likelihood(x)
-        return np.where(np.isneginf(prior), -np.inf, prior + log_jacobian), likelihood
+        inside = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
+        return np.where(inside, prior + np.where(inside, log_jacobian, 0.0), -np.inf), likelihood
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) in sampling coordinates."""

@@ -182,7 +182,7 @@ def test_drawn_readings_have_the_noise_of_the_likelihood(make_study: MakeStudy, 
 
 
 def test_no_answer_in_one_row_is_no_likelihood(make_study: MakeStudy) -> None:
-    """A soil that leaves one row without an answer has log likelihood −inf; answers alone stand row by row."""
+    """A soil that leaves one row without an answer has log likelihood −inf; row by row the others answer."""
     density = posterior(make_study(free=("n0", "n1")))
     soil = density.prior.soil_values(np.array([[0.1, -0.5]]))  # N = n0 + n1 s < 0 from s = 0.2 on
     outcomes = density.likelihood.forward(soil)

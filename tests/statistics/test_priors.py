@@ -2,6 +2,7 @@
 
 import pickle
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_density_integrates_to_one(law: Law) -> None:
     edges = law.quantile(q)
     pieces = [
         quad(lambda x: float(np.exp(law.log_density(np.array(x)))), low, high, epsabs=1e-12)[0]
-        for low, high in zip(edges, edges[1:], strict=False)
+        for low, high in pairwise(edges)
     ]
     np.testing.assert_allclose(pieces, np.diff(q), rtol=1e-7)
 
