@@ -67,4 +67,4 @@ def _bracket(tray: Lanes, carrying: int) -> None:
     for i in range(at.LANES):
         tray[at.LOW + i], tray[at.HIGH + i] = low, high
         tray[at.X + i] = tray[at.X_BEFORE + i] = 0.5 * (low + high)
-        tray[at.SLOPE + i], tray[at.CHANGE + i], tray[at.DONE + i] = 1.0, 1.0, 0.0
+        tray[at.SLOPE + i], tray[at.DOUBT + i], tray[at.DONE + i] = 1.0, 1.0, 0.0

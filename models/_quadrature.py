@@ -41,12 +41,14 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
     growth = angle * row[5] / theta[5]
     bend = angle * angle * (1.0 - slip) / 6.0
     front = growth * (slip * (1.0 - ratio) + bend * (1.0 - ratio**3))
-    rear = growth * (slip * (ratio - c3) + bend * (ratio**3 - c3**3))
+    bent = growth * bend * (ratio**3 - c3**3)
+    rear = growth * slip * (ratio - c3) + bent
     need = max(10.6 + 2.5 * angle, 10.5 + 1.6 * np.sqrt(front), _need_of_exponent(n))
-    need = max(need, min(10.3 + 6.0 * np.sqrt(rear) - 0.85 * front, 36.0 + rear / 16.0))
+    most = max(36.0 + rear / 16.0, 0.27 * rear, 0.8 * bent)  # beyond 44: K below the prior box
+    need = max(need, min(10.3 + 6.0 * np.sqrt(rear) - 0.85 * front, most))
     if c3 != 0.0:
         need = 64.0 if ratio < 0.0 or n < 0.3 else need + 8.0
-    return _RULE_OF[int(need + 0.3) if need < COUNTS[-1] else COUNTS[-1]]
+    return int(_RULE_OF[int(need + 0.3) if need < COUNTS[-1] else COUNTS[-1]])
 
 
 @compiled

@@ -18,7 +18,7 @@ _SMALLEST = 1e-300
 _SAME = 1e-11  # points closer than this in log z give no slope
 _FLAT = 1e-6  # smallest slope that a secant step uses
 _NEAR = 1e-5  # misfit at which few nodes have done their part
-_LAST = 1e-6  # largest misfit that one more step, not evaluated again, may remove
+_LAST = 3e-8  # largest misfit that one more step, not evaluated again, may remove
 _ACCURACY = 1e-11  # of F_N after that step
 _ROUGH_STEPS, _STEPS = 10, 100
 
@@ -38,7 +38,7 @@ def start(ws: Lanes) -> None:
         ws[at.TOP + i] = top
         ws[at.X + i] = guess
         ws[at.SLOPE + i] = n + 0.5
-        ws[at.CHANGE + i] = 1.0
+        ws[at.DOUBT + i] = 1.0
         _forget(ws, i)
 
 
@@ -61,7 +61,7 @@ def rough_search(ws: Lanes, model: int) -> None:
 @compiled
 def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
     """Copy a lane's solve into another tray, without its bracket, which few nodes may have got wrong."""
-    for q in (at.LOAD, at.X, at.SLOPE, at.CHANGE, at.TOP, at.PULL_SLOPE, at.MOMENT_SLOPE):
+    for q in (at.LOAD, at.X, at.SLOPE, at.DOUBT, at.TOP, at.PULL_SLOPE, at.MOMENT_SLOPE):
         target[q + slot] = source[q + lane]
     _forget(target, slot)
 
@@ -92,6 +92,7 @@ def _forget(ws: Lanes, i: int) -> None:
     ws[at.LOW + i] = ws[at.TOP + i] - _DEPTH
     ws[at.HIGH + i] = np.inf
     ws[at.X_BEFORE + i] = ws[at.X + i]
+    ws[at.STEP + i] = 0.0
     ws[at.DONE + i] = 0.0
 
 
@@ -108,13 +109,19 @@ def misfit(ws: Lanes, model: int, which: int) -> None:
 
 @inlined
 def _update_slope(ws: Lanes, i: int) -> None:
-    """Take the slopes between the last two points of a lane, where these differ."""
+    """Take the slopes between the last two points of a lane, where these differ.
+
+    On a parabola two secants in a row differ in proportion to the steps they span together, and the second differs
+    from the slope at its end in proportion to its own.
+    """
     dx = ws[at.X + i] - ws[at.X_BEFORE + i]
     if abs(dx) > _SAME:
         slope = (ws[at.F + i] - ws[at.F_BEFORE + i]) / dx
         usable = slope > _FLAT
-        change = max(abs(1.0 - ws[at.SLOPE + i] / slope), 0.5 * abs(dx)) if usable else 1.0
-        ws[at.CHANGE + i] = min(1.0, change)
+        share = abs(dx) / (abs(dx) + ws[at.STEP + i])
+        doubt = max(abs(1.0 - ws[at.SLOPE + i] / slope) * share, 0.01 * abs(dx)) if usable else 1.0
+        ws[at.DOUBT + i] = min(1.0, doubt)
+        ws[at.STEP + i] = abs(dx)
         ws[at.SLOPE + i] = slope if usable else _FLAT
         ws[at.PULL_SLOPE + i] = (ws[at.PULL + i] - ws[at.PULL_BEFORE + i]) / dx
         ws[at.MOMENT_SLOPE + i] = (ws[at.MOMENT + i] - ws[at.MOMENT_BEFORE + i]) / dx
@@ -130,7 +137,7 @@ def _is_at_top(ws: Lanes, i: int) -> bool:
 def _is_settled(ws: Lanes, i: int) -> bool:
     """Tell whether one more step, not evaluated, meets the load: misfit times error of the slope is small."""
     misfit, slope = abs(ws[at.F + i]), ws[at.SLOPE + i]
-    is_near = misfit < _LAST * min(1.0, slope) and misfit * ws[at.CHANGE + i] < _ACCURACY
+    is_near = misfit < _LAST * min(1.0, slope) and misfit * ws[at.DOUBT + i] < _ACCURACY
     return is_near or _is_at_top(ws, i)
 
 
