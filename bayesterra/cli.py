@@ -58,10 +58,12 @@ def run(
     from bayesterra.study import load_study
 
     loaded = load_study(study)  # mistakes in it are reported before the sampler's libraries are loaded
+    from bayesterra.console import print_result
     from bayesterra.workflow import run_study
 
     folder = out or beside(study, "result")
     result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    print_result(result, folder / "report.html")
     raise typer.Exit(0 if result.converged else 3)
 
 
@@ -89,7 +91,7 @@ def fit(
     loaded = load_study(study)
     fits = fit_study(loaded, method or None)
     print_fits(fits, loaded)
-    raise typer.Exit(0 if all(one.converged for one in fits.values()) else 3)
+    raise typer.Exit(0 if all(one.converged for one in fits.values() if one.path) else 3)
 
 
 @app.command()

@@ -50,7 +50,7 @@ def test_the_shipped_study_is_read() -> None:
     assert study.published is not None
     assert study.published.values["c2"] == -0.017
     assert study.published.values["phi"] == pytest.approx(np.radians(29.3))
-    assert (study.kind, study.notes, study.least_squares.hold) == ("digitised", (), {})
+    assert (study.kind, study.notes, study.least_squares.hold) == ("digitised", (), {"Ks": 2.5e6})
 
 
 def test_a_folder_and_its_file_are_the_same_study(write: Write) -> None:
