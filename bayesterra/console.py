@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
 from bayesterra.parameters import PARAMETERS
+from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 
@@ -50,30 +53,31 @@ def print_result(result: Result, report: Path) -> None:
 
 
 def _table(result: Result) -> Table:
-    from rich.box import SIMPLE_HEAD
-
-    words = result.identifiability.set_index("parameter")["verdict"]
+    words = {row["parameter"]: _verdict(row) for row in result.identifiability.to_dict("records")}
     table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header, justify in (("parameter", "left"), ("unit", "left"), ("mode", "right"), ("median", "right"),
-                            ("90 % HDI", "right"), ("the data", "left")):  # fmt: skip
-        table.add_column(header, justify=justify)  # type: ignore[arg-type]  # rich wants its literals
-    rows = result.summary[result.summary["parameter"].isin(words.index)]
-    for row in rows.itertuples():
-        interval = f"{row.hdi90_lo:.3g} to {row.hdi90_hi:.3g}"
-        name = str(row.parameter)
-        cells = (f"{row.mode:.3g}", f"{row.median:.3g}", interval, _word(words[name]))
-        table.add_row(PARAMETERS[name].symbol, str(row.unit), *cells)
+    for header in ("parameter", "unit"):
+        table.add_column(header)
+    for header in ("mode", "median", "90 % HDI"):
+        table.add_column(header, justify="right", no_wrap=True)
+    table.add_column("verdict")
+    for row in result.summary.to_dict("records"):
+        if row["parameter"] in words:
+            table.add_row(*_cells(row), words[row["parameter"]])
     return table
 
 
-def _word(verdict: str) -> str:
-    """The verdict as the end of a sentence that begins with "the data"."""
-    return {
-        "determined": "determine it",
-        "coupled": "couple it with another",
-        "weakly": "say a little",
-        "repeats its prior": "say nothing: it repeats its prior",
-    }.get(verdict, verdict)
+def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    """A row of the summary, to the precision that its interval supports."""
+    low, high = row["hdi90_lo"], row["hdi90_hi"]
+    step = resolution(low, high)
+    figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
+    return (PARAMETERS[row["parameter"]].symbol, row["unit"], *figures)
+
+
+def _verdict(row: Mapping[Hashable, Any]) -> str:
+    """The word, with the partner of a coupled parameter."""
+    coupled = row["verdict"] == "coupled"
+    return f"coupled with {PARAMETERS[row['partner']].symbol}" if coupled else str(row["verdict"])
 
 
 def verdict_line(result: Result) -> str:
