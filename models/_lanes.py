@@ -34,8 +34,8 @@ NORMAL, PULL, MOMENT = _offsets(38, 3)
 N_SIGMA_1, N_SIGMA_2, N_TAU_1, N_TAU_2, PULL_TAU_1, PULL_TAU_2, PULL_SIGMA_1, PULL_SIGMA_2 = _offsets(41, 8)
 RESULTS = NORMAL
 
-# The sinkage solver: load, log z and log(F_N / W) now and before, slope between them, how far it
-# may be wrong, the step it spans, bracket, highest log z, whether the lane is done; then the other forces before, and their slopes.
+# The sinkage solver: load; log z and log(F_N / W) now and before; the slope between them, how far it may be
+# wrong, the step it spans; bracket, highest log z, lane done or not; other forces before, their slopes.
 LOAD, X, F, X_BEFORE, F_BEFORE, SLOPE, DOUBT, STEP, LOW, HIGH, TOP, DONE = _offsets(49, 12)
 PULL_BEFORE, MOMENT_BEFORE, PULL_SLOPE, MOMENT_SLOPE = _offsets(61, 4)
 SIZE = 65 * LANES

@@ -111,8 +111,8 @@ def misfit(ws: Lanes, model: int, which: int) -> None:
 def _update_slope(ws: Lanes, i: int) -> None:
     """Take the slopes between the last two points of a lane, where these differ.
 
-    On a parabola two secants in a row differ in proportion to the steps they span together, and the second differs
-    from the slope at its end in proportion to its own.
+    On a parabola two secants in a row differ in proportion to the steps they span together, and the second
+    differs from the slope at its end in proportion to its own: that is the doubt.
     """
     dx = ws[at.X + i] - ws[at.X_BEFORE + i]
     if abs(dx) > _SAME:
