@@ -1,0 +1,146 @@
+"""How well the model explains the readings it was fitted to, from a result's draws and point estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from bayesterra.arrays import FloatArray
+from bayesterra.parameters import NOISE_PREFIX, SOIL_PARAMETERS
+from bayesterra.posteriors import Posterior, posterior
+from bayesterra.predictive import curve_forward
+from bayesterra.results import Result
+from bayesterra.study import Study
+
+DOUBTFUL = 0.05
+"""p value below which a channel is not explained."""
+OVERSTATED = 0.99
+"""p value above which the stated noise looks larger than the scatter."""
+DRAWS = 2000
+METHODS = ("IM1", "IM2", "IM3", "joint")
+"""Least-squares methods, in the order of reports."""
+REFERENCES = ("published", "truth")
+"""Values from elsewhere that stand beside them."""
+
+
+@dataclass(frozen=True)
+class FitCheck:
+    """Posterior predictive check of one channel.
+
+    Attributes
+    ----------
+    channel : its name.
+    readings : number of readings in the fit.
+    p : probability that replicated readings lie as far from the model as the measured ones, or farther.
+    estimated : whether the noise was estimated from the same readings, which makes the check lenient.
+    """
+
+    channel: str
+    readings: int
+    p: float
+    estimated: bool
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the readings are no surprise to the model."""
+        return self.p >= DOUBTFUL
+
+    @property
+    def overstated(self) -> bool:
+        """Whether the readings scatter less than the stated noise says."""
+        return self.p > OVERSTATED
+
+
+def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
+    """At most ``most`` posterior draws (n, d), evenly spaced over all ensembles; SI."""
+    draws = result.values()
+    return draws[:: max(1, -(-len(draws) // most))]
+
+
+def standardised(target: Posterior, x: FloatArray) -> FloatArray:
+    """Residuals (reading − model) / σ of parameter sets (n, d).
+
+    Shape (n, rows in the fit, channels), NaN where there is no reading.
+    """
+    outcomes = target.likelihood.forward.one_by_one(target.prior.soil_values(x))
+    predicted = target.likelihood.predicted(outcomes)
+    scales = target.likelihood.scales(predicted, target.noise_values(x))
+    return np.asarray((target.likelihood.measured - predicted) / scales)
+
+
+def residuals(result: Result, most: int = DRAWS) -> FloatArray:
+    """Standardised residuals of posterior draws, (n, rows in the fit, channels)."""
+    return standardised(posterior(result.study), spread_draws(result, most))
+
+
+def fit_checks(result: Result) -> tuple[FitCheck, ...]:
+    """Check every channel by T(y, θ) = Σ ((y − μ(θ)) / σ(θ))², Gelman, Meng and Stern 1996.
+
+    Given θ, T of replicated Gaussian readings follows χ² with as many degrees of freedom as there are
+    readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any.
+    """
+    z = residuals(result)
+    counts = (~np.isnan(z[0])).sum(axis=0)
+    distances = np.nansum(z**2, axis=1)
+    return tuple(
+        FitCheck(name, int(n), _p_value(int(n), distance), noise.law is not None)
+        for (name, noise), n, distance in zip(result.study.noise.items(), counts, distances.T, strict=True)
+    )
+
+
+def _p_value(readings: int, distances: FloatArray) -> float:
+    return float(np.mean(chdtrc(readings, distances))) if readings else float("nan")
+
+
+def estimates(result: Result) -> dict[str, dict[str, float]]:
+    """Soil parameters of least squares, published and true ones by name, SI, as far as identified."""
+    standings, fits = result.record["standings"], result.record.get("fits", {})
+    names = [name for name in (*METHODS, *REFERENCES) if name in standings]
+    missing = {name: fits.get(name, {}).get("missing", ()) for name in names}
+    return {name: _known(standings[name]["values"], missing[name]) for name in names}
+
+
+def _known(values: Mapping[str, float], missing: tuple[str, ...]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if name not in missing and value is not None}
+
+
+def complete_soils(result: Result) -> dict[str, FloatArray]:
+    """Soils (1, 9) of the least-squares methods that leave no parameter open, SI."""
+    soils = {
+        name: _soil(result.study, values) for name, values in estimates(result).items() if name in METHODS
+    }
+    return {name: soil for name, soil in soils.items() if np.isfinite(soil).all()}
+
+
+def _soil(study: Study, values: Mapping[str, float]) -> FloatArray:
+    held = study.prior.fixed
+    return np.array([[values.get(name, held.get(name, np.nan)) for name in SOIL_PARAMETERS]])
+
+
+def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:
+    """Modelled outcomes (g, outcomes) of the least-squares estimates on the slip grid of the result's curves.
+
+    All are run by the study's own model and drive; NaN where an estimate has no answer.
+    """
+    forward = curve_forward(result.study, wheel)
+    return {name: forward.one_by_one(soil).values[0] for name, soil in complete_soils(result).items()}
+
+
+def method_residuals(result: Result) -> dict[str, FloatArray]:
+    """Standardised residuals (rows in the fit, channels) of the least-squares estimates.
+
+    Estimated noise stands at its posterior median.
+    """
+    target = posterior(result.study)
+    medians = dict(zip(target.names, np.median(result.values(), axis=0), strict=True))
+    noise = np.array([[medians[name] for name in target.names if name.startswith(NOISE_PREFIX)]])
+    likelihood = target.likelihood
+    found = {}
+    for name, soil in complete_soils(result).items():
+        outcomes = likelihood.forward.one_by_one(soil)
+        predicted = likelihood.predicted(outcomes)
+        found[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
+    return found

@@ -1,0 +1,22 @@
+"""Every figure of the report as a function of a result that returns matplotlib axes.
+
+Nothing here keeps state in pyplot; ``axes.figure.savefig`` writes any of them alone.
+"""
+
+from bayesterra.figures.chains import ranks, trace
+from bayesterra.figures.checks import predictive, residuals
+from bayesterra.figures.information import combinations, contraction
+from bayesterra.figures.posterior import corner, correlations
+from bayesterra.figures.strip import parameter_strip
+
+__all__ = [
+    "combinations",
+    "contraction",
+    "corner",
+    "correlations",
+    "parameter_strip",
+    "predictive",
+    "ranks",
+    "residuals",
+    "trace",
+]

@@ -1,0 +1,135 @@
+"""Colours, marks, labels and settings that all figures share: one colour and one shape for one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from io import BytesIO
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bayesterra.parameters import Channel, Parameter
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+POSTERIOR = "#0072B2"
+PRIOR = "#8A8A8A"
+DATA = "#111111"
+INK = "#333333"
+GRID = "#D9D9D9"
+"""Okabe–Ito colours for what is inferred, greys for what is given."""
+
+PROBABILITIES = (0.5, 0.9)
+"""Masses of bands and contours."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How a point estimate is drawn everywhere."""
+
+    label: str
+    colour: str
+    marker: str
+    dashes: tuple[float, ...] = ()
+    hollow: bool = False
+
+
+MARKS = {
+    "IM1": Mark("IM1", "#D55E00", "^", (6.0, 2.0)),
+    "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
+    "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),
+    "joint": Mark("joint", "#E69F00", "X", (3.0, 2.0)),
+    "published": Mark("published", DATA, "o", hollow=True),
+    "truth": Mark("truth", DATA, "o", hollow=True),
+}
+
+SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "axes.unicode_minus": True,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "text.color": INK,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "mathtext.fontset": "dejavusans",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.hashsalt": "bayesterra",
+    "svg.fonttype": "path",
+}
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Draw with the shared settings, whatever the reader's own are, and leave those untouched."""
+
+    @wraps(draw)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update(SETTINGS)
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure (inches) that pyplot does not know of."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def own_axes(ax: Axes | None, width: float = 3.6, height: float = 2.5) -> Axes:
+    """Return the caller's axes, or those of a new figure."""
+    return ax if ax is not None else new_figure(width, height).subplots()
+
+
+def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
+    """Symbol and field unit as an axis label."""
+    symbol = f"${quantity.latex}$"
+    return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
+
+
+def unit_text(unit: str) -> str:
+    """A field unit for matplotlib."""
+    return unit.replace("m^N", "m$^N$")
+
+
+@styled
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, the same bytes each time."""
+    return _saved(figure, format="svg", metadata={"Date": None, "Creator": None})
+
+
+@styled
+def png(figure: Figure, dpi: float) -> bytes:
+    """The figure as PNG on a transparent ground, the same bytes each time."""
+    return _saved(figure, format="png", dpi=dpi, metadata={"Software": None})
+
+
+def _saved(figure: Figure, **options: Any) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, **options)
+    return buffer.getvalue()

@@ -1,0 +1,168 @@
+"""What went in: readings, wheels, model, noise and prior."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from markupsafe import Markup
+
+from bayesterra.figures.rows import summary_rows
+from bayesterra.noise import Noise
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.priors import Law
+from bayesterra.report.blocks import Block, Cell, Section, Table, Text
+from bayesterra.report.numbers import NOTHING, column, given, moments, share
+from bayesterra.report.symbols import amount, angles, law_text, listed, symbol, symbols, with_unit
+from bayesterra.results import Result
+from bayesterra.study import Study
+
+EQUATIONS = {
+    "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
+    "M2": "closed form with linear stresses, (18) to (24)",
+    "M3": "closed form with linear stress cosines, (25) and (26)",
+}
+"""Equation numbers of Ding et al. 2015."""
+DRIVES = {
+    "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
+    "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",
+}
+
+
+def data_section(result: Result) -> Section:
+    """Data and model."""
+    study = result.study
+    notes: list[Block] = [Text(Markup("Note: {}").format(note)) for note in study.notes]
+    blocks = (
+        _readings(study),
+        _wheels(study),
+        Text(_model(study)),
+        *notes,
+        _priors(result),
+        Text(_support(result)),
+    )
+    return Section("data", "Data and model", blocks)
+
+
+def _readings(study: Study) -> Table:
+    rows = study.observations
+    given_name = "load" if study.drive == "load" else "sinkage"
+    conditioned = rows.load if study.drive == "load" else rows.values["sinkage"]
+    columns = {given_name: conditioned, **{name: rows.values[name] for name in study.noise}}
+    many = len(study.wheels) > 1
+    shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
+    slips, body = column(rows.slip, 4), []
+    for i, row in enumerate(rows.rows):
+        wheel = (rows.wheel[i],) if many else ()
+        body.append(
+            (f"{row}", *wheel, slips[i], *(cells[i] for cells in shown), "yes" if rows.use[i] else "no")
+        )
+    noise = (_noise(study.noise[name]) if name in study.noise else "given" for name in columns)
+    body.append(("noise (sd)", *([""] if many else []), "", *noise, ""))
+    header = (
+        "row",
+        *(["wheel"] if many else []),
+        symbol("slip"),
+        *(with_unit(name) for name in columns),
+        "in the fit",
+    )
+    caption = Markup(
+        "Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}"
+    ).format(_origin(study))
+    return Table(caption, "l" + "l" * many + "r" * (len(columns) + 1) + "c", header, tuple(body))
+
+
+def _origin(study: Study) -> str:
+    source = f": {study.source}" if study.source else ""
+    return f"Source ({study.kind}){source}."
+
+
+def _noise(noise: Noise) -> Cell:
+    scale = CHANNELS[noise.channel].scale
+    if noise.law is not None:
+        return "estimated"
+    if noise.fraction is not None:
+        return f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}"
+    return f"{(noise.sd or 0.0) / scale:g}"
+
+
+def _wheels(study: Study) -> Table:
+    rows = tuple(
+        (
+            name,
+            given(wheel.radius * 1e3),
+            given(wheel.width * 1e3),
+            given(wheel.lug_height * 1e3),
+            str(wheel.lug_count),
+            NOTHING
+            if wheel.shearing_radius_coefficient is None
+            else f"{wheel.shearing_radius_coefficient:.3g}",
+            f"{float(wheel.shearing_radius()) * 1e3:.4g}",
+        )
+        for name, wheel in study.wheels.items()
+    )
+    header = ("wheel", "radius [mm]", "width [mm]", "lug height [mm]", "lugs", Markup("<i>λ</i><sub>s</sub>"),
+              Markup("<i>r</i><sub>s</sub> [mm]"))  # fmt: skip
+    return Table("Wheels.", "lrrrrrr", header, rows)
+
+
+def _model(study: Study) -> Markup:
+    options = ", ".join(
+        f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items()
+    )
+    return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
+                  "Gaussian noise of the standard deviation in the last line of the table.").format(
+        study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive]
+    )  # fmt: skip
+
+
+def _option(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return " and ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
+
+
+def _priors(result: Result) -> Table:
+    entries = result.study.prior.entries
+    body: list[tuple[Cell, ...]] = []
+    for name in (name for name in PARAMETERS if name in entries):
+        entry = entries[name]
+        law = law_text(name, entry) if isinstance(entry, Law) else _fixed(name, float(entry))
+        body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
+    caption = (
+        "Prior laws as stated in the study, independent of each other; mean and standard deviation of the "
+        "prior after the physical cut, in the same unit. Wherever this report says prior, the cut one is "
+        "meant."
+    )
+    return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
+
+
+def _fixed(name: str, value: float) -> Markup:
+    return Markup("fixed at {}").format(amount(name, given(value / PARAMETERS[name].scale)))
+
+
+def _cut_moments(result: Result, name: str) -> tuple[str, str]:
+    rows = summary_rows(result)
+    return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
+
+
+def _support(result: Result) -> Markup:
+    found = result.record["prior_support"]
+    shares = dict(found["shares"])
+    inside = shares.pop("inside the support", 0.0)
+    if not shares:
+        return Markup("No draw of the stated prior ({}) contradicts the physics.").format(found["tried"])
+    cut = listed(Markup("{} ({})").format(angles(reason), share(part)) for reason, part in shares.items())
+    return Markup(
+        "Physical cut: {} of the stated prior has an answer at every row. The rest does not count as prior: "
+        "{}. Shares of {} draws."
+    ).format(share(inside), cut, found["tried"])
+
+
+def estimated_noise(study: Study) -> Markup:
+    """Which channels have their noise estimated, as a clause."""
+    names = [name for name, noise in study.noise.items() if noise.law is not None]
+    if not names:
+        return Markup("")
+    return Markup(
+        " The noise of {} was estimated from the same readings, which makes the check lenient there."
+    ).format(symbols(names))

@@ -1,0 +1,243 @@
+"""What came out: sampling quality, the posterior, predictive checks and what the data determine."""
+
+from __future__ import annotations
+
+from markupsafe import Markup
+
+from bayesterra import figures
+from bayesterra.adequacy import FitCheck
+from bayesterra.figures.posterior import PRIOR_MASS
+from bayesterra.figures.rows import found_rows, summary_rows
+from bayesterra.identifiability import DETERMINED, WEAK
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
+from bayesterra.report.driving import slip_table
+from bayesterra.report.inputs import estimated_noise
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, probability, resolution, rounded
+from bayesterra.report.symbols import QUANTITIES, angles, symbol, unit
+from bayesterra.results import Result
+
+RANKS = (
+    "Ranks of each ensemble's draws among all draws. Ensembles that sample the same distribution are flat; "
+    "grey: where 95 % of the steps lie then, for the effective number of draws. A slope or a hump outside "
+    "the grey means that an ensemble disagrees with the others."
+)
+TRACES = (
+    "Log density and parameters over the kept steps: median, 5 and 95 % of the walkers of each ensemble, "
+    "one shade each. Level bands that overlie each other mean that no ensemble is still on its way."
+)
+CORNER = (
+    "All pairs of parameters. Blue contours hold 50 and 90 % of the posterior, the grey area "
+    f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior mode; "
+    "marks: point estimates. Long thin contours are trades between two parameters; where blue fills the grey, "
+    "the data say nothing."
+)
+CORRELATIONS = Markup(
+    "Correlation of every pair in the posterior (orange: rise together, violet: one rises as the other "
+    "falls). Framed: the groups bearing <i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact "
+    "angles <i>P</i><sub>III</sub>. Strong colour outside the frames: the groups cannot be fitted apart."
+)
+
+
+def sampling_section(result: Result) -> Section:
+    """Sampling quality."""
+    names = result.names
+    ranks = tuple(
+        drawing(figures.ranks(result, name), f"Rank histograms of {PARAMETERS[name].description}")
+        for name in names
+    )
+    traces = tuple(
+        photograph(figures.trace(result, name), f"Trace of {_spoken(name)}") for name in ("lp", *names)
+    )
+    return Section(
+        "sampling",
+        "Sampling quality",
+        (
+            _checks(result),
+            _chains(result),
+            Gallery("tiny", ranks, RANKS),
+            Gallery("tiny", traces, TRACES),
+        ),
+    )
+
+
+def _spoken(name: str) -> str:
+    return "the log density" if name == "lp" else PARAMETERS[name].description
+
+
+def _checks(result: Result) -> Table:
+    rows = tuple(
+        (
+            Markup("<b>{}</b>").format("passed" if check["passed"] else "FAILED"),
+            check["name"],
+            plain(check["value"], 4),
+            plain(check["threshold"], 4),
+            "" if check["passed"] else check["advice"],
+        )
+        for check in result.record["verdict"]["checks"]
+    )
+    sampling, settings = result.record["sampling"], result.record["settings"]
+    caption = Markup(
+        "Every check of the sampling: {} independent ensembles of {} walkers, {} steps kept, acceptance {}. "
+        "Walkers of one ensemble depend on each other, so R-hat compares ensembles only."
+    ).format(settings["ensembles"], settings["walkers"], sampling["steps"], plain(sampling["acceptance"], 2))
+    return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
+
+
+def _chains(result: Result) -> Table:
+    tau = result.record["sampling"]["tau"]
+    rows = tuple(
+        (
+            symbol(name),
+            f"{row.r_hat:.4f}",
+            plain(row.ess_bulk),
+            plain(row.ess_tail),
+            plain(tau.get(name)),
+            plain(row.mcse_mean, 2),
+            plain(row.mcse_median, 2),
+            plain(row.mcse_sd, 2),
+        )
+        for name, row in summary_rows(result).items()
+    )
+    caption = (
+        "Effective number of draws for the centre (bulk) and the tails, autocorrelation time in steps, and "
+        "the Monte Carlo standard errors of mean, median and sd, in the parameter's unit: digits below "
+        "these errors mean nothing."
+    )
+    header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
+    return Table(caption, "lrrrrrrr", header, rows)
+
+
+def posterior_section(result: Result) -> Section:
+    """The posterior: table, corner plot, correlations."""
+    corner = photograph(
+        figures.corner(result),
+        "Corner plot of all pairs of parameters: posterior, prior and point estimates",
+        width=1060,
+    )
+    heat = drawing(figures.correlations(result), "Correlations of all pairs of parameters")
+    return Section(
+        "posterior",
+        "Posterior",
+        (
+            _summary(result),
+            Gallery("whole", (corner,), CORNER),
+            Gallery("half", (heat,), CORRELATIONS),
+        ),
+    )
+
+
+def _summary(result: Result) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for name, row in summary_rows(result).items():
+        step = resolution(*row.hdi)
+        values = (rounded(value, step) for value in (row.mode, row.median, row.mean))
+        prior = moments(row.prior_mean, row.prior_sd)
+        what = (symbol(name), angles(QUANTITIES[name].description), unit(name) or NOTHING)
+        rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
+    caption = (
+        "Posterior of parameters and derived quantities. The mode is the densest point of all parameters "
+        "together; interval: 90 % highest-density interval. Sinkage moduli of different exponents do not "
+        "compare; bearing pressure and shear strength do."
+    )
+    header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
+    return Table(caption, "lllrrrrrrr", header, tuple(rows))
+
+
+def predictive_section(result: Result, checks: tuple[FitCheck, ...]) -> Section:
+    """Predictive checks."""
+    blocks: list[Block] = [_fit(result, checks)]
+    for wheel in result.study.wheels:
+        blocks += [_bands(result, wheel), slip_table(result, wheel)]
+    return Section("checks", "Predictive checks", (*blocks, _residuals(result)))
+
+
+def _fit(result: Result, checks: tuple[FitCheck, ...]) -> Table:
+    rows = tuple(
+        (symbol(c.channel), CHANNELS[c.channel].description, str(c.readings), probability(c.p), _fit_word(c))
+        for c in checks
+    )
+    caption = Markup(
+        "Posterior-predictive check: <i>T</i>(<i>y</i>, <i>θ</i>) = Σ((<i>y</i> − <i>μ</i>)/<i>σ</i>)² and "
+        "<i>p</i> = P(<i>T</i>(<i>y</i><sub>rep</sub>, <i>θ</i>) ≥ <i>T</i>(<i>y</i>, <i>θ</i>)). Below "
+        "0.05 the model does not explain the readings; above 0.99 their scatter is smaller than the noise "
+        "that was stated.{}"
+    ).format(estimated_noise(result.study))
+    return Table(caption, "llrrl", ("", "channel", "readings", Markup("<i>p</i>"), "verdict"), rows)
+
+
+def _fit_word(check: FitCheck) -> str:
+    if not check.adequate:
+        return "not adequate"
+    return "adequate; noise overstated" if check.overstated else "adequate"
+
+
+def _bands(result: Result, wheel: str) -> Gallery:
+    channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    pictures = tuple(
+        drawing(
+            figures.predictive(result, name, wheel=wheel),
+            f"{CHANNELS[name].description} over slip, wheel {wheel}",
+        )
+        for name in channels
+    )
+    caption = Markup(
+        "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
+        "noise included, and their median; at the median load of the readings, or through the measured "
+        "sinkages where those are given. Broken lines: the least-squares estimates run by the same model, "
+        "IM1 long dashes (vermilion), IM2 dots (green), IM3 dash-dot (purple), joint short dashes (orange); "
+        "they end where an estimate has no answer. About nine readings in ten should lie in the pale band."
+    ).format(wheel)
+    return Gallery("small", pictures, caption)
+
+
+def _residuals(result: Result) -> Gallery:
+    pictures = tuple(
+        drawing(figures.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}")
+        for name in result.study.noise
+    )
+    caption = (
+        "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
+        "are their means; marks beside them: IM1 ▲, IM2 ■, IM3 ◆, joint ✖, hollow at the edge where they "
+        "are farther out. A run of one sign over slip would mean that the model has the wrong shape."
+    )
+    return Gallery("small", pictures, caption)
+
+
+def identifiability_section(result: Result) -> Section:
+    """What the data determine."""
+    bars = drawing(figures.contraction(result), "Contraction of every parameter")
+    cells = drawing(
+        figures.combinations(result), "Weights of the parameters in the combinations, best determined first"
+    )
+    text = Markup(
+        "A parameter is <b>determined</b> where its variance shrinks by {:.0f} % or more (sd below a third "
+        "of the prior's), <b>coupled</b> where it is not but its correlation with another is 0.8 or "
+        "stronger, <b>weakly</b> determined from {:.0f} % on, and otherwise <b>repeats its prior</b>."
+    ).format(100 * DETERMINED, 100 * WEAK)
+    caption = Markup(
+        "Left: contraction 1 − var(posterior)/var(prior) of each parameter, with the limits {:.1f} and "
+        "{:.1f}. Right: the independent combinations of parameters, best determined first, with their own "
+        "contraction; weights in units of the prior's sd. Combinations at the bottom are what a next "
+        "measurement should aim at."
+    ).format(WEAK, DETERMINED)
+    return Section(
+        "identifiability",
+        "Identifiability",
+        (Text(text), _identifiability(result), Gallery("half", (bars, cells), caption)),
+    )
+
+
+def _identifiability(result: Result) -> Table:
+    rows = tuple(
+        (
+            symbol(name),
+            row.verdict,
+            f"{max(row.contraction, 0.0):.2f}",
+            symbol(row.partner),
+            f"{row.correlation:+.2f}".replace("-", "−"),
+        )
+        for name, row in found_rows(result).items()
+    )
+    header = ("", "verdict", "contraction", "strongest coupling", "correlation")
+    return Table("Verdict of every parameter.", "llrlr", header, rows)

@@ -1,0 +1,105 @@
+"""Names of quantities in HTML: symbols set as in the literature, units, lists of words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from markupsafe import Markup, escape
+
+from bayesterra.derived import DERIVED
+from bayesterra.parameters import CHANNELS, PARAMETERS, Channel, Parameter
+from bayesterra.priors import RANGED, Law
+from bayesterra.report.numbers import given
+
+QUANTITIES: dict[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
+
+
+def symbol(name: str) -> Markup:
+    """The symbol of a parameter, channel or derived quantity.
+
+    >>> symbol("Ks"), symbol("drawbar_pull")
+    (Markup('<i>K</i><sub>s</sub>'), Markup('<i>F</i><sub>DP</sub>'))
+    """
+    if name in DERIVED:
+        return Markup("").join(_part(part) for part in re.split(r"(\bF_DP\b)", DERIVED[name].symbol))
+    text = QUANTITIES[name].symbol
+    inner = re.fullmatch(r"σ\((.*)\)", text)
+    if inner:
+        return Markup("<i>σ</i>({})").format(_letters(inner[1]))
+    return _letters(text)
+
+
+def _part(text: str) -> Markup:
+    return _letters(text) if text == "F_DP" else Markup("{}").format(text)
+
+
+def _letters(text: str) -> Markup:
+    """A letter in italics with its subscript upright: ``K_s``, ``n0``, ``F_DP``."""
+    letter, subscript = text[0], text[1:].removeprefix("_")
+    lowered = Markup("<sub>{}</sub>").format(subscript) if subscript else Markup("")
+    return Markup("<i>{}</i>{}").format(letter, lowered)
+
+
+def angles(text: str) -> Markup:
+    """Text with the subscripts of its angles set.
+
+    >>> angles("θm outside (θ2, θ1)")
+    Markup('θ<sub>m</sub> outside (θ<sub>2</sub>, θ<sub>1</sub>)')
+    """
+    return Markup(re.sub(r"θ([m12])", r"θ<sub>\1</sub>", str(escape(text))))  # noqa: S704 (escaped before)
+
+
+def unit(name: str) -> Markup:
+    """The field unit, empty for pure numbers."""
+    text = QUANTITIES[name].unit
+    before, power, _ = text.partition("m^N")
+    if text == "-":
+        return Markup("")
+    return Markup("{}m<sup>N</sup>").format(before) if power else Markup("{}").format(text)
+
+
+def with_unit(name: str) -> Markup:
+    """Symbol and unit, for the head of a table."""
+    text = unit(name)
+    return Markup("{} [{}]").format(symbol(name), text) if text else symbol(name)
+
+
+def amount(name: str, text: str) -> Markup:
+    """A number with its unit, kept on one line."""
+    return Markup("{}&nbsp;{}").format(text, unit(name)) if unit(name) else Markup("{}").format(text)
+
+
+def listed(items: Iterable[str | Markup], last: str = "and") -> Markup:
+    """Items as in a sentence: a, b and c."""
+    parts = [Markup("{}").format(item) for item in items]
+    if len(parts) < 2:
+        return parts[0] if parts else Markup("")
+    return Markup("{} {} {}").format(Markup(", ").join(parts[:-1]), last, parts[-1])
+
+
+def symbols(names: Iterable[str], last: str = "and") -> Markup:
+    """Symbols as in a sentence."""
+    return listed((symbol(name) for name in names), last)
+
+
+def law_text(name: str, law: Law) -> Markup:
+    """A prior law in field units.
+
+    >>> str(law_text("phi", Law("uniform", lower=0.0, upper=0.8726646259971648)))
+    'uniform on 0 to 50&nbsp;deg'
+    """
+    scale = PARAMETERS[name].scale
+    limits = (law.lower / scale, law.upper / scale)
+    ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
+    if law.dist in RANGED:
+        return Markup("{} on {}").format(law.dist, ends)
+    inside = ", ".join(
+        f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items()
+    )
+    cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
+    return Markup("{} ({}){}").format(law.dist, inside, cut)
+
+
+def _end(value: float) -> str:
+    return given(value) if abs(value) < float("inf") else "−∞" if value < 0 else "∞"

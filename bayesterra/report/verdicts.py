@@ -1,0 +1,103 @@
+"""The three verdicts: each a word, a grade that is also a sign, and a sentence with its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from bayesterra.adequacy import FitCheck
+from bayesterra.figures.rows import found_rows
+from bayesterra.report.numbers import plain, probability
+from bayesterra.report.symbols import listed, symbol, symbols
+from bayesterra.results import Result
+
+SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
+FEW_READINGS = 3
+"""Readings per free parameter below which the check of the fit can hardly fail."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One verdict.
+
+    Attributes
+    ----------
+    grade : ``good``, ``fair`` or ``poor``.
+    """
+
+    title: str
+    word: str
+    grade: str
+    sentence: Markup
+
+    @property
+    def sign(self) -> str:
+        """A sign that says the grade without colour."""
+        return SIGNS[self.grade]
+
+
+def verdicts(result: Result, checks: tuple[FitCheck, ...]) -> tuple[Verdict, Verdict, Verdict]:
+    """Sampling, model fit, identifiability."""
+    return sampling_verdict(result), fit_verdict(result, checks), identifiability_verdict(result)
+
+
+def failed_checks(result: Result) -> list[Mapping[str, Any]]:
+    """The checks of the sampling that did not pass."""
+    return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
+
+
+def sampling_verdict(result: Result) -> Verdict:
+    """Whether the draws can be relied on."""
+    verdict, settings = result.record["verdict"], result.record["settings"]
+    figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
+        plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
+    )
+    if result.converged:
+        return Verdict("Sampling", "converged", "good", figures + ".")
+    reasons = listed(check["name"] for check in failed_checks(result))
+    return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
+
+
+def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
+    """Whether the model explains the readings within the stated noise."""
+    values = listed(
+        Markup("{} for {}").format(probability(check.p), symbol(check.channel)) for check in checks
+    )
+    sentence = Markup("Posterior-predictive <i>p</i>: {}.").format(values)
+    doubtful = [check.channel for check in checks if not check.adequate]
+    if doubtful:
+        sentence += Markup(" The model misses {} by more than the noise.").format(symbols(doubtful))
+    overstated = [check.channel for check in checks if check.overstated]
+    if overstated:
+        sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
+    return Verdict(
+        "Model fit",
+        "not adequate" if doubtful else "adequate",
+        "poor" if doubtful else "good",
+        sentence + few_readings(result, checks),
+    )
+
+
+def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
+    """A warning where there are so few readings that the model can bend to them."""
+    count, free = sum(check.readings for check in checks), len(result.names)
+    if count >= FEW_READINGS * free:
+        return Markup("")
+    return Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
+
+
+def identifiability_verdict(result: Result) -> Verdict:
+    """How many independent combinations of parameters the data determine."""
+    found = result.record["directions"]
+    determined, of = found["determined"], found["of"]
+    alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
+    sentence = Markup("Directions of the parameter space whose variance shrinks tenfold or more.")
+    if alone:
+        sentence += Markup(" On their own: {}.").format(symbols(alone))
+    else:
+        sentence += " No parameter on its own."
+    grade = "good" if determined == of else "fair" if determined else "poor"
+    return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
