@@ -58,7 +58,7 @@ class Adaptation:
     evaluations : parameter sets evaluated.
     mixture : the frozen proposal.
     efficiency : effective share of independent draws of the last but one mixture.
-    log_evidence : log of the mean importance weight of all draws.
+    log_evidence : log of the mean importance weight of those same draws, which no fit had seen before.
     """
 
     u: FloatArray
@@ -178,16 +178,17 @@ def refine(
 
     Returns
     -------
-    The mixture, the effective share of its own draws, and the log evidence from all draws.
+    The mixture; effective share and log evidence of the last round's draws alone. (All rounds together
+    underrate the evidence: the later proposals are dense just where the earlier draws happen to lie.)
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
     efficiency = log_evidence = np.nan
     for draws in options.refinements:
-        efficiency = drawn.extend(mixture, draws * len(u), densities, rng)
+        efficiency, log_evidence = drawn.extend(mixture, draws * len(u), densities, rng)
         log_weights = drawn.log_weights()
-        log_evidence = float(logsumexp(log_weights) - np.log(len(log_weights)))
         # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-        relative = np.minimum(log_weights - log_evidence, 0.5 * np.log(len(log_weights)))
+        excess = log_weights - logsumexp(log_weights) + np.log(len(log_weights))
+        relative = np.minimum(excess, 0.5 * np.log(len(log_weights)))
         weights = np.exp(FLATTENING * relative)
         chosen = _systematic(weights, 5 * len(u), rng)
         points = np.concatenate([drawn.u[chosen], u])
@@ -206,8 +207,10 @@ class _Drawn:
     mixtures: list[tuple[StudentMixture, int]]
     log_proposals: list[FloatArray]
 
-    def extend(self, mixture: StudentMixture, n: int, densities: Densities, rng: Generator) -> float:
-        """Draw n points from one more proposal; returns the effective share of these draws alone."""
+    def extend(
+        self, mixture: StudentMixture, n: int, densities: Densities, rng: Generator
+    ) -> tuple[float, float]:
+        """Draw n points from one more proposal; effective share and log mean weight of these draws alone."""
         new = mixture.sample(n, rng)
         log_prior, log_likelihood = densities(new)
         target = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood)
@@ -219,7 +222,8 @@ class _Drawn:
         self.log_proposals.append(mixture.log_density(self.u))
         self.mixtures.append((mixture, n))
         alone = target - self.log_proposals[-1][-n:]
-        return float(np.exp(2 * logsumexp(alone) - logsumexp(2 * alone)) / n)
+        share = np.exp(2 * logsumexp(alone) - logsumexp(2 * alone)) / n
+        return float(share), float(logsumexp(alone) - np.log(n))
 
     def log_weights(self) -> FloatArray:
         """Log importance weights against the mixture of all proposals."""

@@ -98,7 +98,8 @@ def fit_mixture(
     """
     weights = weights / weights.sum()
     centre = weights @ u
-    scale = np.sqrt(weights @ (u - centre) ** 2) + 1e-300
+    spread = np.sqrt(weights @ (u - centre) ** 2)
+    scale = np.where(spread > 0, spread, 1.0)
     points = _Points.of((u - centre) / scale, weights)
     mixture, level = _start(points, components, rng, dof), -np.inf
     for _ in range(steps):
