@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
+from bayesterra.comparison import Standing
+from bayesterra.diagnostics import Diagnosis
+from bayesterra.identifiability import Identifiability
+from bayesterra.identification import Fit
+from bayesterra.sampling.sampler import Samples
 from bayesterra.study import Study
 
 PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-base", "arviz-stats", "xarray")
@@ -42,4 +50,61 @@ def run_record(
         "notes": list(study.notes),
         "seconds": seconds,
         **findings,
+    }
+
+
+def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The verdict on the sampling, with every threshold and value."""
+    return {
+        "converged": diagnosis.converged,
+        "ess": diagnosis.ess,
+        "r_hat": diagnosis.worst_r_hat,
+        "checks": [asdict(check) for check in diagnosis.checks],
+    }
+
+
+def of_samples(samples: Samples, every: int) -> dict[str, Any]:
+    """How the draws were made; ``every`` is the step between kept draws."""
+    diagnosis, adaptations = samples.diagnosis, samples.adaptations
+    return {
+        "acceptance": diagnosis.acceptance,
+        "steps": diagnosis.steps,
+        "kept_one_step_in": every,
+        "tau": dict(zip(samples.names, diagnosis.tau.tolist(), strict=True)),
+        "temperatures": [len(adaptation.temperatures) - 1 for adaptation in adaptations],
+        "proposal_efficiency": [adaptation.efficiency for adaptation in adaptations],
+        "log_evidence": [adaptation.log_evidence for adaptation in adaptations],
+    }
+
+
+def of_fit(fitted: Fit) -> dict[str, Any]:
+    """How a least-squares fit ended."""
+    return {
+        "converged": fitted.converged,
+        "passes": fitted.passes,
+        "errors_percent": dict(fitted.errors),
+        "held": list(fitted.held),
+        "at_bound": list(fitted.at_bound),
+        "missing": list(fitted.missing),
+        "notes": list(fitted.notes),
+    }
+
+
+def of_standing(standing: Standing) -> dict[str, Any]:
+    """Where a point estimate stands in the posterior."""
+    return {
+        "credible_level": standing.credible_level,
+        "log_density": standing.log_density if np.isfinite(standing.log_density) else None,
+        "word": standing.word,
+        "at_bound": list(standing.at_bound),
+        "values": dict(standing.values),
+    }
+
+
+def of_directions(found: Identifiability) -> dict[str, Any]:
+    """How many independent directions the data determine."""
+    return {
+        "determined": found.determined,
+        "of": len(found.contractions),
+        "contractions": found.contractions.tolist(),
     }
