@@ -84,7 +84,9 @@ class NormalScore:
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
         below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.law.cdf, self.law.survival))
-        return np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
+        return np.asarray(
+            np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
+        )
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
