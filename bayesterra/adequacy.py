@@ -63,9 +63,9 @@ def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
 def standardised(target: Posterior, x: FloatArray) -> FloatArray:
     """Residuals (reading − model) / σ of parameter sets (n, d).
 
-    Shape (n, rows in the fit, channels), NaN where there is no reading.
+    Shape (n, rows in the fit, channels), NaN where there is no reading. A latent load is drawn for each.
     """
-    outcomes = target.likelihood.forward.one_by_one(target.prior.soil_values(x))
+    outcomes = target.explained(x, np.random.default_rng(0))
     predicted = target.likelihood.predicted(outcomes)
     scales = target.likelihood.scales(predicted, target.noise_values(x))
     return np.asarray((target.likelihood.measured - predicted) / scales)
@@ -80,9 +80,12 @@ def fit_checks(result: Result) -> tuple[FitCheck, ...]:
     """Check every channel by T(y, θ) = Σ ((y − μ(θ)) / σ(θ))², Gelman, Meng and Stern 1996.
 
     Given θ, T of replicated Gaussian readings follows χ² with as many degrees of freedom as there are
-    readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any.
+    readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any. Residuals
+    under Student-t noise are first turned into the normal scores that they have under that law.
     """
     z = residuals(result)
+    for i, noise in enumerate(result.study.noise.values()):
+        z[:, :, i] = noise.normal_score(z[:, :, i])
     counts = (~np.isnan(z[0])).sum(axis=0)
     distances = np.nansum(z**2, axis=1)
     return tuple(

@@ -12,20 +12,21 @@ from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
 from bayesterra.models import Soil, Wheel
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import PRIOR_SETS, Law
+from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import PRIOR_SETS, Entry, Law, Prior, Tie
 from bayesterra.schema import WheelTable
 
 DEFAULT_PRIOR_SET = "paper-box"
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
 
-SoilPrior = dict[str, Law | float]
+LOAD_MARGIN = 6.0
+"""Standard deviations by which the range of a latent load reaches beyond the measured normal forces."""
+
+SoilPrior = dict[str, Entry]
 
 
-def soil_prior(
-    given: Mapping[str, Law | float | str], *, constant_exponent: bool
-) -> tuple[SoilPrior, list[str]]:
-    """Laws and fixed values of all nine soil parameters, and notes on what was filled in.
+def soil_prior(given: Mapping[str, Entry | str], *, constant_exponent: bool) -> tuple[SoilPrior, list[str]]:
+    """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
     ----------
@@ -34,22 +35,48 @@ def soil_prior(
 
     Raises
     ------
-    StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent.
+    StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent; k_c
+        without k_φ, or beside K_s.
     """
     entries: SoilPrior = {name: entry for name, entry in given.items() if not isinstance(entry, str)}
     if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
         raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
-    missing = [name for name in SOIL_PARAMETERS if name not in entries and name != "c3"]
+    stiffness = _stiffness(entries)
+    needed = (*stiffness, *SOIL_PARAMETERS[1:])
+    missing = [name for name in needed if name not in entries and name != "c3"]
     notes = []
     if missing and "set" not in given:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
     chosen = str(given.get("set", DEFAULT_PRIOR_SET)) if missing or "set" in given else None
     known = PRIOR_SETS[chosen] if chosen else {}
-    _check_fixed({n: v for n, v in entries.items() if not isinstance(v, Law)}, known, chosen)
-    return {"c3": 0.0, **known, **entries}, notes
+    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, known, chosen)
+    taken = {name: entry for name, entry in known.items() if name in needed}
+    return {"c3": 0.0, **taken, **entries}, notes
 
 
-def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Law | float], chosen: str | None) -> None:
+def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
+    """K_s, or k_c and k_φ in its place."""
+    found = [name for name in MODULI if name in entries]
+    if not found:
+        return ("Ks",)
+    if "Ks" in entries:
+        raise StudyError(f"[priors] '{found[0]}' stands in place of 'Ks': give either")
+    if len(found) == 1:
+        other = next(name for name in MODULI if name not in found)
+        raise StudyError(f"[priors] '{found[0]}' needs '{other}' beside it, as K_s = kc/b + kphi")
+    return MODULI
+
+
+def full_prior(soil: SoilPrior, noise: Mapping[str, Noise], wheels: Mapping[str, Wheel]) -> Prior:
+    """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
+    estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
+    try:
+        return Prior({**soil, **estimated}, next(iter(wheels.values())).width)
+    except StudyError as error:
+        raise StudyError(f"[priors] {error}") from error
+
+
+def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Entry], chosen: str | None) -> None:
     for name, value in fixed.items():
         law = known.get(name)
         if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
@@ -59,7 +86,7 @@ def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Law | float], c
                 f" (got {_field(name, value)})"
             )
     try:
-        Soil(**{**_ANY_SOIL, **fixed})
+        Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
     except ValueError as error:
         raise StudyError(f"[priors] {error}") from error
 
@@ -69,10 +96,12 @@ def _field(name: str, value: float) -> str:
     return f"{value / parameter.scale:g} {parameter.unit.removesuffix('-')}".strip()
 
 
-def resolved_wheels(tables: Mapping[str, WheelTable], phi: Law | float) -> tuple[dict[str, Wheel], list[str]]:
+def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
     """Wheels by name; a coefficient that is left out comes, once, from (2) at the prior median of phi."""
     if not tables:
         raise StudyError("[wheels] needs at least one wheel, e.g. [wheels.Wh1]")
+    if isinstance(phi, Tie):
+        raise StudyError("[priors] 'phi' must not be tied: it is the only angle")
     at = phi.median if isinstance(phi, Law) else float(phi)
     wheels, notes = {}, []
     for name, table in tables.items():
@@ -100,7 +129,8 @@ def conditioned(observations: Observations, drive: str) -> tuple[Observations, l
     """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
 
     With drive ``load`` and no load, the normal force is the load; with drive ``sinkage`` and no normal
-    force, the load is the measured normal force.
+    force, the load is the measured normal force; with drive ``both`` likewise, and nothing is conditioned on
+    but slip.
     """
     notes: list[str] = []
     has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
@@ -109,10 +139,12 @@ def conditioned(observations: Observations, drive: str) -> tuple[Observations, l
         notes.append("no load column: the measured normal force is the load")
     elif drive == "load" and has_load and has_force:
         notes.append("normal_force is not used, as the drive 'load' conditions on the load")
-    elif drive == "sinkage" and has_load and not has_force:
+    elif drive in ("sinkage", "both") and has_load and not has_force:
         observations = _with_normal_force(observations)
         notes.append("no normal_force column: the load is the measured normal force")
-    return _with_condition(observations, drive), notes
+    elif drive == "both" and has_load:
+        notes.append("load is not used, as the drive 'both' infers it from the readings")
+    return _with_readings(observations) if drive == "both" else _with_condition(observations, drive), notes
 
 
 def _with_normal_force(observations: Observations) -> Observations:
@@ -131,6 +163,44 @@ def _with_condition(observations: Observations, drive: str) -> Observations:
         observations,
         [_condition_problem(drive, v, row) for v, row in zip(values, observations.rows, strict=True)],
     )
+
+
+def _with_readings(observations: Observations) -> Observations:
+    """Every row in use says something on its load: sinkage, normal force or both."""
+    none = np.full(len(observations), np.nan)
+    sinkage, force = (observations.values.get(name, none) for name in ("sinkage", "normal_force"))
+    silent = np.isnan(sinkage) & np.isnan(force)
+    rule = "with the drive 'both' every row needs 'sinkage' or 'normal_force'"
+    problems = [f"{rule} (row {r})" if s else None for r, s in zip(observations.rows, silent, strict=True)]
+    return sifted(observations, problems)
+
+
+def load_range(
+    observations: Observations,
+    noise: Mapping[str, Noise],
+    given: tuple[float, float] | None,
+    drive: str,
+) -> tuple[tuple[float, float] | None, list[str]]:
+    """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
+
+    Raises
+    ------
+    StudyError : no range is given and no normal force measured.
+    """
+    if drive != "both":
+        idle = [] if given is None else [f"load_range is not used with the drive '{drive}'"]
+        return None, idle
+    if given is not None:
+        return given, []
+    if "normal_force" not in noise:
+        raise StudyError("the drive 'both' needs 'load_range' or readings of 'normal_force'")
+    used = observations.used()
+    force = used.values["normal_force"]
+    margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
+    low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
+    high = float(np.nanmax(force + margin))
+    note = f"prior of the loads: flat from {low:.4g} to {high:.4g} N, the normal forces and six sd of noise"
+    return (low, high), [note]
 
 
 def _condition_problem(drive: str, value: float, row: int) -> str | None:
@@ -163,17 +233,18 @@ def outcome_noise(
         )
     given = _renamed(given, drive)
     noise = {name: _channel_noise(name, given.get(name), observations) for name in measured}
-    if drive == "load" and "sinkage" in noise:
+    if drive != "sinkage" and "sinkage" in noise:
         _check_negative_sinkage(used, noise["sinkage"])
-    conditions = {"slip", drive, *({"normal_force"} if drive == "load" else set())}
+    conditions = {"slip", drive, "load" if drive == "both" else "slip"}
+    conditions |= {"normal_force"} if drive == "load" else set()
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
     notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
     return noise, notes
 
 
 def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
-    """With drive ``sinkage``, noise of the load is noise of the normal force that it stands for."""
-    if drive == "sinkage" and "load" in given and "normal_force" not in given:
+    """With drives ``sinkage`` and ``both``, noise of the load is noise of the normal force that it stands for."""
+    if drive != "load" and "load" in given and "normal_force" not in given:
         rest = {name: noise for name, noise in given.items() if name != "load"}
         return {**rest, "normal_force": replace(given["load"], channel="normal_force")}
     return dict(given)

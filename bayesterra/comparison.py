@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import INSIDE, REASONS, Posterior
 
 
@@ -56,14 +56,24 @@ def stand(
     draws : posterior draws (n, d).
     draw_densities : log density of each draw (n,).
     points : soil parameters of each estimate by method; a free parameter that an estimate does not give
-        stands at its posterior median, as estimated noise always does. Values of parameters that the study
-        fixes are not used.
+        stands at its posterior median, as estimated noise always does; of k_c and k_φ, where only K_s is given,
+        k_φ makes up for it. Values of parameters that the study fixes are not used.
     """
     median = dict(zip(posterior.names, np.median(draws, axis=0), strict=True))
     return {
-        method: _standing(posterior, method, {**median, **values}, draw_densities)
+        method: _standing(posterior, method, _completed(posterior, median, values), draw_densities)
         for method, values in points.items()
     }
+
+
+def _completed(
+    posterior: Posterior, median: Mapping[str, float], values: Mapping[str, float]
+) -> dict[str, float]:
+    completed = {**median, **values}
+    if "Ks" in values and "kphi" in posterior.names and "kphi" not in values:
+        kc = {**posterior.prior.fixed, **completed}["kc"]
+        completed["kphi"] = values["Ks"] - kc / posterior.prior.width
+    return completed
 
 
 def _standing(
@@ -73,7 +83,7 @@ def _standing(
     reason = int(posterior.reasons(x)[0])
     density = float(posterior.log_density(x)[0])
     level = float(np.mean(draw_densities > density))
-    soil = {name: values[name] for name in SOIL_PARAMETERS if name in values}
+    soil = {name: values[name] for name in PRIOR_PARAMETERS if name in values}
     at_bound = tuple(
         name for name in soil if name in posterior.names and _at_edge(posterior, name, soil[name])
     )

@@ -22,6 +22,7 @@ from bayesterra.units import column_header, factor
 DRIVE_OUTCOMES = {
     "load": ("sinkage", "drawbar_pull", "resistance_moment"),
     "sinkage": ("normal_force", "drawbar_pull", "resistance_moment"),
+    "both": ("sinkage", "normal_force", "drawbar_pull", "resistance_moment"),
 }
 """Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
 

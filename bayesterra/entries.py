@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from scipy import stats
 
 from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import RANGED, Law
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.priors import RANGED, Entry, Law, Tie
 from bayesterra.units import quantity
 
 _LIMITS = ("lower", "upper")
 _SHIFTS = ("loc", "scale")
-_NOT_YET = ("kc", "kphi", "sinkage_offset")
-_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
+_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" }, { estimate = { dist = ... } } or { sd = "1 mm" }'
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def table(value: object, name: str) -> dict[str, Any]:
@@ -35,24 +37,30 @@ def parameter_value(name: str, value: object, known: Iterable[str], *, bare: boo
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
 
 
-def prior_entry(name: str, value: object, *, bare: bool) -> Law | float:
-    """The prior of one soil parameter: a law, or the number at which it is fixed.
+def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
+    """The prior of one parameter: a law, the number at which it is fixed, or what it is tied to.
 
     Parameters
     ----------
-    name : soil parameter.
-    value : a table with ``dist``, a quantity, or a :class:`Law` as it is.
+    name : one of ``PRIOR_PARAMETERS``.
+    value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is.
     bare : take numbers as SI values.
     """
-    if name in _NOT_YET:
-        raise StudyError(f"a prior of '{name}' is not supported by this version")
-    if name not in SOIL_PARAMETERS:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, ('set', *SOIL_PARAMETERS))}")
-    if isinstance(value, Law):
+    if name not in PRIOR_PARAMETERS:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, ('set', *PRIOR_PARAMETERS))}")
+    if isinstance(value, Law | Tie):
         return value
     if isinstance(value, Mapping):
         return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
+    if isinstance(value, str) and _NAME.fullmatch(value.strip()):
+        return _tie(name, value.strip())
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+
+
+def _tie(name: str, to: str) -> Tie:
+    if to not in PRIOR_PARAMETERS:
+        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{did_you_mean(to, PRIOR_PARAMETERS)}")
+    return Tie(to)
 
 
 def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
@@ -97,22 +105,32 @@ def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: lis
 
 
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
-    """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`."""
+    """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`.
+
+    A table may add ``dof``, the degrees of freedom of a Student-t law; a value is then written ``sd``.
+    """
     if channel not in CHANNELS:
         raise StudyError(f"unknown channel '{channel}'{did_you_mean(channel, CHANNELS)}")
     if isinstance(value, Noise):
         return value
-    dimension = CHANNELS[channel].dimension
     if isinstance(value, Law):
         return Noise(channel, law=value)
-    if not isinstance(value, Mapping):
-        return Noise(channel, sd=quantity(value, dimension, channel, bare=bare))
-    entry = table(value, channel)
+    entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
+    dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
+    size = _noise_size(channel, entry, bare=bare)
+    return Noise(channel, dof=dof, **size)
+
+
+def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:
+    """What says how large the noise is, as arguments of :class:`Noise`."""
+    dimension = CHANNELS[channel].dimension
+    if set(entry) == {"sd"}:
+        return {"sd": quantity(entry["sd"], dimension, channel, bare=bare)}
     if set(entry) == {"fraction", "floor"}:
         fraction = quantity(entry["fraction"], "", f"{channel}.fraction")
-        return Noise(channel, fraction=fraction, floor=_floor(entry["floor"], channel, bare=bare))
+        return {"fraction": fraction, "floor": _floor(entry["floor"], channel, bare=bare)}
     if set(entry) == {"estimate"}:
-        return Noise(channel, law=_estimate(channel, entry["estimate"], bare=bare))
+        return {"law": _estimate(channel, entry["estimate"], bare=bare)}
     raise StudyError(f"'{channel}' must be {_NOISE_FORMS} (got {', '.join(entry) or 'nothing'})")
 
 

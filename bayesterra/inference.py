@@ -18,7 +18,7 @@ from bayesterra.diagnostics import thinning
 from bayesterra.identifiability import identifiability
 from bayesterra.identification import Fit, fit_all, report_table
 from bayesterra.mode import Mode, find_mode
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.predictive import RowPredictions, predict_curves, predict_rows, predictive_table
 from bayesterra.results import Result, curves_dataset, draws_tree
@@ -164,7 +164,7 @@ class Analysis:
     def standings(self, densities: FloatArray) -> dict[str, Standing]:
         """Where every point estimate stands among the draws' log densities (n,)."""
         soils = {
-            method: {name: value for name, value in values.items() if name in SOIL_PARAMETERS}
+            method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
             for method, values in self.points().items()
         }
         return stand(self.posterior, self.kept.flat, densities, soils)

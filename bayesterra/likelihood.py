@@ -4,90 +4,28 @@ The drive says what is conditioned on and what is an outcome:
 
 ``load``      slip and load given; sinkage, drawbar pull and moment are outcomes (the testbed's causality).
 ``sinkage``   slip and sinkage given; normal force, drawbar pull and moment are outcomes (the paper's way).
+``both``      slip given; the load is latent and all four readings are outcomes: :mod:`bayesterra.latent`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from bayesterra.arrays import FloatArray, IntArray, frozen
-from bayesterra.data import DRIVE_OUTCOMES, Observations
-from bayesterra.models import Conditions, Wheel, WheelSoilModel
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.data import Observations
+from bayesterra.forward import Forward, Outcomes
 from bayesterra.noise import Noise
 
-
-@dataclass(frozen=True)
-class Outcomes:
-    """Modelled outcomes of every observation for every parameter set.
-
-    Attributes
-    ----------
-    values : (n, m, 3) in the order of ``DRIVE_OUTCOMES``, NaN where the model has no answer.
-    status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
-    """
-
-    values: FloatArray
-    status: IntArray
-
-
-@dataclass(frozen=True)
-class Forward:
-    """A model held at the conditions of a table: soil parameters in, outcomes of the drive out.
-
-    Parameters
-    ----------
-    model : M1, M2 or M3 with its options.
-    drive : ``load`` or ``sinkage``.
-    conditions : slip and wheel of every row.
-    given : load (N) or sinkage (m) of every row, (m,).
-    """
-
-    model: WheelSoilModel
-    drive: str
-    conditions: Conditions
-    given: FloatArray
-
-    @classmethod
-    def of(
-        cls, model: WheelSoilModel, drive: str, observations: Observations, wheels: dict[str, Wheel]
-    ) -> Forward:
-        """Hold ``model`` at the rows of ``observations``."""
-        conditions = Conditions.of([wheels[name] for name in observations.wheel], observations.slip)
-        given = observations.load if drive == "load" else observations.values["sinkage"]
-        return cls(model, drive, conditions, frozen(given))
-
-    @property
-    def outcomes(self) -> tuple[str, ...]:
-        """Names along the last axis of the outcomes."""
-        return DRIVE_OUTCOMES[self.drive]
-
-    def __call__(self, soil: FloatArray) -> Outcomes:
-        """Model all rows for soil parameter sets (n, 9)."""
-        run = self.model.response_at if self.drive == "load" else self.model.forces_at
-        values, status = run(soil, self.conditions, self.given)
-        return Outcomes(values, np.max(status, axis=1).astype(np.int64))
-
-    def one_by_one(self, soil: FloatArray) -> Outcomes:
-        """As a call, but a row without an answer leaves the answers of the others standing."""
-        single = (self.row(i)(soil) for i in range(len(self.given)))
-        parts = [(outcomes.values, outcomes.status) for outcomes in single]
-        return Outcomes(
-            np.concatenate([values for values, _ in parts], axis=1), np.max([s for _, s in parts], axis=0)
-        )
-
-    def row(self, i: int) -> Forward:
-        """The same model at row ``i`` only."""
-        conditions = {f.name: getattr(self.conditions, f.name)[i : i + 1] for f in fields(Conditions)}
-        return Forward(self.model, self.drive, Conditions(**conditions), self.given[i : i + 1])
+__all__ = ["Forward", "Likelihood", "Outcomes"]
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Gaussian likelihood of every measured outcome.
+    """Likelihood of every measured outcome, each with independent noise.
 
     Parameters
     ----------
@@ -104,6 +42,29 @@ class Likelihood:
     def channels(self) -> tuple[str, ...]:
         """Measured outcomes, the order of :meth:`pointwise`'s last axis."""
         return tuple(noise.channel for noise in self.noise)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """What the log likelihood of a row is the sum of."""
+        return self.channels
+
+    def status(self, soil: FloatArray) -> IntArray:
+        """Status (n,) of soil arrays; 0 where every row has an answer."""
+        return self.forward(soil).status
+
+    def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Log density (n, m, terms) of every row's readings; −inf where the model has no answer."""
+        outcomes = self.forward(soil)
+        terms = self.pointwise(outcomes, noise_values)
+        return np.where((outcomes.status == 0)[:, None, None], terms, -np.inf)
+
+    def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of soil arrays (n, 9 or 12); −inf where the model has no answer."""
+        return self.log_density(self.forward(soil), noise_values)
+
+    def explained(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
+        """Outcomes behind the readings, row by row; nothing is random where the load is known."""
+        return self.forward.one_by_one(soil)
 
     @cached_property
     def measured(self) -> FloatArray:
@@ -142,7 +103,8 @@ class Likelihood:
         scale = self.scales(predicted, noise_values)
         with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
             standard = (self.measured - predicted) / scale
-            density = -0.5 * standard**2 - np.log(scale) - 0.5 * np.log(2 * np.pi)
+            laws = [noise.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
+            density = np.stack(laws, axis=2) - np.log(scale)
         return np.where(np.isnan(self.measured), 0.0, density)
 
     def log_density(self, outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
@@ -153,4 +115,8 @@ class Likelihood:
     def draw(self, outcomes: Outcomes, noise_values: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Draw readings (n, m, channels) with noise, for every row and measured channel."""
         predicted = self.predicted(outcomes)
-        return predicted + self.scales(predicted, noise_values) * rng.standard_normal(predicted.shape)
+        standard = rng.standard_normal(predicted.shape)
+        for i, noise in enumerate(self.noise):
+            if np.isfinite(noise.dof):
+                standard[:, :, i] = noise.draw(predicted.shape[:2], rng)
+        return predicted + self.scales(predicted, noise_values) * standard

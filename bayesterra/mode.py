@@ -105,9 +105,12 @@ class _Objective:
         rows, low, high = [np.eye(len(names))], [ranges[:, 0]], [ranges[:, 1]]
         fixed, slip = self.posterior.prior.fixed, self.posterior.likelihood.forward.conditions.slip
         for s in (slip.min(), slip.max()):
-            weights = {"c1": 1.0, "c2": float(s)}
-            known = sum(weights[name] * fixed[name] for name in weights if name in fixed)
-            rows.append(np.array([[weights.get(name, 0.0) for name in names]]))
+            parts = {"c1": 1.0, "c2": float(s)}
+            known = sum(parts[name] * fixed[name] for name in parts if name in fixed)
+            weights = dict.fromkeys(names, 0.0)
+            for name in parts.keys() - fixed.keys():
+                weights[self.posterior.prior.root(name)] += parts[name]
+            rows.append(np.array([list(weights.values())]))
             low.append(np.array([max(fixed.get("c3", -1.0), -1.0) - known + EDGE]))
             high.append(np.array([1.0 - known - EDGE]))
         return np.vstack(rows), np.concatenate(low), np.concatenate(high)

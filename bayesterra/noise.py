@@ -1,10 +1,16 @@
-"""Measurement noise of a channel: given (absolute, relative with a floor, per row) or estimated."""
+"""Measurement noise of a channel: given (absolute, relative with a floor, per row) or estimated.
+
+Its law is Gaussian, or Student's with given degrees of freedom, whose tails let single readings be far out.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.random import Generator
+from scipy.special import gammaln, ndtri, stdtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
@@ -14,7 +20,7 @@ from bayesterra.priors import Law
 
 @dataclass(frozen=True)
 class Noise:
-    """Gaussian noise of one channel; exactly one of ``sd``, ``fraction`` and ``law`` is given.
+    """Noise of one channel; exactly one of ``sd``, ``fraction`` and ``law`` is given.
 
     Parameters
     ----------
@@ -23,6 +29,8 @@ class Noise:
     fraction, floor : standard deviation max(fraction · |modelled value|, floor). The modelled value is
         meant, so that simulation, likelihood and evidence use one and the same law.
     law : prior law of an unknown standard deviation, which is then estimated.
+    dof : degrees of freedom of a Student-t law; infinite for a Gaussian one. What is called standard
+        deviation here is then the scale of the law, which is less: σ √(dof / (dof − 2)) is the deviation.
     """
 
     channel: str
@@ -30,6 +38,7 @@ class Noise:
     fraction: float | None = None
     floor: float = 0.0
     law: Law | None = None
+    dof: float = np.inf
 
     def __post_init__(self) -> None:
         if sum(given is not None for given in (self.sd, self.fraction, self.law)) != 1:
@@ -43,6 +52,8 @@ class Noise:
             )
         if self.law is not None and not self.law.range[0] > 0:
             raise StudyError(f"estimated noise of '{self.channel}' needs a 'lower' above 0")
+        if not self.dof >= 1:
+            raise StudyError(f"'dof' of the noise of '{self.channel}' must be at least 1 (got {self.dof:g})")
 
     @property
     def parameter(self) -> str | None:
@@ -71,3 +82,28 @@ class Noise:
         else:
             scale = np.broadcast_to(estimated[:, None], predicted.shape)
         return np.where(np.isnan(given), scale, given)
+
+    @cached_property
+    def log_peak(self) -> float:
+        """Log density of the law of unit scale at its centre."""
+        if np.isinf(self.dof):
+            return float(-0.5 * np.log(2 * np.pi))
+        half = 0.5 * self.dof
+        return float(gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(self.dof * np.pi))
+
+    def log_density(self, standard: FloatArray) -> FloatArray:
+        """Log density of standardised residuals (any shape), under the law of unit scale."""
+        if np.isinf(self.dof):
+            return np.asarray(self.log_peak - 0.5 * standard**2)
+        return np.asarray(self.log_peak - 0.5 * (self.dof + 1) * np.log1p(standard**2 / self.dof))
+
+    def normal_score(self, standard: FloatArray) -> FloatArray:
+        """Standardised residuals as the normal ones that are as far out; themselves for a Gaussian law."""
+        if np.isinf(self.dof):
+            return standard
+        score = ndtri(np.maximum(stdtr(self.dof, -np.abs(standard)), 1e-300))
+        return np.asarray(-np.sign(standard) * score)
+
+    def draw(self, shape: tuple[int, ...], rng: Generator) -> FloatArray:
+        """Draw standardised residuals."""
+        return rng.standard_normal(shape) if np.isinf(self.dof) else rng.standard_t(self.dof, shape)

@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.priors import RANGED, Law
+from bayesterra.priors import RANGED, Entry, Law, Tie
 from bayesterra.simulation import Truth
 from bayesterra.study import Study
 
@@ -59,7 +59,9 @@ def _general(study: Study) -> Table:
     options = ", ".join(f"{name} {value}" for name, value in asdict(study.model).items())
     table = Table(title=study.title or "Study", show_header=False)
     table.add_row("model", f"{study.model.name} ({options})")
-    table.add_row("drive", study.drive)
+    loads = study.load_range
+    flat = "" if loads is None else f"; loads flat from {loads[0]:.4g} to {loads[1]:.4g} N"
+    table.add_row("drive", study.drive + flat)
     for name, wheel in study.wheels.items():
         table.add_row(
             f"wheel {name}",
@@ -97,8 +99,8 @@ def _measurements(study: Study) -> Table:
 def _columns(study: Study) -> dict[str, FloatArray]:
     """What the drive conditions on, then the measured outcomes; SI."""
     rows = study.observations
-    given = {"load": rows.load} if study.drive == "load" else {"sinkage": rows.values["sinkage"]}
-    return {**given, **{name: rows.values[name] for name in study.noise}}
+    given = {"load": {"load": rows.load}, "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)}, "both": {}}
+    return {**given[study.drive], **{name: rows.values[name] for name in study.noise}}
 
 
 def _cell(value: float) -> str:
@@ -109,20 +111,26 @@ def _noise(noise: Mapping[str, Noise], name: str) -> str:
     entry, channel = noise.get(name), CHANNELS[name]
     if entry is None:
         return "given"
+    tails = "" if np.isinf(entry.dof) else f", t({entry.dof:g})"
     if entry.law is not None:
-        return "estimated"
+        return f"estimated{tails}"
     if entry.fraction is not None:
-        return f"{100 * entry.fraction:g} %, from {entry.floor / channel.scale:g}"
-    return f"{(entry.sd or 0.0) / channel.scale:g}"
+        return f"{100 * entry.fraction:g} %, from {entry.floor / channel.scale:g}{tails}"
+    return f"{(entry.sd or 0.0) / channel.scale:g}{tails}"
 
 
 def _priors(study: Study) -> Table:
     table = Table("parameter", "prior", "in words", title=f"Prior: {len(study.prior.names)} free parameters")
     for name in (name for name in PARAMETERS if name in study.prior.entries):
         entry = study.prior.entries[name]
-        law = _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
-        table.add_row(name, law, PARAMETERS[name].description)
+        table.add_row(name, _entry(name, entry), PARAMETERS[name].description)
     return table
+
+
+def _entry(name: str, entry: Entry) -> str:
+    if isinstance(entry, Tie):
+        return f"that of {entry.to}"
+    return _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
 
 
 def _law(name: str, law: Law) -> str:

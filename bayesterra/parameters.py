@@ -80,6 +80,16 @@ OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
 NOISE_PREFIX = "noise_"
 
+_MODULI = (
+    Parameter("kc", "k_c", r"k_c", "kPa m/m^N", 1e3, "Pa m", "cohesive modulus, K_s = k_c/b + k_φ"),
+    Parameter("kphi", "k_φ", r"k_\varphi", "kPa/m^N", 1e3, "Pa", "frictional modulus, K_s = k_c/b + k_φ"),
+)
+"""Bekker's moduli, which stand in place of K_s: eq. (4) with K_s = k_c/b + k_φ for a wheel of width b."""
+
+_OFFSET = Parameter(
+    "sinkage_offset", "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"
+)
+
 
 def _noise(channel: Channel) -> Parameter:
     return Parameter(
@@ -94,6 +104,18 @@ def _noise(channel: Channel) -> Parameter:
 
 
 PARAMETERS: dict[str, Parameter] = {
-    parameter.name: parameter for parameter in (*_SOIL, *(_noise(CHANNELS[name]) for name in OUTCOMES))
+    parameter.name: parameter
+    for parameter in (
+        _SOIL[0],
+        *_MODULI,
+        *_SOIL[1:],
+        *(_noise(CHANNELS[name]) for name in OUTCOMES),
+        _OFFSET,
+    )
 }
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
+
+MODULI = ("kc", "kphi")
+OFFSET = "sinkage_offset"
+PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET)
+"""Parameters that the [priors] table may name; also the columns of a soil array that needs them all."""

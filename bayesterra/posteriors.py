@@ -11,6 +11,9 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError
+from bayesterra.data import Observations
+from bayesterra.forward import soil_at
+from bayesterra.latent import LatentLoad
 from bayesterra.likelihood import Forward, Likelihood, Outcomes
 from bayesterra.models import Status
 from bayesterra.parameters import NOISE_PREFIX
@@ -52,13 +55,24 @@ class Posterior:
     def _noise_columns(self) -> list[int]:
         return [i for i, name in enumerate(self.names) if name.startswith(NOISE_PREFIX)]
 
-    def noise_values(self, x: FloatArray) -> FloatArray:
-        """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d)."""
-        return x[:, self._noise_columns]
+    def noise_values(self, x: FloatArray, channels: tuple[str, ...] | None = None) -> FloatArray:
+        """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d), of some channels or all."""
+        if channels is None:
+            return x[:, self._noise_columns]
+        wanted = [NOISE_PREFIX + name for name in channels]
+        return x[:, [i for i in self._noise_columns if self.names[i] in wanted]]
 
     def outcomes(self, x: FloatArray) -> Outcomes:
         """Model the rows in the fit for parameter sets ``x`` (n, d) inside the physical ranges."""
         return self.likelihood.forward(self.prior.soil_values(x))
+
+    def log_terms(self, x: FloatArray) -> FloatArray:
+        """Log likelihood (n, rows, terms) of every row in the fit; see ``likelihood.terms``."""
+        return self.likelihood.log_terms(self.prior.soil_values(x), self.noise_values(x))
+
+    def explained(self, x: FloatArray, rng: Generator) -> Outcomes:
+        """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
+        return self.likelihood.explained(self.prior.soil_values(x), self.noise_values(x), rng)
 
     def log_prior(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of the stated prior, −inf outside its range and outside the physical ranges."""
@@ -74,8 +88,8 @@ class Posterior:
         candidates = np.flatnonzero(prior > -np.inf)
         if candidates.size:
             inside = x[candidates]
-            likelihood[candidates] = self.likelihood.log_density(
-                self.outcomes(inside), self.noise_values(inside)
+            likelihood[candidates] = self.likelihood.log_likelihood(
+                self.prior.soil_values(inside), self.noise_values(inside)
             )
         if np.isnan(likelihood).any() or np.isnan(prior).any():
             worst = x[np.isnan(likelihood) | np.isnan(prior)][0]
@@ -102,12 +116,15 @@ class Posterior:
         reasons[(reasons == INSIDE) & ~self._physical(x)] = OUTSIDE_PHYSICS
         candidates = np.flatnonzero(reasons == INSIDE)
         if candidates.size:
-            reasons[candidates] = self.outcomes(x[candidates]).status
+            reasons[candidates] = self.likelihood.status(self.prior.soil_values(x[candidates]))
         return reasons
 
     def _physical(self, x: FloatArray) -> BoolArray:
-        Ks, _, _, c, phi, K, *_ = self.prior.soil_values(x).T
-        inside = (Ks > 0) & (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
+        soil = self.prior.soil_values(x)
+        _, _, _, c, phi, K, *_ = soil.T
+        inside = (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
+        for width in np.unique(self.likelihood.forward.conditions.width):
+            inside &= soil_at(soil, float(width))[:, 0] > 0
         return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
 
 
@@ -160,6 +177,13 @@ def _no_support(counts: Mapping[int, int], tried: int) -> str:
 
 def posterior(study: Study) -> Posterior:
     """Build the posterior density of a study."""
-    used = study.observations.used()
-    forward = Forward.of(study.model, study.drive, used, dict(study.wheels))
-    return Posterior(study.prior, Likelihood(forward, used, tuple(study.noise.values())))
+    return Posterior(study.prior, likelihood_of(study, study.observations.used()))
+
+
+def likelihood_of(study: Study, rows: Observations) -> Likelihood:
+    """The likelihood of a study for some or all of its rows."""
+    forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
+    noise = tuple(study.noise.values())
+    if study.drive != "both":
+        return Likelihood(forward, rows, noise)
+    return LatentLoad(forward, rows, noise, study.load_range)

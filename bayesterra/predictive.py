@@ -9,10 +9,11 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood import Forward, Likelihood
+from bayesterra.forward import Forward, known_loads
+from bayesterra.likelihood import Likelihood
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS
-from bayesterra.posteriors import Posterior
+from bayesterra.posteriors import Posterior, likelihood_of
 from bayesterra.study import Study
 
 GRID = 41
@@ -37,12 +38,12 @@ class RowPredictions:
 def predict_rows(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> RowPredictions:
     """Model all rows of the table for parameter sets (n, d) and draw a reading for each.
 
-    Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it.
+    Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it. A latent
+    load is drawn given the parameter set and the row's readings.
     """
-    rows = Forward.of(study.model, study.drive, study.observations, dict(study.wheels))
-    likelihood = Likelihood(rows, study.observations, posterior.likelihood.noise)
-    outcomes = rows.one_by_one(posterior.prior.soil_values(draws))
+    likelihood = likelihood_of(study, study.observations)
     noise = posterior.noise_values(draws)
+    outcomes = likelihood.explained(posterior.prior.soil_values(draws), noise, rng)
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
     )
@@ -102,7 +103,8 @@ def predict_curves(
 ) -> tuple[Curves, ...]:
     """Model every wheel over the slips it was driven at, at its median load.
 
-    In the sinkage drive the measured sinkages are joined by straight lines over slip.
+    In the sinkage drive the measured sinkages are joined by straight lines over slip. Sinkages are as read, with
+    the zero error of the readings.
     """
     return tuple(_curves(study, posterior, draws, wheel, rng) for wheel in study.wheels)
 
@@ -112,8 +114,9 @@ def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, r
     outcomes = forward.one_by_one(posterior.prior.soil_values(draws))
     readings = np.full(outcomes.values.shape, np.nan)
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
-    likelihood = Likelihood(forward, blank, posterior.likelihood.noise)
-    drawn = likelihood.draw(outcomes, posterior.noise_values(draws), rng)
+    known = [noise for noise in posterior.likelihood.noise if noise.channel in forward.outcomes]
+    likelihood = Likelihood(forward, blank, known)
+    drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
     for column, name in enumerate(likelihood.channels):
         readings[:, :, forward.outcomes.index(name)] = drawn[:, :, column]
     return Curves(wheel, forward.conditions.slip, forward.outcomes, outcomes.values, readings, forward.given)
@@ -126,10 +129,11 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     mine = mine if mine.any() else observations.use
     slips = observations.slip[mine]
     slip = np.linspace(min(0.02, slips.min()), min(0.95, slips.max() + 0.05), GRID)
-    if study.drive == "load":
-        given = np.full(GRID, np.median(observations.load[mine]))
+    drive = "sinkage" if study.drive == "sinkage" else "load"
+    if drive == "load":
+        given = np.full(GRID, np.median(known_loads(observations)[mine]))
     else:
         order = np.argsort(slips, kind="stable")
         slip = np.linspace(slips.min(), slips.max(), GRID)
         given = np.interp(slip, slips[order], observations.values["sinkage"][mine][order])
-    return Forward(study.model, study.drive, Conditions.of(study.wheels[wheel], slip), given)
+    return Forward(study.model, drive, Conditions.of(study.wheels[wheel], slip), given, as_read=True)

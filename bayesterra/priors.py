@@ -1,181 +1,20 @@
-"""Prior laws: any ``scipy.stats`` law, truncated, or a fixed value, for each parameter by name."""
+"""Priors: a law, a fixed value or a tie for each parameter by name."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from scipy import stats
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
+from bayesterra.laws import RANGED, Law
+from bayesterra.parameters import MODULI, OFFSET, PARAMETERS, PRIOR_PARAMETERS, SOIL_PARAMETERS
 
-RANGED = ("uniform", "loguniform")
-"""Laws whose range is given by ``lower`` and ``upper`` themselves."""
-
-
-@dataclass(frozen=True)
-class Law:
-    """A one-dimensional probability law on ``[lower, upper]``.
-
-    Parameters
-    ----------
-    dist : name of a continuous ``scipy.stats`` law.
-    shape : its own arguments (``loc``, ``scale``, ``a``, ...), SI units.
-    lower, upper : the law is cut to this range and renormalised; for ``uniform`` and ``loguniform`` they
-        are the range itself.
-
-    Raises
-    ------
-    StudyError : unknown law or argument, an empty range, or no probability inside it.
-    """
-
-    dist: str
-    shape: Mapping[str, float] = field(default_factory=dict)
-    lower: float = -np.inf
-    upper: float = np.inf
-
-    def __post_init__(self) -> None:
-        known = getattr(stats, self.dist, None)
-        if not isinstance(known, stats.rv_continuous):
-            raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
-        if not self.lower < self.upper:
-            raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
-        if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():
-            raise StudyError(f"a {self.dist} law needs finite 'lower' and 'upper'")
-        if self.dist == "loguniform" and self.lower <= 0:
-            raise StudyError(f"'lower' of a loguniform law must be above 0 (got {self.lower:g})")
-        if self.dist in RANGED and self.shape:
-            raise StudyError(
-                f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})"
-            )
-        self._check_mass()
-
-    def _check_mass(self) -> None:
-        try:
-            mass = self._mass
-        except TypeError as error:
-            raise StudyError(f"wrong arguments for {self.dist}: {error}") from error
-        if not np.isfinite(mass):
-            raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
-        if mass <= 0:
-            raise StudyError(
-                f"{self.dist} with {_listed(self.shape)} has no probability"
-                f" between {self.lower:g} and {self.upper:g}"
-            )
-
-    @cached_property
-    def _base(self) -> Any:
-        if self.dist == "uniform":
-            return stats.uniform(self.lower, self.upper - self.lower)
-        if self.dist == "loguniform":
-            return stats.loguniform(self.lower, self.upper)
-        return getattr(stats, self.dist)(**self.shape)
-
-    @cached_property
-    def _upper_tail(self) -> bool:
-        """Whether the range lies in the upper tail, where survival functions keep the digits."""
-        return bool(self._base.cdf(self.lower) > 0.5)
-
-    @cached_property
-    def _lower_tail(self) -> bool:
-        """Whether the range lies in the lower tail."""
-        return bool(self._base.cdf(self.upper) < 0.5)
-
-    @cached_property
-    def _mass(self) -> float:
-        """Probability of the uncut law inside the range."""
-        if self._upper_tail:
-            return float(self._base.sf(self.lower) - self._base.sf(self.upper))
-        return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
-
-    @cached_property
-    def _log_mass(self) -> float:
-        return float(np.log(self._mass))
-
-    def _log_density_inside(self, x: FloatArray) -> FloatArray:
-        """Log density at points inside the range; common laws without the cost of ``scipy.stats``."""
-        if self.dist == "uniform":
-            return np.full(x.shape, -np.log(self.upper - self.lower))
-        if self.dist == "loguniform":
-            return np.asarray(-np.log(x) - np.log(np.log(self.upper / self.lower)))
-        if self.dist in ("norm", "halfnorm"):
-            loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
-            peak = (np.log(2.0) if self.dist == "halfnorm" else 0.0) - np.log(scale * np.sqrt(2 * np.pi))
-            return np.asarray(peak - self._log_mass - 0.5 * ((x - loc) / scale) ** 2)
-        density = np.asarray(self._base.logpdf(x) - self._log_mass)
-        return np.where(np.isposinf(density), -np.inf, density)  # a pole is a point without probability
-
-    @cached_property
-    def range(self) -> tuple[float, float]:
-        """Lowest and highest value that the cut law can take."""
-        low, high = self._base.support()
-        return max(self.lower, float(low)), min(self.upper, float(high))
-
-    def log_density(self, x: FloatArray) -> FloatArray:
-        """Log density at ``x`` (any shape), −inf outside the range."""
-        low, high = self.range
-        inside = (x >= low) & (x <= high)
-        with np.errstate(over="ignore"):  # a value far out in the tail has the log density −inf
-            if inside.all():
-                return self._log_density_inside(x)
-            return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
-
-    def cdf(self, x: FloatArray) -> FloatArray:
-        """Probability of a value up to ``x`` (any shape)."""
-        x = np.clip(x, self.lower, self.upper)
-        if self._upper_tail:
-            return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
-        return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
-
-    def survival(self, x: FloatArray) -> FloatArray:
-        """Probability of a value above ``x`` (any shape), to the last digit where it is small."""
-        x = np.clip(x, self.lower, self.upper)
-        if self._lower_tail:
-            return np.asarray((self._base.cdf(self.upper) - self._base.cdf(x)) / self._mass)
-        return np.asarray((self._base.sf(x) - self._base.sf(self.upper)) / self._mass)
-
-    def upper_quantile(self, q: FloatArray) -> FloatArray:
-        """Value above which the probability is ``q`` (any shape), the inverse of :meth:`survival`."""
-        if self._lower_tail:
-            raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
-        else:
-            raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
-        return np.asarray(np.clip(raw, *self.range))
-
-    def quantile(self, q: FloatArray) -> FloatArray:
-        """Value below which the probability is ``q`` (any shape)."""
-        if self._upper_tail:
-            raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
-        else:
-            raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
-        return np.asarray(np.clip(raw, *self.range))
-
-    @cached_property
-    def median(self) -> float:
-        """The value that half of the probability lies below."""
-        return float(self.quantile(np.array(0.5)))
-
-    def sample(self, n: int, rng: Generator) -> FloatArray:
-        """Draw ``n`` independent values, shape (n,)."""
-        return self.quantile(rng.random(n))
-
-    def __str__(self) -> str:
-        inside = _listed(self.shape)
-        limits = "" if self.dist in RANGED or not np.isfinite([self.lower, self.upper]).any() else "cut to "
-        if limits or self.dist in RANGED:
-            limits += f"[{self.lower:g}, {self.upper:g}]"
-        return " ".join(part for part in (self.dist, f"({inside})" if inside else "", limits) if part)
-
-
-def _listed(shape: Mapping[str, float]) -> str:
-    return ", ".join(f"{key}={value:g}" for key, value in shape.items())
-
+__all__ = ["PAPER_BOX", "PRIOR_SETS", "RANGED", "Entry", "Law", "Prior", "Tie"]
 
 PAPER_BOX: dict[str, Law | float] = {
     "Ks": Law("uniform", lower=0.1e6, upper=10e6),
@@ -194,25 +33,55 @@ PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX}
 
 
 @dataclass(frozen=True)
+class Tie:
+    """The prior of a parameter that always has the value of another one."""
+
+    to: str
+
+    def __str__(self) -> str:
+        return f"tied to {self.to}"
+
+
+Entry = Law | float | Tie
+"""What a prior says about one parameter: free, fixed, or tied."""
+
+
+@dataclass(frozen=True)
 class Prior:
-    """Independent laws of the free parameters, before the physical cut, and the fixed values.
+    """Independent laws of the free parameters, before the physical cut, and the fixed and tied values.
 
     Parameters
     ----------
-    entries : a law (free) or a number (fixed) for every soil parameter and every estimated noise, by name.
+    entries : a law (free), a number (fixed) or a tie for every soil parameter and every estimated noise, by
+        name; ``kc`` and ``kphi`` may stand for ``Ks``, and ``sinkage_offset`` is 0 where it is left out.
+    width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
 
     Raises
     ------
-    StudyError : a soil parameter is missing or a name is not known.
+    StudyError : a soil parameter is missing or doubled, a name is not known, or a tie leads nowhere.
     """
 
-    entries: Mapping[str, Law | float]
+    entries: Mapping[str, Entry]
+    width: float = np.nan
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.entries if name not in PARAMETERS]
-        missing = [name for name in SOIL_PARAMETERS if name not in self.entries]
+        missing = [name for name in self._needed if name not in self.entries]
         if unknown or missing:
             raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
+        if self.uses_moduli and "Ks" in self.entries:
+            raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
+        for name in self.ties:
+            self.root(name)
+
+    @property
+    def _needed(self) -> tuple[str, ...]:
+        return (*MODULI, *SOIL_PARAMETERS[1:]) if self.uses_moduli else SOIL_PARAMETERS
+
+    @property
+    def uses_moduli(self) -> bool:
+        """Whether K_s follows from k_c and k_φ, and so from the width of each wheel."""
+        return any(name in self.entries for name in MODULI)
 
     @cached_property
     def laws(self) -> dict[str, Law]:
@@ -222,9 +91,34 @@ class Prior:
 
     @cached_property
     def fixed(self) -> dict[str, float]:
-        """Values of the fixed parameters."""
-        entries = ((name, self.entries.get(name)) for name in PARAMETERS)
-        return {name: float(entry) for name, entry in entries if isinstance(entry, int | float)}
+        """Values of the fixed parameters, and of those that are tied to one of them."""
+        roots = ((name, self.entries[self.root(name)]) for name in PARAMETERS if name in self.entries)
+        return {name: float(entry) for name, entry in roots if isinstance(entry, int | float)}
+
+    @cached_property
+    def ties(self) -> dict[str, str]:
+        """What each tied parameter is tied to."""
+        return {name: entry.to for name, entry in self.entries.items() if isinstance(entry, Tie)}
+
+    def root(self, name: str) -> str:
+        """The free or fixed parameter whose value ``name`` has, itself where it is not tied.
+
+        Raises
+        ------
+        StudyError : the tie leads to itself, to a parameter without a prior, or to another dimension.
+        """
+        seen = [name]
+        while seen[-1] in self.ties:
+            seen.append(self.ties[seen[-1]])
+            if seen[-1] in seen[:-1]:
+                raise StudyError(f"'{name}' must not be tied to itself ({' = '.join(seen)})")
+        if seen[-1] not in self.entries:
+            raise StudyError(f"'{seen[-2]}' is tied to '{seen[-1]}', which must have a prior of its own")
+        dimensions = [PARAMETERS[one].dimension for one in (name, seen[-1])]
+        if dimensions[0] != dimensions[1]:
+            kinds = " and ".join(f"'{dimension or 'pure number'}'" for dimension in dimensions)
+            raise StudyError(f"'{name}' must be tied to a parameter of its own dimension (got {kinds})")
+        return seen[-1]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -232,17 +126,44 @@ class Prior:
         return tuple(self.laws)
 
     @cached_property
+    def soil_columns(self) -> tuple[str, ...]:
+        """Columns of soil arrays: the nine soil parameters, or all of ``PRIOR_PARAMETERS``."""
+        extended = self.uses_moduli or OFFSET in self.entries
+        return PRIOR_PARAMETERS if extended else SOIL_PARAMETERS
+
+    @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
-        """Fixed soil values (9,), and which soil columns are filled from which columns of x."""
-        template = np.array([self.fixed.get(name, np.nan) for name in SOIL_PARAMETERS])
-        free = [name for name in SOIL_PARAMETERS if name in self.laws]
-        return template, [SOIL_PARAMETERS.index(n) for n in free], [self.names.index(n) for n in free]
+        """Fixed soil values (k,), and which soil columns are filled from which columns of x."""
+        template = np.array([{OFFSET: 0.0, **self.fixed}.get(name, np.nan) for name in self.soil_columns])
+        roots = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        free = [name for name, root in roots.items() if root in self.laws]
+        return (
+            template,
+            [self.soil_columns.index(name) for name in free],
+            [self.names.index(roots[name]) for name in free],
+        )
 
     def soil_values(self, x: FloatArray) -> FloatArray:
-        """All nine soil parameters, shape (n, 9), of free parameter sets ``x``, shape (n, d)."""
+        """Soil array of free parameter sets ``x`` (n, d), which every forward model takes.
+
+        Shape (n, 9), columns ``SOIL_PARAMETERS``; or (n, 12), columns ``PRIOR_PARAMETERS``, where k_c and k_φ
+        (NaN where K_s itself has a prior) or the sinkage offset belong to it. K_s is that of ``width``.
+        """
         template, into, source = self.soil_template
         soil = np.repeat(template[None, :], len(x), axis=0)
         soil[:, into] = x[:, source]
+        return self._with_modulus(soil)
+
+    def soil_of(self, values: Mapping[str, float]) -> FloatArray:
+        """Soil array (1, 9 or 12) of values by name, which override what is fixed and free alike."""
+        known = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        found = {name: values.get(name, values.get(root)) for name, root in known.items()}
+        row = {OFFSET: 0.0, **self.fixed, **{name: value for name, value in found.items() if value is not None}}
+        return self._with_modulus(np.array([[row.get(name, np.nan) for name in self.soil_columns]]))
+
+    def _with_modulus(self, soil: FloatArray) -> FloatArray:
+        if self.uses_moduli:
+            soil[:, 0] = soil[:, len(SOIL_PARAMETERS)] / self.width + soil[:, len(SOIL_PARAMETERS) + 1]
         return soil
 
     def log_density(self, x: FloatArray) -> FloatArray:

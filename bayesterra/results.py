@@ -102,8 +102,7 @@ def draws_tree(
     predictions : by group, ``prior_predictive`` and ``posterior_predictive``.
     """
     shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
-    outcomes = posterior.outcomes(flat)
-    pointwise = posterior.likelihood.pointwise(outcomes, posterior.noise_values(flat))
+    pointwise = posterior.log_terms(flat)
     log_density = posterior.log_prior(flat) + pointwise.sum(axis=(1, 2))
     laws = posterior.prior.laws
     groups = {
@@ -133,10 +132,15 @@ def draws_tree(
 
 
 def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
-    """Log likelihood of the rows in the fit, per channel; NaN where nothing was measured."""
-    values = np.where(np.isnan(likelihood.measured), np.nan, pointwise)
+    """Log likelihood of the rows in the fit, per term; NaN where nothing was measured.
+
+    A term is a channel, or ``row`` where a latent load joins the readings of a row.
+    """
+    silent = np.isnan(likelihood.measured)
+    silent = silent if likelihood.terms == likelihood.channels else silent.all(axis=1, keepdims=True)
+    values = np.where(silent, np.nan, pointwise)
     dims = ("chain", "draw", "used_row")
-    dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.channels)})
+    dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
     return dataset.assign_coords(used_row=list(likelihood.observations.rows))
 
 

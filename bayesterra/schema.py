@@ -35,7 +35,7 @@ from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import PRIOR_SETS, Law
+from bayesterra.priors import PRIOR_SETS, Entry
 from bayesterra.units import quantity
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
@@ -60,12 +60,12 @@ def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
     return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
 
 
-def _priors(value: object, info: ValidationInfo) -> dict[str, Law | float | str]:
+def _priors(value: object, info: ValidationInfo) -> dict[str, Entry | str]:
     content = entries.table(value, "priors")
     name = content.pop("set", None)
     if name is not None and str(name) not in PRIOR_SETS:
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
-    chosen: dict[str, Law | float | str] = {} if name is None else {"set": str(name)}
+    chosen: dict[str, Entry | str] = {} if name is None else {"set": str(name)}
     read = {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()}
     return {**chosen, **read}
 
@@ -90,10 +90,15 @@ def _day(value: object) -> object:
     return value.isoformat() if isinstance(value, date) else value
 
 
-def _drive(value: object) -> object:
-    if value == "both":
-        raise StudyError("'drive' must be 'load' or 'sinkage'; 'both' is not supported by this version")
-    return value
+def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f"'load_range' must be two loads, e.g. [\"10 N\", \"40 N\"] (got {value!r})")
+    low, high = (quantity(load, "N", "load_range", bare=_bare(info)) for load in value)
+    if not 0 < low < high:
+        raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
+    return low, high
 
 
 def _two_slips(value: object) -> tuple[float, float]:
@@ -203,12 +208,13 @@ class StudyContent(Table):
     soil: StrictStr = ""
     date: Annotated[StrictStr, BeforeValidator(_day)] = ""
     model: Literal["M1", "M2", "M3"] = "M1"
-    drive: Annotated[Literal["load", "sinkage"], BeforeValidator(_drive)] = "load"
+    drive: Literal["load", "sinkage", "both"] = "load"
+    load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
     data: DataTable
     wheels: dict[str, Annotated[WheelTable, BeforeValidator(_plain)]]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
-    priors: Annotated[dict[str, Law | float | str], PlainValidator(_priors)] = Field(default_factory=dict)
+    priors: Annotated[dict[str, Entry | str], PlainValidator(_priors)] = Field(default_factory=dict)
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
     published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
     truth: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None

@@ -13,9 +13,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.entries import parameter_value
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
-from bayesterra.likelihood import Forward, Likelihood
-from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.posteriors import REASONS, draw_cut_prior, posterior
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS
+from bayesterra.posteriors import REASONS, draw_cut_prior, likelihood_of, posterior
 from bayesterra.study import Study
 from bayesterra.writing import simulated_toml
 
@@ -28,8 +27,9 @@ class Truth:
 
     Attributes
     ----------
-    values : SI values of all nine soil parameters and of every estimated noise, by name.
-    origins : where each value comes from: ``given``, ``truth``, ``published``, ``fixed`` or ``prior median``.
+    values : SI values of every parameter that has a prior, by name.
+    origins : where each value comes from: ``given``, ``truth``, ``published``, ``fixed``, ``prior median`` or
+        ``tied to <another>``.
     """
 
     values: Mapping[str, float]
@@ -52,10 +52,15 @@ def true_values(study: Study, given: Mapping[str, float | str] | None = None) ->
     sources["truth"] = dict(study.truth.values) if study.truth else {}
     sources["fixed"] = study.prior.fixed
     sources["published"] = dict(study.published.values) if study.published and not study.truth else {}
+    tied = [n for n in known if n in study.prior.ties]
+    known = tuple(n for n in known if n not in tied)
     open_names = [n for n in known if not any(n in values for values in sources.values())]
     sources["prior median"] = _cut_prior_medians(study) if open_names else {}
     origins = {n: next(o for o, values in sources.items() if n in values) for n in known}
-    return Truth({n: sources[origin][n] for n, origin in origins.items()}, origins)
+    values = {n: sources[origin][n] for n, origin in origins.items()}
+    for n in tied:
+        values[n], origins[n] = values[study.prior.root(n)], f"tied to {study.prior.ties[n]}"
+    return Truth(values, origins)
 
 
 def _cut_prior_medians(study: Study) -> dict[str, float]:
@@ -69,7 +74,8 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
 
     Parameters
     ----------
-    study : conditions, noise and model. With the drive ``sinkage`` the sinkage is kept as it stands.
+    study : conditions, noise and model. With the drive ``sinkage`` the sinkage is kept as it stands; with
+        ``both`` the true load is the stated one, else the measured normal force.
     truth : parameter values as for :func:`true_values`.
     seed : same seed, same readings.
 
@@ -83,10 +89,8 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     """
     values = true_values(study, truth).values
     rows = study.observations
-    likelihood = Likelihood(
-        Forward.of(study.model, study.drive, rows, dict(study.wheels)), rows, tuple(study.noise.values())
-    )
-    outcomes = likelihood.forward(np.array([[values[name] for name in SOIL_PARAMETERS]]))
+    likelihood = likelihood_of(study, rows)
+    outcomes = likelihood.forward(study.prior.soil_of(values))
     if outcomes.status[0]:
         raise SupportError(f"nothing can be simulated with these values: {REASONS[int(outcomes.status[0])]}")
     noise = np.array([[values[n.parameter] for n in study.noise.values() if n.parameter]])
@@ -102,7 +106,7 @@ def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
     columns["slip"] = rows.slip
     if study.drive == "load":
         columns |= _column("load", rows.load)
-    else:
+    elif study.drive == "sinkage":
         columns |= _column("sinkage", rows.values["sinkage"])
     for name in (name for name in OUTCOMES if name in made):
         columns |= _column(name, made[name])

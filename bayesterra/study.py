@@ -20,7 +20,7 @@ from bayesterra.errors import StudyError
 from bayesterra.messages import errors_in
 from bayesterra.models import MODELS, Wheel, WheelSoilModel
 from bayesterra.noise import Noise
-from bayesterra.priors import Law, Prior
+from bayesterra.priors import Entry, Prior
 from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
 
 __all__ = ["LeastSquaresOptions", "Reference", "SamplingOptions", "Study", "load_study"]
@@ -41,7 +41,7 @@ class Study:
     kind : ``measured``, ``digitised`` or ``simulated``.
     source : where the measurements come from.
     path : the study file, where there is one.
-    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``model_options``, ``noise``, ``priors``,
+    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``, ``noise``, ``priors``,
         ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study file. Numbers are SI
         values, text has its unit; models, laws and noises may be given as objects.
 
@@ -49,6 +49,7 @@ class Study:
     ----------
     observations : all rows, in use or not. ``load`` and ``values`` hold what the drive conditions on: with
         drive ``load`` the load of every row, with ``sinkage`` the sinkage.
+    load_range : N, the flat prior of every row's load with drive ``both``; else None.
     noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
     prior : laws and fixed values of soil parameters and estimated noise.
     notes : what was filled in, left out or not used; one sentence each.
@@ -65,6 +66,7 @@ class Study:
     source: str
     model: WheelSoilModel
     drive: str
+    load_range: tuple[float, float] | None
     wheels: Mapping[str, Wheel]
     observations: Observations
     noise: Mapping[str, Noise]
@@ -125,9 +127,10 @@ class Study:
         content = {
             "model": [self.model.name, asdict(self.model)],
             "drive": self.drive,
+            "load_range": self.load_range,
             "wheels": {name: asdict(wheel) for name, wheel in self.wheels.items()},
             "noise": [asdict(noise) for noise in self.noise.values()],
-            "prior": {n: asdict(e) if isinstance(e, Law) else e for n, e in self.prior.entries.items()},
+            "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
             "least_squares": asdict(self.least_squares),
         }
         named = (field.name for field in fields(Observations) if field.name != "notes")
@@ -170,13 +173,13 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent) -> dict[str, Any]:
     with errors_in(given.data.file):
         rows, row_notes = assembly.conditioned(_rows(data, wheels, given.data), given.drive)
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive)
-    estimated = {n.parameter: n.law for n in noise.values() if n.parameter and n.law}
-    prior = Prior({**soil, **estimated})
-    notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes]
+    loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
+    prior = assembly.full_prior(soil, noise, wheels)
+    notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
-        **{"observations": rows, "noise": noise, "prior": prior},
+        **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
         "notes": tuple(notes + _count_notes(rows, noise, prior)),
     }
 
@@ -207,6 +210,10 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
     if readings >= len(prior.names):
         return []
     return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
+
+
+def _plain(entry: Entry) -> Any:
+    return entry if isinstance(entry, int | float) else asdict(entry)
 
 
 def _digest(content: Any) -> str:

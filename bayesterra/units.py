@@ -13,9 +13,14 @@ from bayesterra.errors import StudyError
 ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcsecond")
 """Units of an angle. Pint counts angles as pure numbers; here they are kept apart."""
 
-_EXAMPLES = {"": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m"}
-_NAMES = {"": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque"}
-_FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa"}
+_EXAMPLES = {
+    "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m", "Pa m": "15.6 kPa m",
+}  # fmt: skip
+_NAMES = {
+    "": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque",
+    "Pa m": "pressure times length",
+}  # fmt: skip
+_FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa", "Pa m": "kPa m"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 

@@ -15,8 +15,8 @@ from bayesterra.data import Observations
 from bayesterra.folders import write_text
 from bayesterra.models import Wheel
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import Law
+from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.priors import Entry, Law, Tie
 from bayesterra.study import Reference, Study
 from bayesterra.units import text
 
@@ -69,13 +69,16 @@ def _lines(
     references: Mapping[str, Reference | None],
 ) -> Iterator[str]:
     yield from _assignments({**head, "model": study.model.name, "drive": study.drive})
+    if study.load_range is not None:
+        yield from _assignments({"load_range": [text(load, "N") for load in study.load_range]})
     table = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
     yield from _table("data", {**table, **data})
     for name, wheel in study.wheels.items():
         yield from _table(f"wheels.{_key(name)}", _wheel(wheel))
     yield from _table("model_options", asdict(study.model))
     yield from _table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
-    priors = {name: study.prior.entries[name] for name in SOIL_PARAMETERS}
+    entries = study.prior.entries
+    priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
     yield from _table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
     yield from _table("least_squares", _least_squares(study))
     for name, reference in references.items():
@@ -103,14 +106,18 @@ def _wheel(wheel: Wheel) -> dict[str, object]:
 
 def _noise(noise: Noise) -> object:
     dimension = CHANNELS[noise.channel].dimension
+    tails: dict[str, object] = {} if np.isinf(noise.dof) else {"dof": noise.dof}
     if noise.law is not None:
-        return {"estimate": _law(noise.law, dimension)}
+        return {"estimate": _law(noise.law, dimension), **tails}
     if noise.fraction is not None:
-        return {"fraction": noise.fraction, "floor": text(noise.floor, dimension)}
-    return text(noise.sd or 0.0, dimension)
+        return {"fraction": noise.fraction, "floor": text(noise.floor, dimension), **tails}
+    sd = text(noise.sd or 0.0, dimension)
+    return {"sd": sd, **tails} if tails else sd
 
 
-def _prior(name: str, entry: Law | float) -> object:
+def _prior(name: str, entry: Entry) -> object:
+    if isinstance(entry, Tie):
+        return entry.to
     return _law(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
 
 

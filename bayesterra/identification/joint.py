@@ -198,7 +198,7 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
         drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
     except SupportError:
         return []  # held parameters may still leave an answer at the other starts
-    soil = posterior.prior.soil_values(drawn)
+    soil = posterior.prior.soil_values(drawn)[:, : len(SOIL_PARAMETERS)]
     held = [SOIL_PARAMETERS.index(name) for name in settings.held]
     soil[:, held] = settings.start[held]
     return list(soil)

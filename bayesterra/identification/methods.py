@@ -14,14 +14,13 @@ from bayesterra.identification.decoupled import decoupled_steps
 from bayesterra.identification.fits import FORCES, METHODS, Fit, soil_of
 from bayesterra.identification.integral import Passes, integral_steps, iterate, one_pass
 from bayesterra.identification.joint import JointFit, fit_joint
-from bayesterra.identification.readings import Readings, readings
+from bayesterra.identification.readings import Readings, known_offset, readings, weighted_target
 from bayesterra.identification.settings import Overrides, Settings, iteration_settings, joint_settings
 from bayesterra.identification.steps import Plan, plan
 from bayesterra.identification.support import MARGIN, Clip, clip
 from bayesterra.likelihood import Forward
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.parameters import CHANNELS, SOIL_PARAMETERS
-from bayesterra.posteriors import posterior
 from bayesterra.study import Study
 
 
@@ -101,7 +100,7 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
         at_bound=settings.at_bound(theta, todo.columns(settings)),
         missing=todo.missing,
         clipped=_clipped(method, theta, rows.conditions.slip),
-        notes=_notes(method, todo, passes, rows, theta),
+        notes=(*_notes(method, todo, passes, rows, theta), *_offset_note(study)),
         seconds=perf_counter() - began,
         noise={},
     )
@@ -119,7 +118,7 @@ def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
 
 def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> Fit:
     began = perf_counter()
-    settings, density = joint_settings(study, overrides), posterior(study)
+    settings, density = joint_settings(study, overrides), weighted_target(study)
     found = fit_joint(density, settings, _other_results(study, overrides, known))
     theta = found.best.theta
     drive = density.likelihood.forward
@@ -134,7 +133,7 @@ def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[s
         at_bound=settings.at_bound(theta, settings.free(SOIL_PARAMETERS)),
         missing=(),
         clipped=_edge(theta, drive).any,
-        notes=_joint_notes(found, drive, theta),
+        notes=(*_joint_notes(found, drive, theta), *_stand_ins(study)),
         seconds=perf_counter() - began,
         noise=found.sd,
     )
@@ -153,6 +152,17 @@ def _joint_notes(found: JointFit, drive: Forward, theta: FloatArray) -> tuple[st
         *(["θm/θ1 = c1 + c2 s is at the edge of (c3, 1) at some slip"] if np.any(edge.angle) else []),
         *(["N = n0 + n1 s is at its edge, 0, at some slip"] if np.any(edge.exponent) else []),
     )
+
+
+def _stand_ins(study: Study) -> tuple[str, ...]:
+    """What stands for quantities that least squares does not estimate."""
+    load = ("the measured normal force stands for the load",) if study.drive == "both" else ()
+    return (*load, *_offset_note(study))
+
+
+def _offset_note(study: Study) -> tuple[str, ...]:
+    offset = known_offset(study)
+    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if "sinkage_offset" in study.prior.entries else ()
 
 
 _RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {

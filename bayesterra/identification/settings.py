@@ -9,8 +9,8 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError
-from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import PAPER_BOX, Law
+from bayesterra.parameters import MODULI, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.priors import PAPER_BOX, Entry, Law
 from bayesterra.study import Study
 
 START: Mapping[str, float] = {
@@ -94,6 +94,8 @@ def _check(name: str, value: float) -> None:
 def _held_by_study(study: Study) -> dict[str, float]:
     """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
     fixed = {name: value for name, value in study.prior.fixed.items() if name in SOIL_PARAMETERS}
+    if all(name in study.prior.fixed for name in MODULI) and len({w.width for w in study.wheels.values()}) == 1:
+        fixed["Ks"] = study.prior.fixed["kc"] / study.prior.width + study.prior.fixed["kphi"]
     return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
 
 
@@ -125,15 +127,33 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
     """
     asked = overrides.over(study)
     hold = dict(asked.hold or {})
+    tied = [name for name in SOIL_PARAMETERS if name in study.prior.ties and name not in hold]
+    if tied:
+        raise StudyError(f"joint knows no tied parameters (got '{tied[0]}')")
     laws = {name: study.prior.laws[name] for name in SOIL_PARAMETERS if name in study.prior.laws}
     start = {name: law.median for name, law in laws.items()}
-    start |= {name: value for name, value in (asked.start or {}).items() if _inside(laws.get(name), value)}
-    low, high = (hold | {name: law.range[end] for name, law in laws.items()} for end in (0, 1))
+    low, high = ({name: law.range[end] for name, law in laws.items()} for end in (0, 1))
+    if study.prior.uses_moduli and "Ks" not in hold:
+        low["Ks"], start["Ks"], high["Ks"] = _stiffness(study)
+    start |= {name: v for name, v in (asked.start or {}).items() if low.get(name, np.inf) <= v <= high[name]}
+    low, high = hold | low, hold | high
     return Settings(_ordered(start | hold), _ordered(low), _ordered(high), _in_order(hold))
 
 
-def _inside(law: Law | None, value: float) -> bool:
-    return law is not None and law.range[0] <= value <= law.range[1]
+def _stiffness(study: Study) -> tuple[float, float, float]:
+    """Lowest, middle and highest K_s that the priors of k_c and k_φ allow, for wheels of one width."""
+    if len({wheel.width for wheel in study.wheels.values()}) > 1:
+        raise StudyError("joint knows one K_s only, so with 'kc' and 'kphi' all wheels must have one width")
+    kc, kphi = (_ends(study.prior.entries[study.prior.root(name)]) for name in MODULI)
+    low, middle, high = (cohesive / study.prior.width + frictional for cohesive, frictional in zip(kc, kphi, strict=True))
+    return max(low, 1e-6 * high), middle, high
+
+
+def _ends(entry: Entry) -> tuple[float, float, float]:
+    if isinstance(entry, Law):
+        return entry.range[0], entry.median, entry.range[1]
+    value = float(entry) if isinstance(entry, int | float) else float("nan")
+    return value, value, value
 
 
 def _ordered(table: Mapping[str, float]) -> FloatArray:

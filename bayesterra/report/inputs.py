@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 
 from markupsafe import Markup
@@ -9,7 +10,7 @@ from markupsafe import Markup
 from bayesterra.figures.rows import summary_rows
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.priors import Law
+from bayesterra.priors import Law, Tie
 from bayesterra.report.blocks import Block, Cell, Section, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, moments, share
 from bayesterra.report.symbols import amount, angles, law_text, listed, symbol, symbols, with_unit
@@ -25,6 +26,8 @@ EQUATIONS = {
 DRIVES = {
     "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
     "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",
+    "both": "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment are "
+    "outcomes.",
 }
 
 
@@ -45,9 +48,9 @@ def data_section(result: Result) -> Section:
 
 def _readings(study: Study) -> Table:
     rows = study.observations
-    given_name = "load" if study.drive == "load" else "sinkage"
-    conditioned = rows.load if study.drive == "load" else rows.values["sinkage"]
-    columns = {given_name: conditioned, **{name: rows.values[name] for name in study.noise}}
+    conditioned = {"load": rows.load, **rows.values}
+    given = {name: conditioned[name] for name in (study.drive,) if name != "both"}
+    columns = {**given, **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
     shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
     slips, body = column(rows.slip, 4), []
@@ -56,7 +59,7 @@ def _readings(study: Study) -> Table:
         body.append(
             (f"{row}", *wheel, slips[i], *(cells[i] for cells in shown), "yes" if rows.use[i] else "no")
         )
-    noise = (_noise(study.noise[name]) if name in study.noise else "given" for name in columns)
+    noise = (noise_text(study.noise[name]) if name in study.noise else "given" for name in columns)
     body.append(("noise (sd)", *([""] if many else []), "", *noise, ""))
     header = (
         "row",
@@ -76,13 +79,15 @@ def _origin(study: Study) -> str:
     return f"Source ({study.kind}){source}."
 
 
-def _noise(noise: Noise) -> Cell:
+def noise_text(noise: Noise) -> Cell:
+    """Noise of a channel in its field unit, in a few words."""
     scale = CHANNELS[noise.channel].scale
+    tails = "" if math.isinf(noise.dof) else f", t with {noise.dof:g} dof"
     if noise.law is not None:
-        return "estimated"
+        return f"estimated{tails}"
     if noise.fraction is not None:
-        return f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}"
-    return f"{(noise.sd or 0.0) / scale:g}"
+        return f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}{tails}"
+    return f"{(noise.sd or 0.0) / scale:g}{tails}"
 
 
 def _wheels(study: Study) -> Table:
@@ -110,9 +115,16 @@ def _model(study: Study) -> Markup:
         f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items()
     )
     return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
-                  "Gaussian noise of the standard deviation in the last line of the table.").format(
-        study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive]
+                  "{} noise of the standard deviation in the last line of the table.").format(
+        study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive], _law_of_noise(study)
     )  # fmt: skip
+
+
+def _law_of_noise(study: Study) -> str:
+    heavy = [noise for noise in study.noise.values() if not math.isinf(noise.dof)]
+    if not heavy:
+        return "Gaussian"
+    return "Student-t" if len(heavy) == len(study.noise) else "Gaussian or (where marked t) Student-t"
 
 
 def _option(value: object) -> str:
@@ -126,7 +138,7 @@ def _priors(result: Result) -> Table:
     body: list[tuple[Cell, ...]] = []
     for name in (name for name in PARAMETERS if name in entries):
         entry = entries[name]
-        law = law_text(name, entry) if isinstance(entry, Law) else _fixed(name, float(entry))
+        law = law_text(name, entry) if isinstance(entry, Law) else _held(name, entry)
         body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
     caption = (
         "Prior laws as stated in the study, independent of each other; mean and standard deviation of the "
@@ -136,7 +148,10 @@ def _priors(result: Result) -> Table:
     return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
 
 
-def _fixed(name: str, value: float) -> Markup:
+def _held(name: str, entry: float | Tie) -> Markup:
+    if isinstance(entry, Tie):
+        return Markup("that of {}").format(symbol(entry.to))
+    value = float(entry)
     return Markup("fixed at {}").format(amount(name, given(value / PARAMETERS[name].scale)))
 
 

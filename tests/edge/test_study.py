@@ -215,7 +215,7 @@ def test_other_data_in_the_same_study() -> None:
             r"\[data\] 'slip_reference' must be 'rim', 'tip' or 'shearing' \(got 'hub'\)",
         ),
         ({"model": "M4"}, r"'model' must be 'M1', 'M2' or 'M3' \(got 'M4'\)"),
-        ({"drive": "both"}, r"'drive' must be 'load' or 'sinkage'; 'both' is not supported by this version"),
+        ({"drive": "neither"}, r"'drive' must be 'load', 'sinkage' or 'both' \(got 'neither'\)"),
         ({"transition_slips": [0.1, 0.5]}, r"'transition_slips' \(it belongs in \[model_options\]\)"),
         ({"sampling": {"drive": "load"}}, r"\[sampling\] unknown key 'drive' \(it belongs at the top"),
         ({"NOISE": {}}, r"unknown key 'NOISE' \(did you mean 'noise'\?\)"),
@@ -242,7 +242,7 @@ def test_other_data_in_the_same_study() -> None:
         ),
         ({"priors": {"set": "moon"}}, r"\[priors\] unknown prior set 'moon' \(known: paper-box"),
         ({"priors": {"fi": 0.5}}, r"\[priors\] unknown parameter 'fi'"),
-        ({"priors": {"kc": 1.0}}, r"\[priors\] a prior of 'kc' is not supported by this version"),
+        ({"priors": {"kc": 1.0}}, r"\[priors\] 'kc' needs 'kphi' beside it, as K_s = kc/b \+ kphi"),
         (
             {"priors": {"set": "paper-box", "phi": "60 deg"}},
             r"'phi' must be fixed inside .* 0 deg to 50 deg \(got 60",

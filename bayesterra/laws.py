@@ -1,0 +1,176 @@
+"""Probability laws: any continuous ``scipy.stats`` law, cut to a range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from scipy import stats
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
+
+RANGED = ("uniform", "loguniform")
+"""Laws whose range is given by ``lower`` and ``upper`` themselves."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A one-dimensional probability law on ``[lower, upper]``.
+
+    Parameters
+    ----------
+    dist : name of a continuous ``scipy.stats`` law.
+    shape : its own arguments (``loc``, ``scale``, ``a``, ...), SI units.
+    lower, upper : the law is cut to this range and renormalised; for ``uniform`` and ``loguniform`` they
+        are the range itself.
+
+    Raises
+    ------
+    StudyError : unknown law or argument, an empty range, or no probability inside it.
+    """
+
+    dist: str
+    shape: Mapping[str, float] = field(default_factory=dict)
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        known = getattr(stats, self.dist, None)
+        if not isinstance(known, stats.rv_continuous):
+            raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
+        if not self.lower < self.upper:
+            raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
+        if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():
+            raise StudyError(f"a {self.dist} law needs finite 'lower' and 'upper'")
+        if self.dist == "loguniform" and self.lower <= 0:
+            raise StudyError(f"'lower' of a loguniform law must be above 0 (got {self.lower:g})")
+        if self.dist in RANGED and self.shape:
+            raise StudyError(
+                f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})"
+            )
+        self._check_mass()
+
+    def _check_mass(self) -> None:
+        try:
+            mass = self._mass
+        except TypeError as error:
+            raise StudyError(f"wrong arguments for {self.dist}: {error}") from error
+        if not np.isfinite(mass):
+            raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
+        if mass <= 0:
+            raise StudyError(
+                f"{self.dist} with {_listed(self.shape)} has no probability"
+                f" between {self.lower:g} and {self.upper:g}"
+            )
+
+    @cached_property
+    def _base(self) -> Any:
+        if self.dist == "uniform":
+            return stats.uniform(self.lower, self.upper - self.lower)
+        if self.dist == "loguniform":
+            return stats.loguniform(self.lower, self.upper)
+        return getattr(stats, self.dist)(**self.shape)
+
+    @cached_property
+    def _upper_tail(self) -> bool:
+        """Whether the range lies in the upper tail, where survival functions keep the digits."""
+        return bool(self._base.cdf(self.lower) > 0.5)
+
+    @cached_property
+    def _lower_tail(self) -> bool:
+        """Whether the range lies in the lower tail."""
+        return bool(self._base.cdf(self.upper) < 0.5)
+
+    @cached_property
+    def _mass(self) -> float:
+        """Probability of the uncut law inside the range."""
+        if self._upper_tail:
+            return float(self._base.sf(self.lower) - self._base.sf(self.upper))
+        return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
+
+    @cached_property
+    def _log_mass(self) -> float:
+        return float(np.log(self._mass))
+
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
+        """Log density at points inside the range; common laws without the cost of ``scipy.stats``."""
+        if self.dist == "uniform":
+            return np.full(x.shape, -np.log(self.upper - self.lower))
+        if self.dist == "loguniform":
+            return np.asarray(-np.log(x) - np.log(np.log(self.upper / self.lower)))
+        if self.dist in ("norm", "halfnorm"):
+            loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
+            peak = (np.log(2.0) if self.dist == "halfnorm" else 0.0) - np.log(scale * np.sqrt(2 * np.pi))
+            return np.asarray(peak - self._log_mass - 0.5 * ((x - loc) / scale) ** 2)
+        density = np.asarray(self._base.logpdf(x) - self._log_mass)
+        return np.where(np.isposinf(density), -np.inf, density)  # a pole is a point without probability
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest value that the cut law can take."""
+        low, high = self._base.support()
+        return max(self.lower, float(low)), min(self.upper, float(high))
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density at ``x`` (any shape), −inf outside the range."""
+        low, high = self.range
+        inside = (x >= low) & (x <= high)
+        with np.errstate(over="ignore"):  # a value far out in the tail has the log density −inf
+            if inside.all():
+                return self._log_density_inside(x)
+            return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
+
+    def cdf(self, x: FloatArray) -> FloatArray:
+        """Probability of a value up to ``x`` (any shape)."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._upper_tail:
+            return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
+        return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
+
+    def survival(self, x: FloatArray) -> FloatArray:
+        """Probability of a value above ``x`` (any shape), to the last digit where it is small."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._lower_tail:
+            return np.asarray((self._base.cdf(self.upper) - self._base.cdf(x)) / self._mass)
+        return np.asarray((self._base.sf(x) - self._base.sf(self.upper)) / self._mass)
+
+    def upper_quantile(self, q: FloatArray) -> FloatArray:
+        """Value above which the probability is ``q`` (any shape), the inverse of :meth:`survival`."""
+        if self._lower_tail:
+            raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
+        return np.asarray(np.clip(raw, *self.range))
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Value below which the probability is ``q`` (any shape)."""
+        if self._upper_tail:
+            raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
+        return np.asarray(np.clip(raw, *self.range))
+
+    @cached_property
+    def median(self) -> float:
+        """The value that half of the probability lies below."""
+        return float(self.quantile(np.array(0.5)))
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw ``n`` independent values, shape (n,)."""
+        return self.quantile(rng.random(n))
+
+    def __str__(self) -> str:
+        inside = _listed(self.shape)
+        limits = "" if self.dist in RANGED or not np.isfinite([self.lower, self.upper]).any() else "cut to "
+        if limits or self.dist in RANGED:
+            limits += f"[{self.lower:g}, {self.upper:g}]"
+        return " ".join(part for part in (self.dist, f"({inside})" if inside else "", limits) if part)
+
+
+def _listed(shape: Mapping[str, float]) -> str:
+    return ", ".join(f"{key}={value:g}" for key, value in shape.items())
