@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
+    from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
     from bayesterra.models import Soil, Wheel
     from bayesterra.noise import Noise
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
+    "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
     "models": ("Soil", "Wheel"),
     "noise": ("Noise",),
@@ -49,10 +51,12 @@ __all__ = [
     "StudyError",
     "SupportError",
     "Wheel",
+    "compare",
     "fit",
     "load_result",
     "load_study",
     "posterior",
+    "predict",
     "run",
     "simulate",
 ]

@@ -8,42 +8,63 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood import Forward
-from bayesterra.models import Conditions
-from bayesterra.parameters import SOIL_PARAMETERS, Parameter
+from bayesterra.forward import Forward, soil_at
+from bayesterra.models import Conditions, Wheel, WheelSoilModel
+from bayesterra.parameters import SOIL_PARAMETERS, Channel, Parameter
 from bayesterra.study import Study
 
 REFERENCE_SINKAGE = 0.010
 REFERENCE_STRESS = 5e3
 SLIP_GRID = np.linspace(0.02, 0.8, 40)
+EFFICIENCY = Channel("tractive_efficiency", "η", r"\eta", "-", 1.0, "", "tractive efficiency")
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Responses of the study's first wheel over slip, at its median load, for n soils.
+    """Responses of one wheel under one load over ``SLIP_GRID``, for n soils.
 
     Attributes
     ----------
     load : N, NaN where neither load nor normal force was measured (and so are the responses).
-    sinkage, drawbar_pull, resistance_moment : (n, slips), NaN where the model has no answer.
+    sinkage, drawbar_pull, resistance_moment, efficiency : (n, slips), NaN where the model has no answer.
     """
 
     load: float
     sinkage: FloatArray
     drawbar_pull: FloatArray
     resistance_moment: FloatArray
+    efficiency: FloatArray
 
 
-def drive(study: Study, soil: FloatArray) -> Drive:
-    """Drive the study's first wheel over ``SLIP_GRID`` on soils (n, 9)."""
+def reference_load(study: Study) -> float:
+    """Median load (N) of the rows in the fit, of the normal force where no load was given; else NaN."""
     observations = study.observations.used()
     force = observations.values.get("normal_force", observations.load)
     loads = np.where(np.isnan(observations.load), force, observations.load)
-    load = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
-    conditions = Conditions.of(next(iter(study.wheels.values())), SLIP_GRID)
-    forward = Forward(study.model, "load", conditions, np.full(len(SLIP_GRID), load))
+    return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
+
+
+def drive(study: Study, soil: FloatArray) -> Drive:
+    """Drive the study's first wheel under its median load on soils (n, 9 or 12)."""
+    return drive_wheel(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
+
+
+def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Drive:
+    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 9 or 12)."""
+    conditions = Conditions.of(wheel, SLIP_GRID)
+    forward = Forward(model, "load", conditions, np.full(len(SLIP_GRID), load))
     z, pull, moment = forward.one_by_one(soil).values.transpose(2, 0, 1)
-    return Drive(load, z, pull, moment)
+    return Drive(load, z, pull, moment, tractive_efficiency(pull, moment, conditions))
+
+
+def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Conditions) -> FloatArray:
+    """Power at the drawbar over power at the axle, η = F_DP v / (M_DR ω) = F_DP r_s (1 − s) / M_DR.
+
+    By v = r_s ω (1 − s), eq. (3); pull (N) and moment (N m) of shape (n, rows). Negative where the wheel has
+    to be pushed, NaN where the axle takes no power.
+    """
+    speed = conditions.shearing_radius * (1.0 - conditions.slip)
+    return pull * speed / np.where(moment > 0, moment, np.nan)
 
 
 def _column(name: str) -> Callable[[FloatArray], FloatArray]:
@@ -71,19 +92,50 @@ DERIVED: dict[str, Parameter] = {
         ),
         Parameter("peak_pull", "max F_DP", r"F_\mathrm{DP}^{max}", "N", 1.0, "N", "greatest drawbar pull"),
         Parameter("peak_pull_slip", "s at max F_DP", r"s^{max}", "-", 1.0, "", "slip of greatest pull"),
+        Parameter("peak_efficiency", "max η", r"\eta^{max}", "-", 1.0, "", "greatest tractive efficiency"),
+        Parameter(
+            "peak_efficiency_slip", "s at max η", r"s^{\eta}", "-", 1.0, "", "slip of greatest efficiency"
+        ),
     )
 }
 
 
 def derive(study: Study, soil: FloatArray) -> dict[str, FloatArray]:
-    """All quantities of ``DERIVED`` for soils (n, 9), each (n,), SI; NaN where the model has no answer."""
-    pull = drive(study, soil).drawbar_pull
-    answered = np.isfinite(pull).any(axis=1)
-    filled = np.where(np.isnan(pull), -np.inf, pull)
-    best = filled.argmax(axis=1)
+    """All quantities of ``DERIVED``, for the study's first wheel under its median load; see below."""
+    return derive_for(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
+
+
+def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> dict[str, FloatArray]:
+    """All quantities of ``DERIVED`` for ``wheel`` under ``load`` (N), each (n,), SI.
+
+    ``soil`` (n, 9 or 12) as every forward model takes it; NaN where the model has no answer.
+    """
+    driven, soil = drive_wheel(model, wheel, load, soil), soil_at(soil, wheel.width)
+    pull, pull_slip = greatest(driven.drawbar_pull)
+    efficiency, efficiency_slip = greatest(driven.efficiency)
     return {
         "bearing_pressure": bearing_pressure(soil),
         "shear_strength": shear_strength(soil),
-        "peak_pull": np.where(answered, filled[np.arange(len(soil)), best], np.nan),
-        "peak_pull_slip": np.where(answered, SLIP_GRID[best], np.nan),
+        "peak_pull": pull,
+        "peak_pull_slip": pull_slip,
+        "peak_efficiency": efficiency,
+        "peak_efficiency_slip": efficiency_slip,
     }
+
+
+def greatest(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Greatest of ``values`` (n, slips) over ``SLIP_GRID`` and its slip, each (n,); NaN where all are.
+
+    Between the slips of the grid: the vertex of the parabola through the greatest value and its neighbours.
+    """
+    filled = np.where(np.isfinite(values), values, -np.inf)
+    best, every = filled.argmax(axis=1), np.arange(len(filled))
+    centre = np.clip(best, 1, len(SLIP_GRID) - 2)
+    around = filled[every[:, None], centre[:, None] + np.array([-1, 0, 1])]
+    inner = (centre == best) & np.isfinite(around).all(axis=1)
+    before, middle, after = np.where(inner[:, None], around, [0.0, 1.0, 0.0]).T
+    shift = np.where(inner, 0.5 * (before - after) / np.minimum(before - 2 * middle + after, -1e-300), 0.0)
+    height = filled[every, best] - np.where(inner, 0.25 * (before - after) * shift, 0.0)
+    answered = np.isfinite(values).any(axis=1)
+    slip = SLIP_GRID[best] + shift * (SLIP_GRID[1] - SLIP_GRID[0])
+    return np.where(answered, height, np.nan), np.where(answered, slip, np.nan)

@@ -11,8 +11,10 @@ from pathlib import Path
 from bayesterra.errors import BayesterraError, ResultError
 
 
-def check_free(folder: Path, *, overwrite: bool) -> None:
+def check_free(folder: Path, *, overwrite: bool, mark: str = "run.json") -> None:
     """Make sure that a result may be written to ``folder``, before any work is spent on it.
+
+    ``mark`` is the file by which a folder is known to be of the kind that may be replaced.
 
     Raises
     ------
@@ -27,12 +29,13 @@ def check_free(folder: Path, *, overwrite: bool) -> None:
         raise ResultError(f"'{folder}' cannot be made: the folder '{parent}' does not exist")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise ResultError(f"'{folder}' cannot be made: no permission to write in '{parent}'")
-    if folder.exists() and any(folder.iterdir()) and not (folder / "run.json").exists():
-        raise ResultError(f"'{folder}' is not a result folder: it is not replaced, give another with --out")
+    if folder.exists() and any(folder.iterdir()) and not (folder / mark).exists():
+        kind = "a result folder" if mark == "run.json" else f"a folder with {mark}"
+        raise ResultError(f"'{folder}' is not {kind}: it is not replaced, give another with --out")
 
 
 @contextmanager
-def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(folder: Path, *, overwrite: bool = False, mark: str = "run.json") -> Iterator[Path]:
     """Work in ``<folder>.part``; on success it takes the name of ``folder``.
 
     On an error of the package or of the disk nothing is left behind; a program that is interrupted or killed
@@ -42,7 +45,7 @@ def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
     ------
     ResultError : see :func:`check_free`; or the folder cannot be written.
     """
-    check_free(folder, overwrite=overwrite)
+    check_free(folder, overwrite=overwrite, mark=mark)
     part = folder.with_name(folder.name + ".part")
     try:
         shutil.rmtree(part, ignore_errors=True)

@@ -12,6 +12,7 @@ from typing import Self
 
 from bayesterra import inference, report
 from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.notebook import result_table
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.storage import read_result, write_result
@@ -38,6 +39,9 @@ class RunResult(Result):
         with whole_folder(Path(folder), overwrite=overwrite) as part:
             self._write(part)
         return Path(folder) / "report.html"
+
+    def _repr_html_(self) -> str:
+        return result_table(self)
 
     def _write(self, part: Path) -> None:
         write_result(self, part)

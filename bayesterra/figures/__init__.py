@@ -5,6 +5,8 @@ Nothing here keeps state in pyplot; ``axes.figure.savefig`` writes any of them a
 
 from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
+from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
+from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.strip import parameter_strip
@@ -12,9 +14,14 @@ from bayesterra.figures.strip import parameter_strip
 __all__ = [
     "combinations",
     "contraction",
+    "contrast",
+    "contrast_derived",
+    "contrast_prediction",
     "corner",
     "correlations",
     "parameter_strip",
+    "prediction",
+    "predictions",
     "predictive",
     "ranks",
     "residuals",

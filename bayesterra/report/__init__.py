@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayesterra.folders import write_text
+from bayesterra.report.contrast import contrast_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
+from bayesterra.side_by_side import Comparison
 
-__all__ = ["html", "write"]
+__all__ = ["comparison_html", "html", "write"]
 
 
 def html(result: Result) -> str:
@@ -19,3 +21,8 @@ def html(result: Result) -> str:
 def write(result: Result, path: str | Path) -> None:
     """Write the report to ``path``, whole or not at all."""
     write_text(Path(path), html(result))
+
+
+def comparison_html(comparison: Comparison) -> str:
+    """Several results side by side as a self-contained HTML page."""
+    return render(contrast_page(comparison), "contrast.html")

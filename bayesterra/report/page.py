@@ -75,8 +75,8 @@ def page(result: Result) -> Page:
     )
 
 
-def render(content: Page) -> str:
-    """Fill the template; everything that is not marked as HTML is escaped."""
+def render(content: object, template: str = "report.html") -> str:
+    """Fill a template with a page; everything that is not marked as HTML is escaped."""
     environment = Environment(
         loader=PackageLoader("bayesterra.report"),
         autoescape=True,
@@ -85,7 +85,7 @@ def render(content: Page) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template("report.html").render(page=content)
+    return environment.get_template(template).render(page=content)
 
 
 def _facts(result: Result) -> tuple[str, ...]:

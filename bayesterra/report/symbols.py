@@ -7,12 +7,17 @@ from collections.abc import Iterable
 
 from markupsafe import Markup, escape
 
-from bayesterra.derived import DERIVED
+from bayesterra.derived import DERIVED, EFFICIENCY
 from bayesterra.parameters import CHANNELS, PARAMETERS, Channel, Parameter
 from bayesterra.priors import RANGED, Law
 from bayesterra.report.numbers import given
 
-QUANTITIES: dict[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
+QUANTITIES: dict[str, Parameter | Channel] = {
+    **CHANNELS,
+    **PARAMETERS,
+    **DERIVED,
+    EFFICIENCY.name: EFFICIENCY,
+}
 
 
 def symbol(name: str) -> Markup:

@@ -1,0 +1,180 @@
+"""What a result says about wheels, loads and slips that were not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator, default_rng
+from numpy.typing import ArrayLike
+
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.derived import derive_for, reference_load, tractive_efficiency
+from bayesterra.errors import StudyError
+from bayesterra.forward import Forward, Outcomes, offset_of
+from bayesterra.laws import Law
+from bayesterra.likelihood import Likelihood
+from bayesterra.messages import did_you_mean
+from bayesterra.models import Conditions, Wheel
+from bayesterra.prediction import PREDICTED, Prediction
+from bayesterra.results import Result
+from bayesterra.study import Study
+from bayesterra.units import quantity
+
+DRAWS = 2000
+"""Posterior draws, at most, that are predicted with."""
+GRID = 61
+
+
+def predict(
+    result: Result,
+    slip: ArrayLike,
+    *,
+    load: float | str | None = None,
+    wheel: str | Wheel | None = None,
+    name: str = "",
+    seed: int = 1,
+) -> Prediction:
+    """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
+
+    Parameters
+    ----------
+    slip : slips on the shearing radius, in [0, 1); sorted, each once.
+    load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
+    wheel : name of one of the study's wheels (by default its first), or another wheel.
+    name : what another wheel is called.
+    seed : of the noise on the readings.
+
+    Raises
+    ------
+    StudyError : a slip or load outside the model's range, or an unknown wheel.
+    """
+    study = result.study
+    at, carried = checked_slips(slip), _load(study, load)
+    called, driven = chosen_wheel(study, wheel, name)
+    draws, index = spread(result)
+    forward = Forward(study.model, "load", Conditions.of(driven, at), np.full(len(at), carried))
+    soil = study.prior.soil_values(draws)
+    parts = [forward.row(i)(soil) for i in range(len(at))]
+    outcomes = np.concatenate([part.values for part in parts], axis=1)
+    rows = study.observations.used().slip
+    return Prediction(
+        title=study.title,
+        name=called,
+        wheel=driven,
+        load=carried,
+        slip=at,
+        modelled=_with_efficiency(outcomes, forward.conditions),
+        readings=_with_noise(study, forward, outcomes, draws, default_rng(seed)),
+        reasons=np.column_stack([part.status for part in parts]),
+        index=index,
+        driven=(float(rows.min()), float(rows.max())),
+        derived=_derived(study, driven, carried, draws),
+        derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
+        remarks=tuple(_remarks(study, driven, carried)),
+    )
+
+
+def driven_range(study: Study) -> FloatArray:
+    """Slips for smooth bands, from the lowest to the highest that was driven."""
+    slips = study.observations.used().slip
+    return np.linspace(slips.min(), slips.max(), GRID)
+
+
+def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
+    """At most ``most`` evenly spaced posterior draws (n, d), and chain and draw of each (n, 2)."""
+    draws = result.values()
+    take = np.arange(0, len(draws), max(1, -(-len(draws) // most)))
+    chain, draw = np.divmod(take, result.draws["posterior"].sizes["draw"])
+    return draws[take], np.column_stack([chain, draw])
+
+
+def checked_slips(slip: ArrayLike) -> FloatArray:
+    """Slips in ascending order, each once; StudyError where one lies outside [0, 1)."""
+    slips = np.unique(np.atleast_1d(np.asarray(slip, dtype=np.float64)))
+    wrong = slips[~((slips >= 0) & (slips < 1))]
+    if wrong.size or not slips.size:
+        raise StudyError(f"'slip' must lie in [0, 1) (got {f'{wrong[0]:g}' if wrong.size else 'none'})")
+    return slips
+
+
+def _load(study: Study, load: float | str | None) -> float:
+    value = reference_load(study) if load is None else quantity(load, "N", "load", bare=True)
+    if np.isnan(value):
+        raise StudyError("'load' must be given, as the study holds neither load nor normal force")
+    if value <= 0:
+        raise StudyError(f"'load' must be above 0 (got {value:g} N)")
+    return value
+
+
+def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tuple[str, Wheel]:
+    """Name and dimensions of a wheel of the study, by default its first, or of another one.
+
+    A shearing-radius coefficient that is left out comes from (2) at the median of the prior of φ, as in the
+    study.
+    """
+    if isinstance(wheel, Wheel):
+        phi = study.prior.entries[study.prior.root("phi")]
+        at = phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
+        return name or "other wheel", _resolved(wheel, at)
+    called = next(iter(study.wheels)) if wheel is None else wheel
+    if called not in study.wheels:
+        raise StudyError(f"unknown wheel '{called}'{did_you_mean(called, study.wheels)}")
+    return called, study.wheels[called]
+
+
+def _resolved(wheel: Wheel, phi: float) -> Wheel:
+    try:
+        radius = float(wheel.shearing_radius(phi))
+    except ValueError as error:
+        raise StudyError(f"the other wheel's {error}") from error
+    given = (radius - wheel.radius) / wheel.lug_height if wheel.lug_height else None
+    return replace(wheel, shearing_radius_coefficient=given)
+
+
+def _with_efficiency(outcomes: FloatArray, conditions: Conditions) -> FloatArray:
+    efficiency = tractive_efficiency(outcomes[:, :, 1], outcomes[:, :, 2], conditions)
+    return np.concatenate([outcomes, efficiency[:, :, None]], axis=2)
+
+
+def _with_noise(
+    study: Study, forward: Forward, outcomes: FloatArray, draws: FloatArray, rng: Generator
+) -> FloatArray:
+    """Readings (n, k, 4) of the study's instruments, with the zero error of the sinkage.
+
+    NaN where a channel was not measured.
+    """
+    noise = tuple(noise for name, noise in study.noise.items() if name in forward.outcomes)
+    readings = np.full((*outcomes.shape[:2], len(PREDICTED)), np.nan)
+    if not noise:
+        return readings
+    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(outcomes.shape[1])))
+    read = Outcomes(outcomes.copy(), np.zeros(len(outcomes), dtype=np.int64))
+    read.values[:, :, 0] += offset_of(study.prior.soil_values(draws))
+    columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
+    drawn = Likelihood(forward, blank, noise).draw(read, draws[:, columns], rng)
+    for column, entry in enumerate(noise):
+        readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column]
+    return readings
+
+
+def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:
+    return derive_for(study.model, wheel, load, study.prior.soil_values(x))
+
+
+def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
+    """Say where load and wheel leave what was measured."""
+    rows = study.observations.used()
+    loads = rows.load if not np.isnan(rows.load).all() else rows.values.get("normal_force", rows.load)
+    known = loads[~np.isnan(loads)]
+    if known.size and not 0.999 * known.min() <= load <= 1.001 * known.max():
+        ends = dict.fromkeys(f"{end:.4g}" for end in (known.min(), known.max()))
+        yield f"load {load:.4g} N is not among the measured loads, {' to '.join(ends)} N: extrapolated"
+    widths = {one.width for one in study.wheels.values()}
+    if wheel.width not in widths and not study.prior.uses_moduli:
+        given = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))
+        yield (
+            f"K_s = k_c/b + k_φ was identified with wheels {given} wide and taken unchanged for"
+            f" {1e3 * wheel.width:g} mm: small where k_c is, as in dry soils"
+        )

@@ -1,0 +1,133 @@
+"""The page that sets several results side by side: its verdicts and its order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from bayesterra.report.blocks import Cell, Section
+from bayesterra.report.contrast_parts import (
+    keys,
+    parameters_section,
+    predictions_section,
+    signed,
+    with_error,
+)
+from bayesterra.report.contrast_studies import compared_section, judged_section, repeat_section
+from bayesterra.report.numbers import given, rounded
+from bayesterra.report.symbols import listed, symbol, symbols
+from bayesterra.report.verdicts import Verdict
+from bayesterra.side_by_side import BARE, MOVED, Comparison
+from bayesterra.study import Study
+
+
+@dataclass(frozen=True)
+class ContrastPage:
+    """Everything that the template shows, in its order."""
+
+    title: str
+    facts: tuple[Cell, ...]
+    warning: Markup
+    verdicts: tuple[Verdict, ...]
+    sections: tuple[Section, ...]
+    version: str
+
+
+def contrast_page(comparison: Comparison) -> ContrastPage:
+    """Put the page together."""
+    titles = dict.fromkeys(result.study.title for result in comparison.results.values())
+    first = next(iter(comparison.results.values()))
+    curve = comparison.curves[comparison.names[0]]
+    return ContrastPage(
+        title=next(iter(titles)) if len(titles) == 1 else f"{len(comparison.names)} results side by side",
+        facts=(*keys(comparison), f"wheel {curve.name} under {given(round(curve.load, 1))} N"),
+        warning=_warning(comparison),
+        verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
+        sections=(
+            parameters_section(comparison),
+            predictions_section(comparison),
+            compared_section(comparison),
+            judged_section(comparison),
+            repeat_section(comparison),
+        ),
+        version=first.record["versions"]["bayesterra"],
+    )
+
+
+def _warning(comparison: Comparison) -> Markup:
+    unfinished = [name for name, result in comparison.results.items() if not result.converged]
+    if not unfinished:
+        return Markup("")
+    return Markup("The sampling of {} has <b>not converged</b>: what follows may be wrong.").format(
+        listed(unfinished)
+    )
+
+
+def _readings(comparison: Comparison) -> Verdict:
+    first, *others = comparison.names
+    apart = [name for name in others if not comparison.comparable(first, name)]
+    if apart:
+        parts = (_explains(name, comparison.results[name].study) for name in (first, *apart))
+        sentence = Markup("{}. Parameters and predictions compare, evidence does not.").format(listed(parts))
+        return Verdict("Readings explained", "not the same", "fair", sentence)
+    sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
+    return Verdict("Readings explained", "the same", "good", sentence)
+
+
+def _explains(name: str, study: Study) -> Markup:
+    return Markup("{}: {}").format(name, _counted(study))
+
+
+def _counted(study: Study) -> Markup:
+    rows = study.observations.used()
+    counts = [int((~np.isnan(rows.values[name])).sum()) for name in study.noise]
+    return Markup("{} of {}").format(sum(counts), symbols(study.noise))
+
+
+def _evidence(comparison: Comparison) -> Verdict:
+    known = [n for n in comparison.names if comparison.comparable(comparison.names[0], n)]
+    known = [name for name in known if np.isfinite(comparison.evidence[name].value)]
+    values = listed(
+        Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in known
+    )
+    if len(known) < 2:
+        return Verdict(
+            "Evidence", "not comparable", "fair", Markup("No two results have comparable evidence.")
+        )
+    best, second = sorted(known, key=lambda name: -comparison.evidence[name].value)[:2]
+    word = comparison.word(second, best)
+    difference = rounded(comparison.difference(second, best)[0], 0.1)
+    if word == "not distinguishable":
+        text = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
+        return Verdict("Evidence", word, "fair", text.format(values, BARE))
+    sentence = Markup("Log evidence {}: {} over {} by {}, {}.").format(
+        values, best, second, difference, word.partition(" evidence")[0] + " by Kass and Raftery's words"
+    )
+    return Verdict("Evidence", f"{best} favoured", "good", sentence)
+
+
+def _value(comparison: Comparison, name: str) -> tuple[float, float]:
+    return comparison.evidence[name].value, comparison.evidence[name].error
+
+
+def _moves(comparison: Comparison) -> Verdict:
+    """Which parameters and derived quantities move from the first result to the others."""
+    table = comparison.parameters
+    first = comparison.names[0]
+    moved = table[(table["shift"].abs() >= MOVED) & (table["result"] != first)]
+    moved = moved.reindex(moved["shift"].abs().sort_values(ascending=False).index)
+    count = table[table["result"] == first]["quantity"].nunique()
+    if moved.empty:
+        sentence = Markup("No mean moves by {:.0f} sd of {} or more.").format(MOVED, first)
+        return Verdict("Conclusions", "agree", "good", sentence)
+    parts = [
+        Markup("{} ({} in {})").format(symbol(row["quantity"]), signed(row["shift"]), row["result"])
+        for row in moved.head(4).to_dict("records")
+    ]
+    more = "" if len(moved) <= len(parts) else " and more"
+    sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(
+        MOVED, first, listed(parts), more
+    )
+    return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "fair", sentence)

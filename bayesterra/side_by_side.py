@@ -1,0 +1,233 @@
+"""Several results side by side: two models, two priors, two drives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sized
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import chain
+
+import numpy as np
+import pandas as pd
+from scipy.special import logsumexp
+
+from bayesterra.derived import DERIVED, reference_load
+from bayesterra.errors import ResultError
+from bayesterra.models import Wheel
+from bayesterra.parameters import PARAMETERS
+from bayesterra.predicting import GRID, chosen_wheel, predict
+from bayesterra.prediction import Prediction
+from bayesterra.results import Result
+
+MOST = 6
+BARE = 1.0
+"""Difference of log evidence that is not worth more than a bare mention (Kass and Raftery 1995)."""
+STRENGTHS = ((3.0, "positive"), (5.0, "strong"), (np.inf, "very strong"))
+"""Their words for greater differences, by upper limit."""
+INSIDE = "inside the support"
+MOVED = 1.0
+"""Shift of a mean, in standard deviations of the first result, from which a parameter has moved."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log evidence of one result.
+
+    Attributes
+    ----------
+    value : log of the density of the readings, averaged over the prior that is cut to the physical support.
+    error : its standard error, from the spread of the ensembles and the count behind the cut.
+    outcomes : fingerprint of the readings it is the density of; only equal ones compare.
+    """
+
+    value: float
+    error: float
+    outcomes: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several results, and what they say under the same conditions.
+
+    Attributes
+    ----------
+    results : by name, in the order given; others are compared with the first.
+    curves, points : per result the prediction of its wheel under one and the same load, on a grid over all
+        driven slips, and at the slips that the first result's wheel was driven at.
+    evidence : per result.
+    """
+
+    results: Mapping[str, Result]
+    curves: Mapping[str, Prediction]
+    points: Mapping[str, Prediction]
+    evidence: Mapping[str, Evidence]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the results."""
+        return tuple(self.results)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """One row per result and free parameter or derived quantity, field units.
+
+        ``shift`` is the mean's distance from that of the first result, and ``width`` the standard deviation,
+        in units of the first result's. Derived quantities are those of the common load.
+        """
+        return pd.DataFrame(
+            list(chain.from_iterable(self._rows(name) for name in self.names)),
+        )
+
+    def _rows(self, name: str) -> list[dict[str, object]]:
+        first = _moments(self.names[0], self)
+        rows: list[dict[str, object]] = []
+        for quantity, row in _moments(name, self).items():
+            base = first.get(quantity)
+            shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
+            width = row["sd"] / base["sd"] if base else np.nan
+            rows.append(
+                {"result": name, "quantity": quantity, "unit": _unit(quantity)}
+                | {**row, "shift": shift, "width": width}
+            )
+        return rows
+
+    @property
+    def predictions(self) -> pd.DataFrame:
+        """Bands of every result at the slips of ``points``."""
+        tables = [one.table.assign(result=name) for name, one in self.points.items()]
+        table = pd.concat(tables, ignore_index=True)
+        return table[["result", *(column for column in table.columns if column != "result")]]
+
+    @property
+    def evidences(self) -> pd.DataFrame:
+        """One row per result: log evidence, its error, difference from the first and what that amounts to."""
+        first = self.names[0]
+        return pd.DataFrame(
+            [
+                {
+                    "result": name,
+                    "model": self.results[name].study.model.name,
+                    "drive": self.results[name].study.drive,
+                    "log_evidence": self.evidence[name].value,
+                    "error": self.evidence[name].error,
+                    "difference": self.difference(first, name)[0],
+                    "difference_error": self.difference(first, name)[1],
+                    "word": "" if name == first else self.word(first, name),
+                }
+                for name in self.names
+            ]
+        )
+
+    def comparable(self, first: str, second: str) -> bool:
+        """Whether both results explain the same readings of the same channels."""
+        return self.evidence[first].outcomes == self.evidence[second].outcomes
+
+    def difference(self, first: str, second: str) -> tuple[float, float]:
+        """Log evidence of ``second`` less that of ``first`` and its error; NaN where they do not compare."""
+        if not self.comparable(first, second):
+            return np.nan, np.nan
+        one, other = self.evidence[first], self.evidence[second]
+        error = 0.0 if first == second else float(np.hypot(one.error, other.error))
+        return other.value - one.value, error
+
+    def word(self, first: str, second: str) -> str:
+        """What the evidence says between two results."""
+        value, error = self.difference(first, second)
+        if np.isnan(value):
+            return "not comparable" if not self.comparable(first, second) else "not known"
+        if abs(value) < max(BARE, 2 * error):
+            return "not distinguishable"
+        strength = next(word for limit, word in STRENGTHS if abs(value) < limit)
+        return f"{strength} evidence for {second if value > 0 else first}"
+
+
+def side_by_side(results: Mapping[str, Result]) -> Comparison:
+    """Set results side by side.
+
+    Parameters
+    ----------
+    results : two to six, by the names they are to go by. All predict the load of the first one; each drives
+        its own wheel, the one that the study of the first calls its first, or else its first.
+
+    Raises
+    ------
+    ResultError : too few or too many results.
+    StudyError : no load is known to compare them under.
+    """
+    check_count(results)
+    first = next(iter(results.values()))
+    called, load = next(iter(first.study.wheels)), reference_load(first.study)
+    slips = [result.study.observations.used().slip for result in results.values()]
+    grid = np.linspace(min(s.min() for s in slips), max(s.max() for s in slips), GRID)
+    wheels = {name: _wheel(result, called) for name, result in results.items()}
+
+    curves = {
+        name: predict(
+            result, np.union1d(grid, slips[0]), load=load, wheel=wheels[name][1], name=wheels[name][0]
+        )
+        for name, result in results.items()
+    }
+    return Comparison(
+        dict(results),
+        {name: curve.at(grid) for name, curve in curves.items()},
+        {name: curve.at(slips[0]) for name, curve in curves.items()},
+        {name: log_evidence(result) for name, result in results.items()},
+    )
+
+
+def check_count(results: Sized) -> None:
+    """ResultError unless there are two to six results."""
+    if not 2 <= len(results) <= MOST:
+        raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
+
+
+def _wheel(result: Result, called: str) -> tuple[str, Wheel]:
+    return chosen_wheel(result.study, called if called in result.study.wheels else None)
+
+
+def log_evidence(result: Result) -> Evidence:
+    """Log evidence of a result under its cut prior.
+
+    The sampler's estimates, one per ensemble, hold for the stated prior, whose density is not renormalised by
+    the physical cut: the share of the stated prior inside the support is divided out.
+    """
+    values = [
+        v for v in result.record["sampling"].get("log_evidence", []) if v is not None and np.isfinite(v)
+    ]
+    support = result.record["prior_support"]
+    share = float(support["shares"].get(INSIDE, 1.0))
+    cut = np.sqrt((1.0 - share) / (share * support["tried"]))
+    if len(values) < 2:
+        return Evidence(np.nan, np.nan, outcomes_of(result))
+    weights = np.exp(np.array(values) - max(values))
+    spread = weights.std(ddof=1) / (weights.mean() * np.sqrt(len(weights)))
+    value = float(logsumexp(values) - np.log(len(values)) - np.log(share))
+    return Evidence(value, float(np.hypot(spread, cut)), outcomes_of(result))
+
+
+def outcomes_of(result: Result) -> str:
+    """SHA-256 of the readings that the likelihood is a density of: channels and values of the rows in use."""
+    rows = result.study.observations.used()
+    content = {name: rows.values[name].tolist() for name in sorted(result.study.noise)}
+    return sha256(json.dumps(content).encode()).hexdigest()
+
+
+_MOMENTS = ("mode", "median", "mean", "sd", "hdi90_lo", "hdi90_hi", "prior_mean", "prior_sd")
+
+
+def _moments(name: str, comparison: Comparison) -> dict[str, dict[str, float]]:
+    """Rows of the parameters from the summary, then of the derived quantities under the common load."""
+    summary, derived = comparison.results[name].summary, comparison.curves[name].derived_table
+    rows: dict[str, dict[str, float]] = {
+        str(row["parameter"]): {key: float(row[key]) for key in _MOMENTS}
+        for row in summary.to_dict("records")
+        if row["parameter"] in PARAMETERS
+    }
+    for row in derived.to_dict("records"):
+        rows[str(row["quantity"])] = {key: float(row.get(key, np.nan)) for key in _MOMENTS}
+    return rows
+
+
+def _unit(quantity: str) -> str:
+    return (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
