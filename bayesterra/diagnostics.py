@@ -112,6 +112,20 @@ def array_ess(chains: FloatArray, method: str = "bulk") -> float:
     return float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
 
 
+def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
+    """Importance weights (n,) with a Pareto-smoothed tail, and its shape k̂ (Vehtari et al. 2024).
+
+    Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on.
+    """
+    smoothed, k = array_stats.psislw(-np.asarray(log_weights))
+    return np.asarray(smoothed), float(k)
+
+
+def pareto_limit(draws: int) -> float:
+    """Largest k̂ at which this number of draws gives reliable means (Vehtari et al. 2024, eq. (13))."""
+    return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
+
+
 @dataclass(frozen=True)
 class Check:
     """One test of the sampling: what was measured, what was asked, and whether it passed."""

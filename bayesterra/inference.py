@@ -25,6 +25,7 @@ from bayesterra.results import Result, curves_dataset, draws_tree
 from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.study import Study
 from bayesterra.summary import summary_table
+from bayesterra.validation import validate
 
 PRIOR_DRAWS = 4000
 MODE_DRAWS = 4000
@@ -88,7 +89,7 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     """
     started = time.perf_counter()
     target = posterior(study)
-    sampling, prior_stream, predicting = SeedSequence(seed).spawn(3)
+    sampling, prior_stream, predicting, validating = SeedSequence(seed).spawn(4)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report)
     report(Progress("comparing", 1.0))
@@ -96,7 +97,8 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     fits, refused = fit_all(study)
     mode = find_mode(target, kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()])
     analysis = Analysis(study, target, prior, samples, kept, mode, fits, refused)
-    return analysis.result(seed, default_rng(predicting), started)
+    report(Progress("checking", 1.0))
+    return analysis.result(seed, default_rng(predicting), validating, started)
 
 
 @dataclass(frozen=True)
@@ -112,10 +114,11 @@ class Analysis:
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
 
-    def result(self, seed: int, rng: Generator, started: float) -> Result:
+    def result(self, seed: int, rng: Generator, validating: SeedSequence, started: float) -> Result:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then."""
         rows = predict_rows(self.study, self.posterior, self.kept.flat, rng)
-        draws = self._draws(rows, rng)
+        before = predict_rows(self.study, self.posterior, self.prior.x, rng)
+        draws = self._draws(rows, before, rng)
         standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
         found = identifiability(self.posterior.names, self.prior.x, self.kept.flat)
         findings = {
@@ -127,6 +130,7 @@ class Analysis:
             "refused_fits": list(self.refused),
             "standings": {name: record.of_standing(standing) for name, standing in standings.items()},
             "directions": record.of_directions(found),
+            **validate(self.study, self.posterior, self.kept.flat, before, validating).record(),
         }
         summary = summary_table(
             self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis
@@ -142,11 +146,10 @@ class Analysis:
             record=record.run_record(self.study, seed, findings, seconds),
         )
 
-    def _draws(self, rows: RowPredictions, rng: Generator) -> xr.DataTree:
+    def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
         shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
         by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
-        prior_rows = predict_rows(self.study, self.posterior, self.prior.x, rng)
-        predictions = {"prior_predictive": prior_rows, "posterior_predictive": by_chain}
+        predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
         tree = draws_tree(
             self.study, self.posterior, self.kept.chains, self.kept.labels, self.prior.x, predictions
         )

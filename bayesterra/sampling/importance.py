@@ -1,0 +1,95 @@
+"""Importance sampling around a posterior: proposals fitted to its draws, weights, resampling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+from scipy.special import logsumexp
+
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.coordinates import Coordinates, coordinates
+from bayesterra.posteriors import Posterior
+from bayesterra.sampling.mixture import StudentMixture, fit_mixture
+
+COMPONENTS = 12
+FITTED = 4096
+"""Draws, at most, that a proposal is fitted to."""
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """Parameter sets inside the range of the prior, drawn from a proposal.
+
+    Attributes
+    ----------
+    u : sampling coordinates (n, d).
+    x : the same in physical units (n, d), SI and radians.
+    log_base : log prior over proposal (n,); with a log likelihood added, log importance weights.
+    drawn : number of sets drawn, those outside the prior's range included.
+    """
+
+    u: FloatArray
+    x: FloatArray
+    log_base: FloatArray
+    drawn: int
+
+    def take(self, chosen: IntArray) -> Proposed:
+        """Those of the sets, also repeatedly."""
+        return Proposed(self.u[chosen], self.x[chosen], self.log_base[chosen], self.drawn)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A posterior, its sampling coordinates, and draws of it in these (n, d)."""
+
+    posterior: Posterior
+    coordinates: Coordinates
+    u: FloatArray
+
+    @classmethod
+    def of(cls, posterior: Posterior, draws: FloatArray) -> Surroundings:
+        """Around posterior draws (n, d), of which ``FITTED`` at most are used."""
+        chosen = coordinates(posterior)
+        return cls(posterior, chosen, chosen.from_physical(draws[:: max(1, -(-len(draws) // FITTED))]))
+
+    def mixture(self, rng: Generator, widening: float = 1.0) -> StudentMixture:
+        """A law fitted to the draws, every component stretched by ``widening``."""
+        fitted = around(self.u, rng)
+        return replace(fitted, factors=widening * fitted.factors)
+
+    def shifted(self, centre: FloatArray) -> StudentMixture:
+        """A law as wide as the draws around another centre (d,)."""
+        covariance = np.atleast_2d(np.cov(self.u.T))
+        steadied = covariance + 1e-9 * np.diag(np.diagonal(covariance))
+        factor: FloatArray = np.asarray(np.linalg.cholesky(steadied), dtype=np.float64)
+        return StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
+
+    def propose(self, mixture: StudentMixture, n: int, rng: Generator) -> Proposed:
+        """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
+        u = mixture.sample(n, rng)
+        x, log_jacobian = self.coordinates.to_physical(u)
+        base = self.posterior.log_prior(x) + log_jacobian - mixture.log_density(u)
+        return Proposed(u, x, base, n).take(np.flatnonzero(np.isfinite(base)))
+
+
+def around(u: FloatArray, rng: Generator) -> StudentMixture:
+    """A law fitted to points (n, d)."""
+    return fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
+
+
+def normalised(log_weights: FloatArray) -> FloatArray:
+    """Weights (n,) that sum to one."""
+    return np.asarray(np.exp(log_weights - logsumexp(log_weights)))
+
+
+def effective_draws(weights: FloatArray) -> float:
+    """Effective number of draws of weights (n,) that sum to one (Kong 1992)."""
+    return float(1.0 / (weights**2).sum())
+
+
+def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
+    """Indices (n,) drawn in proportion to weights (k,) by systematic resampling."""
+    steps = np.cumsum(weights) / weights.sum()
+    return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
