@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from bayesterra import predicting, report
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.figures import predictions
-from bayesterra.figures.style import png
+from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.messages import did_you_mean
 from bayesterra.models import Wheel
@@ -30,7 +29,6 @@ from bayesterra.side_by_side import Comparison, check_count, side_by_side
 from bayesterra.wheelfiles import read_wheel
 from bayesterra.workflow import load_result
 
-DPI = 200
 PREDICTION, COMPARISON = "prediction.json", "comparison.csv"
 """Files by which folders of the two kinds are known."""
 Case = tuple[Prediction, Prediction | None]
@@ -130,9 +128,7 @@ def predict_into(folder: Path, cases: Sequence[Case], *, overwrite: bool = False
         write_text(part / "bands.csv", pd.concat([at.table for at in points]).to_csv(index=False))
         write_text(part / "draws.csv", pd.concat([at.to_dataframe() for at in points]).to_csv(index=False))
         write_text(part / "derived.csv", pd.concat(derived).to_csv(index=False))
-        figure = predictions(list(cases))[0, 0].get_figure()
-        figure.set_facecolor("white")
-        (part / "prediction.png").write_bytes(png(figure, DPI))
+        (part / "prediction.png").write_bytes(predictions_png(cases))
         write_text(part / PREDICTION, json.dumps(_record(points), indent=1, ensure_ascii=False) + "\n")
 
 

@@ -88,7 +88,7 @@ def table(
     *,
     left: Sequence[int] = (0,),
 ) -> str:
-    """A table with a heading and notes; columns ``left`` stand to the left. Text that is not HTML is escaped."""
+    """A table with a heading and notes, columns ``left`` to the left; what is not HTML is escaped."""
     lines = Markup("").join(Markup("<tr>{}</tr>").format(_cells("td", row, left)) for row in rows)
     below = Markup("").join(Markup("<br>{}").format(note) for note in notes)
     return str(

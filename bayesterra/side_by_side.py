@@ -84,6 +84,7 @@ class Comparison:
         rows: list[dict[str, object]] = []
         for quantity, row in _moments(name, self).items():
             base = first.get(quantity)
+            base = base if base and base["sd"] > 0 else None
             shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
             width = row["sd"] / base["sd"] if base else np.nan
             rows.append(

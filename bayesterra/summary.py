@@ -28,7 +28,7 @@ def summary_table(
     mode: FloatArray,
     diagnosis: Diagnosis,
 ) -> pd.DataFrame:
-    """One row per free parameter, then one per derived quantity that has an answer, in field units.
+    """One row per free parameter, then one per derived quantity that has answers and varies, in field units.
 
     Parameters
     ----------
@@ -60,11 +60,17 @@ def _derived_rows(
     best = derive(study, soil(mode[None]))
     rows = []
     for name, quantity in DERIVED.items():
-        if np.isfinite(drawn[name]).any() and np.isfinite(before[name]).any():
+        if _varies(drawn[name]) and np.isfinite(before[name]).any():
             values = drawn[name].reshape(subset.shape[:2])
             diagnosis = _array_diagnosis(values)
             rows.append(summary_row(quantity, values, before[name], float(best[name][0]), diagnosis))
     return rows
+
+
+def _varies(values: FloatArray) -> bool:
+    """Whether there are answers, and not all the same, as they are where nothing behind them is free."""
+    known = values[np.isfinite(values)]
+    return bool(known.size and np.ptp(known) > 0)
 
 
 def _array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:

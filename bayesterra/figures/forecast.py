@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,15 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
         )  # fmt: skip
     _legend(figure, cases)
     return axes
+
+
+@styled
+def predictions_png(cases: Sequence[tuple[Prediction, Prediction | None]], dpi: float = 200) -> bytes:
+    """The drawing of :func:`predictions` as PNG on white, the same bytes each time."""
+    buffer = BytesIO()
+    figure = predictions(cases)[0, 0].get_figure()
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def bands(values: FloatArray, column: int) -> FloatArray:

@@ -20,7 +20,7 @@ from bayesterra.side_by_side import Comparison
 
 SLIPS = 4
 """Slips in the table of predictions, at most."""
-_KEY = Markup('<span class="swatch" style="background:{}"></span>{}')
+_KEY = Markup('<span class="named"><span class="swatch drawn" style="background:{}"></span>{}</span>')
 
 
 def keys(comparison: Comparison) -> tuple[Markup, ...]:
@@ -30,6 +30,8 @@ def keys(comparison: Comparison) -> tuple[Markup, ...]:
 
 def signed(value: float) -> str:
     """A number with its sign, to a tenth."""
+    if not np.isfinite(value):
+        return NOTHING
     text = f"{value:+.1f}".replace("-", "−")
     return "0.0" if text in ("+0.0", "−0.0") else text
 
@@ -146,9 +148,7 @@ def _predicted(comparison: Comparison) -> Table:
         for n in PREDICTED
     )
     caption = "The same at driven slips: median (equal-tailed 90 % interval); draws without an answer."
-    return Table(
-        caption, "l" + "r" * (len(PREDICTED) + 1), (symbol("slip"), *heads, "no answer"), tuple(rows)
-    )
+    return Table(caption, "l" * (len(PREDICTED) + 2), (symbol("slip"), *heads, "no answer"), tuple(rows))
 
 
 def _bands(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup:

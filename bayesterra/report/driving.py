@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
-from bayesterra.derived import DERIVED, SLIP_GRID, drive
+from bayesterra.derived import DERIVED, SLIP_GRID, reference_load
 from bayesterra.figures.rows import summary_rows
 from bayesterra.report.blocks import Cell, Table
 from bayesterra.report.numbers import given, interval, resolution, rounded
@@ -41,19 +41,14 @@ def driving(result: Result) -> Driving:
     slips = driven_slips(result, wheel)
     few = slips[np.unique(np.linspace(0, len(slips) - 1, FEW).round().astype(int))]
     header, rows = _at_slips(result, wheel, ("drawbar_pull", "sinkage"), few)
+    load = reference_load(result.study)
     return Driving(
-        f"Wheel {wheel} under {given(round(reference_load(result), 1))} N",
-        tuple(_derived_row(result, name) for name in DERIVED),
+        f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
+        tuple(_derived_row(result, name) for name in DERIVED if name in summary_rows(result)),
         header,
         rows,
         _remark(result, slips),
     )
-
-
-def reference_load(result: Result) -> float:
-    """The load (N) at which the derived quantities are computed."""
-    soil = result.study.prior.soil_values(result.values()[:1])
-    return drive(result.study, soil).load
 
 
 def driven_slips(result: Result, wheel: str) -> FloatArray:
@@ -99,8 +94,10 @@ def _at_slips(
 
 def _remark(result: Result, slips: FloatArray) -> Markup:
     """Say where the numbers leave the driven slips."""
-    row = summary_rows(result)["peak_pull_slip"]
+    row = summary_rows(result).get("peak_pull_slip")
     parts = [Markup("Modelled values without measurement noise.")]
+    if row is None:
+        return parts[0]
     if row.hdi90_hi >= SLIP_GRID[-1] - 1e-9:
         parts.append(Markup("The greatest pull is searched up to slip {:.2g}.").format(SLIP_GRID[-1]))
     if row.hdi90_hi > slips[-1]:

@@ -1,0 +1,137 @@
+"""Several results side by side."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayesterra as bt
+from bayesterra import figures, report
+from bayesterra.errors import ResultError
+from bayesterra.followup import ComparisonPage, load_results
+from bayesterra.prediction import PREDICTED
+from bayesterra.results import Result
+from bayesterra.side_by_side import Evidence, log_evidence, outcomes_of
+from bayesterra.workflow import RunResult
+
+ODD = "<b>narrow</b>"
+
+
+@pytest.fixture(scope="module")
+def both(wide: RunResult, narrow: RunResult) -> ComparisonPage:
+    """The two results, one under a name that must be escaped."""
+    return bt.compare({"wide": wide, ODD: narrow})
+
+
+def test_evidence_is_that_of_the_cut_prior(wide: RunResult) -> None:
+    """The share of the stated prior outside the physics is no guess that failed: it is divided out."""
+    support = {"tried": 10_000, "shares": {"inside the support": 0.25, "outside the prior": 0.75}}
+    record = {**wide.record, "prior_support": support, "sampling": {"log_evidence": [2.0, 2.1, 1.9, 2.0]}}
+    found = log_evidence(replace(wide, record=record))
+    stated = np.log(np.mean(np.exp([2.0, 2.1, 1.9, 2.0])))
+    assert found.value == pytest.approx(stated + np.log(4))
+    assert 0.04 < found.error < 0.06
+
+
+def test_unknown_evidence_is_no_number(wide: RunResult) -> None:
+    """Without estimates there is nothing to say, and nothing fails."""
+    broken = replace(wide, record={**wide.record, "sampling": {"log_evidence": [None, None]}})
+    assert np.isnan(log_evidence(broken).value)
+    assert bt.compare({"a": wide, "b": broken}).word("a", "b") == "not known"
+
+
+def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: RunResult) -> None:
+    """Other readings are another outcome: their densities are not set against each other."""
+    assert outcomes_of(wide) == outcomes_of(narrow)
+    shifted = wide.study.with_data({"sinkage": wide.study.observations.values["sinkage"] + 1e-3})
+    other = replace(wide, study=shifted)
+    found = bt.compare({"a": wide, "b": other})
+    assert found.word("a", "b") == "not comparable"
+    assert np.isnan(found.difference("a", "b")[0])
+    assert "not the same" in report.comparison_html(found)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "word"),
+    [
+        (0.9, 0.01, "not distinguishable"),
+        (4.0, 3.0, "not distinguishable"),
+        (2.0, 0.1, "positive evidence for b"),
+        (-4.0, 0.1, "strong evidence for a"),
+        (9.0, 0.1, "very strong evidence for b"),
+    ],
+)
+def test_words_of_kass_and_raftery(both: ComparisonPage, value: float, error: float, word: str) -> None:
+    """The word follows the difference, and needs it to be beyond two standard errors."""
+    result = next(iter(both.results.values()))
+    evidence = {"a": Evidence(0.0, 0.0, "x"), "b": Evidence(value, error, "x")}
+    curve = next(iter(both.curves.values()))
+    results: dict[str, Result] = {"a": result, "b": result}
+    found = replace(both, results=results, curves={"a": curve, "b": curve}, evidence=evidence)
+    assert found.word("a", "b") == word
+
+
+def test_shift_and_width_are_in_units_of_the_first(both: ComparisonPage) -> None:
+    """A parameter's shift and width follow from both summaries; the first result has none."""
+    rows = both.parameters.set_index(["result", "quantity"])
+    first, other = (dict(rows.loc[[(name, "phi")]].iloc[0]) for name in ("wide", ODD))
+    assert first["shift"] == 0
+    assert other["shift"] == pytest.approx((other["mean"] - first["mean"]) / first["sd"])
+    assert other["width"] == pytest.approx(other["sd"] / first["sd"])
+    assert other["width"] < 0.5
+    assert (ODD, "Ks") not in rows.index
+
+
+def test_all_predict_the_same_conditions(both: ComparisonPage) -> None:
+    """Load and slips of the predictions are common, whatever the results were driven at."""
+    assert {curve.load for curve in both.curves.values()} == {80.0}
+    grids = [curve.slip for curve in both.curves.values()]
+    np.testing.assert_array_equal(grids[0], grids[1])
+    np.testing.assert_allclose(both.points["wide"].slip, [0.1, 0.2, 0.3, 0.4, 0.6])
+    assert set(both.predictions["result"]) == {"wide", ODD}
+
+
+def test_the_page_is_whole_and_escaped(both: ComparisonPage) -> None:
+    """One file without network or scripts, the same each time, names from outside escaped."""
+    page = report.comparison_html(both)
+    assert page == report.comparison_html(both)
+    assert len(page.encode()) < 5e6
+    assert not any(forbidden in page for forbidden in ("http://", "https://", "<script", ODD))
+    assert "&lt;b&gt;narrow&lt;/b&gt;" in page
+    assert "fixed at 2500" in page
+
+
+def test_the_folder_and_the_names_of_folders(saved: Path, tmp_path: Path) -> None:
+    """Folders go by their names; the comparison's own folder holds the page and three tables."""
+    folders = [saved / "wide-result", saved / "narrow-result"]
+    assert list(load_results([*folders, folders[0]])) == ["wide", "narrow", "wide (2)"]
+    page = bt.compare([str(folder) for folder in folders]).save(tmp_path / "comparison")
+    assert page.is_file()
+    names = {path.name for path in page.parent.iterdir()}
+    assert names == {"comparison.html", "comparison.csv", "predictions.csv", "evidence.csv"}
+
+
+def test_too_few_and_too_many(wide: RunResult) -> None:
+    """One result has nothing to stand beside; seven do not fit."""
+    for count in (1, 7):
+        with pytest.raises(ResultError, match=rf"two to 6 results can be compared \(got {count}\)"):
+            bt.compare({str(i): wide for i in range(count)})
+
+
+def test_figures_return_their_axes(both: ComparisonPage) -> None:
+    """Parameters, derived quantities and predictions are each drawn into the axes that are given."""
+    ax = figures.contrast(both, "Ks")
+    assert figures.contrast_derived(both, "peak_pull", ax) is ax
+    for quantity in PREDICTED:
+        assert figures.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
+
+
+def test_results_show_themselves_in_notebooks(both: ComparisonPage, wide: RunResult) -> None:
+    """Result and comparison are tables with symbols, and escape what comes from outside."""
+    shown = wide._repr_html_()
+    assert "converged" in shown
+    assert "<i>K</i><sub>s</sub>" in shown
+    assert "max η" in shown
+    assert ODD not in both._repr_html_()
+    assert "log evidence" in both._repr_html_()

@@ -1,0 +1,174 @@
+"""Predictions for wheels, loads and slips that were not measured."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayesterra as bt
+from bayesterra import figures
+from bayesterra.errors import StudyError
+from bayesterra.followup import forecast, slips_of
+from bayesterra.models import M2, Soil, Status, Wheel
+from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.prediction import PREDICTED, UNANSWERED
+from bayesterra.wheelfiles import read_wheel
+from bayesterra.workflow import RunResult
+
+SMALL = Wheel(0.1, 0.1, 0.005, 24)
+SMALL_FILE = 'radius = "100 mm"\nwidth = "100 mm"\nlug_height = "5 mm"\nlug_count = 24\n'
+
+
+def test_prediction_is_the_model_at_every_draw(wide: RunResult) -> None:
+    """Each draw predicts what the model says for its soil, under the load and with the wheel asked for."""
+    wheel = Wheel(0.1, 0.1, 0.005, 24, 0.5)
+    found = bt.predict(wide, [0.3], load=50.0, wheel=wheel)
+    draw = int(np.flatnonzero(found.reasons[:, 0] == 0)[3])
+    chain, number = found.index[draw]
+    drawn = wide.draws["posterior"].isel(chain=chain, draw=number)
+    fixed = wide.study.prior.fixed
+    soil = Soil(**{n: fixed[n] if n in fixed else float(drawn[n]) for n in SOIL_PARAMETERS})
+    z = M2(transition_slips=(0.1, 0.5)).sinkage(soil, wheel, 0.3, 50.0)
+    forces = M2(transition_slips=(0.1, 0.5)).forces(soil, wheel, 0.3, z)
+    wanted = np.array([z, forces.drawbar_pull, forces.resistance_moment], dtype=float)
+    np.testing.assert_allclose(found.modelled[draw, 0, :3], wanted, rtol=1e-8)
+
+
+def test_readings_scatter_by_the_noise_of_the_study(wide: RunResult) -> None:
+    """Readings differ from modelled values by the stated noise; what was not measured has no readings."""
+    found = bt.predict(wide, [0.1, 0.2, 0.3, 0.4])
+    scatter = (found.readings - found.modelled).std(axis=(0, 1))
+    np.testing.assert_allclose(scatter[:3], [1e-3, 1.5, 0.3], rtol=0.05)
+    assert np.isnan(found.readings[:, :, 3]).all()
+
+
+def test_draws_without_an_answer_are_counted_with_their_reason(wide: RunResult) -> None:
+    """At high slip the count is that of the draws whose θm leaves the arc, and the band is marked."""
+    found = bt.predict(wide, [0.3, 0.97])
+    names = list(wide.names)
+    draws = wide.values()
+    ratio = draws[:, names.index("c1")] + 0.97 * draws[:, names.index("c2")]
+    step = -(-len(draws) // 2000)
+    outside = (ratio <= 0) | (ratio >= 1)
+    assert (found.reasons[:, 1] == Status.CONTACT_ANGLE).sum() == outside[::step].sum() > 0
+    assert found.unanswered[0] == 0
+    assert np.isnan(found.modelled[found.reasons != 0]).all()
+    row = found.table.query("slip == 0.97").iloc[0]
+    assert row["no_answer"] == (found.reasons[:, 1] != 0).sum()
+    assert row["reason"] == "θm outside (θ2, θ1)"
+
+
+def test_a_band_is_marked_beyond_one_draw_in_twenty(wide: RunResult) -> None:
+    """A load that some soils cannot carry marks its slips, and only those."""
+    found = bt.predict(wide, [0.2, 0.6, 0.9], wheel=SMALL, load="200 N")
+    assert found.marked == tuple(found.slip[found.unanswered > UNANSWERED])
+    assert 0 < len(found.marked) < 3
+    assert set(found.table.query("marked")["slip"]) == set(found.marked)
+
+
+def test_notes_say_where_the_measurements_are_left(wide: RunResult) -> None:
+    """Slip, load and width outside what was measured are named; inside there is nothing to say."""
+    assert bt.predict(wide, [0.1, 0.6], load="80 N").notes == ()
+    slip, load, width = bt.predict(wide, [0.7], load="120 N", wheel=SMALL).notes
+    assert slip.startswith("slip 0.7 lies outside the driven slips, 0.1 to 0.6")
+    assert "120 N is not among the measured loads, 80 N" in load
+    assert "165 mm wide and taken unchanged for 100 mm" in width
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"slip": [0.1, 1.0]}, r"'slip' must lie in \[0, 1\) \(got 1\)"),
+        ({"slip": []}, r"'slip' must lie in \[0, 1\) \(got none\)"),
+        ({"slip": 0.1, "load": -1.0}, r"'load' must be above 0 \(got -1 N\)"),
+        ({"slip": 0.1, "load": "80 mm"}, "'load': the unit 'mm' is not a unit of force"),
+        ({"slip": 0.1, "wheel": "Wh3"}, r"'Wh3' is neither a wheel .* \(did you mean 'Wh32'\?\)"),
+        (
+            {"slip": 0.1, "wheel": Wheel(0.157, 0.165, 0.001, 30)},
+            "'shearing_radius_coefficient' from equation",
+        ),
+    ],
+)
+def test_mistakes_are_named(wide: RunResult, options: dict[str, object], message: str) -> None:
+    """Slips, loads and wheels outside the model's range are refused with the value got."""
+    with pytest.raises(StudyError, match=message):
+        bt.predict(wide, **options)  # type: ignore[arg-type]  # wrong on purpose
+
+
+def test_wheel_files(tmp_path: Path) -> None:
+    """A wheel's own file is named after it; in a study file the table names the wheel."""
+    alone, study = tmp_path / "small.toml", tmp_path / "study.toml"
+    alone.write_text(SMALL_FILE, encoding="utf-8")
+    study.write_text(f'title = "x"\n[wheels.S1]\n{SMALL_FILE}', encoding="utf-8")
+    assert read_wheel(alone) == ("small", SMALL)
+    assert read_wheel(study) == ("S1", SMALL)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            SMALL_FILE.replace("width", "widht"),
+            r"small\.toml: .*unknown key 'widht' \(did you mean 'width'\?\)",
+        ),
+        (SMALL_FILE.replace('"100 mm"', "100"), "'radius' needs a unit"),
+        (SMALL_FILE.replace("100 mm", "-100 mm"), "'radius' must be positive"),
+        (f"[wheels.A]\n{SMALL_FILE}[wheels.B]\n{SMALL_FILE}", "must describe one wheel"),
+    ],
+)
+def test_wrong_wheel_files_are_named(text: str, message: str, tmp_path: Path) -> None:
+    """A wheel file is checked like a study file."""
+    (tmp_path / "small.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(StudyError, match=message):
+        read_wheel(tmp_path / "small.toml")
+
+
+def test_slips_are_read_and_converted(wide: RunResult) -> None:
+    """Slips on the rim become slips on the shearing radius by (3); wrong text is named."""
+    ((curve, at),) = forecast(wide, slips=slips_of(["0.1, 0.3"]), slip_reference="rim")
+    assert at is not None
+    np.testing.assert_allclose(at.slip, 1 - 157.35 / 163.85 * (1 - np.array([0.1, 0.3])))
+    assert curve.slip[0] == pytest.approx(0.1)
+    assert curve.slip[-1] == pytest.approx(0.6)
+    with pytest.raises(StudyError, match=r"'slip' must be numbers with commas, e.g. 0.1,0.3 \(got 'x'\)"):
+        slips_of(["0.1,x"])
+    with pytest.raises(StudyError, match="'slip_reference' must be rim, tip or shearing"):
+        forecast(wide, slips=[0.1], slip_reference="hub")
+
+
+def test_tables_and_folder(wide: RunResult, tmp_path: Path) -> None:
+    """Bands, draws and derived quantities are saved in field units, and the same again the next time."""
+    found = bt.predict(wide, [0.1, 0.3], load="60 N")
+    found.save(tmp_path / "a")
+    bt.predict(wide, [0.1, 0.3], load="60 N").save(tmp_path / "b")
+    for name in ("bands.csv", "draws.csv", "derived.csv", "prediction.json", "prediction.png"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    draws, bands = found.to_dataframe(), found.table.set_index(["slip", "quantity"])
+    median = draws.query("slip == 0.3")["sinkage [mm]"].median()
+    assert bands.loc[(0.3, "sinkage"), "modelled_q50"] == pytest.approx(median)
+    assert "tractive_efficiency_reading" not in draws
+    assert list(found.derived_table["quantity"]) == list(found.derived)
+
+
+def test_no_result_is_replaced_by_a_prediction(wide: RunResult, saved: Path) -> None:
+    """Overwriting replaces an older prediction, never a result folder."""
+    with pytest.raises(bt.ResultError, match=r"is not a folder with prediction\.json"):
+        bt.predict(wide, [0.1]).save(saved / "wide-result", overwrite=True)
+    assert (saved / "wide-result" / "draws.nc").exists()
+
+
+def test_figures_return_their_axes(wide: RunResult) -> None:
+    """One quantity is drawn into given axes, all into a grid."""
+    found = bt.predict(wide, np.linspace(0.05, 0.97, 20))
+    axes = figures.predictions([(found, found.at(found.slip[:2]))])
+    assert axes.shape == (1, len(PREDICTED))
+    assert figures.prediction(found, "sinkage", axes[0, 0]) is axes[0, 0]
+    assert axes[0, 0].get_ylabel() == "$z$ [mm]"
+
+
+def test_notebook_table_marks_and_escapes(wide: RunResult) -> None:
+    """The table shows bands to their precision, doubtful shares in bold, and escapes names."""
+    shown = bt.predict(wide, [0.3, 0.97], wheel=SMALL, load="200 N")._repr_html_()
+    assert "<b>" in shown.split("<tbody>")[1]
+    assert "other wheel under 200 N" in shown
+    assert "no answer" in shown
