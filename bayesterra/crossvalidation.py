@@ -17,27 +17,28 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import logsumexp, ndtr
-from scipy.stats import binom
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import pareto_limit, pareto_smoothed
-from bayesterra.likelihood import Likelihood
-from bayesterra.posteriors import Posterior, draw_cut_prior
-from bayesterra.sampling.adaptation import AdaptationOptions, adapt, refine
-from bayesterra.sampling.importance import Surroundings, around, systematic
+from bayesterra.posteriors import Posterior
+from bayesterra.sampling.importance import Surroundings, refined, systematic
 from bayesterra.sampling.mixture import StudentMixture
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
 DRAWS = 4000
-REFIT = AdaptationOptions(particles=1024, components=12, refinements=(4, 4))
+START_DRAWS = 1024
+PIT_DRAWS = 1000
 FINAL_DRAWS = (8192, 32768)
 """Weighted draws of a refit, and of a second attempt."""
 CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
 INDISTINCT = 4.0
 """Difference in elpd below which models are not told apart (Sivula et al. 2020)."""
+
+
+Pits = dict[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ def leave_one_out(
     return CrossValidation(
         tuple(case.left_out(row, one) for row, case, one in zip(rows, cases, found, strict=True)),
         tuple((logsumexp(density, axis=0) - np.log(len(x))).tolist()),
-        _pits(posterior, found) if len(cases) >= few_rows else {},
+        _pits(posterior, cases, found) if len(cases) >= few_rows else {},
     )
 
 
@@ -197,19 +198,14 @@ class _Case:
             return self.weighted
         rng = default_rng(seed)
         weights = np.exp(self.weighted.log_weights)
-        start = self.near.u[systematic(weights, REFIT.particles, rng)]
-        mixture = refine(around(start, rng), start, self._densities, REFIT, rng)[0]
+        start = self.near.u[systematic(weights, START_DRAWS, rng)]
+        mixture = refined(start, self._densities, rng)
         for n in FINAL_DRAWS:
             refitted = self._drawn(mixture, n, rng)
             if refitted.reliable:
                 return refitted
-        return self._drawn(self._from_the_prior(rng), FINAL_DRAWS[-1], rng)
-
-    def _from_the_prior(self, rng: Generator) -> StudentMixture:
-        """A proposal found the long way, for rows without which the posterior is quite another one."""
-        posterior, plan = self.near.posterior, AdaptationOptions()
-        start = self.near.coordinates.from_physical(draw_cut_prior(posterior, plan.particles, rng).x)
-        return adapt(self._densities, start, plan, rng).mixture
+        # without this row the posterior is quite another one
+        return self._drawn(self.near.afresh(self._densities, rng), FINAL_DRAWS[-1], rng)
 
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Parameters, log prior with Jacobian, and log density of every row (n, m), all −inf where any is."""
@@ -234,45 +230,28 @@ class _Case:
         return _Weighted.of(x, log_weights, terms[:, self.index])
 
 
-def _pits(posterior: Posterior, cases: Sequence[_Weighted]) -> dict[str, tuple[float, ...]]:
+def _pits(posterior: Posterior, cases: Sequence[_Case], found: Sequence[_Weighted]) -> Pits:
     """Probability below each reading, per channel; empty where the load is latent."""
     likelihood = posterior.likelihood
     if likelihood.forward.drive == "both":
         return {}
-    table = np.array([_pit(posterior, case, i) for i, case in enumerate(cases)])
+    full = _scores(posterior, cases[0].x)
+    table = np.empty((len(cases), len(likelihood.channels)))
+    for i, (case, one) in enumerate(zip(cases, found, strict=True)):
+        if one is case.weighted:
+            table[i] = np.exp(one.log_weights) @ ndtr(full[:, i])
+        else:
+            chosen = systematic(np.exp(one.log_weights), PIT_DRAWS, default_rng(0))
+            table[i] = ndtr(_scores(posterior, one.x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
 
 
-def _pit(posterior: Posterior, case: _Weighted, index: int) -> FloatArray:
-    """Probability below each reading of a row, (channels,)."""
-    whole, here = posterior.likelihood, np.arange(len(posterior.likelihood.observations)) == index
-    row = Likelihood(whole.forward.row(index), whole.observations.take(here), whole.noise)
-    predicted = row.predicted(row.forward(posterior.prior.soil_values(case.x)))
-    z = ((row.measured - predicted) / row.scales(predicted, posterior.noise_values(case.x)))[:, 0]
-    scores = np.column_stack([noise.normal_score(z[:, c]) for c, noise in enumerate(row.noise)])
-    return np.asarray(np.exp(case.log_weights) @ ndtr(scores))
-
-
-def ecdf_band(n: int, probability: float = 0.95, simulations: int = 4000) -> tuple[FloatArray, FloatArray]:
-    """Simultaneous band of the empirical distribution of n uniform values (Säilynoja et al. 2022).
-
-    Returns lower and upper ends at 1/n, 2/n, ..., 1, such that the whole curve lies inside with the
-    probability given; found by simulation with a fixed stream.
-    """
-    points = np.arange(1, n + 1) / n
-    values = np.sort(default_rng(0).random((simulations, n)), axis=1)
-    counts = np.array([np.searchsorted(one, points, side="right") for one in values])
-    tails = np.minimum(binom.cdf(counts, n, points), binom.sf(counts - 1, n, points))[:, :-1].min(axis=1)
-    level = np.quantile(tails, 1.0 - probability)
-    return binom.ppf(level, n, points) / n, binom.isf(level, n, points) / n
-
-
-def calibrated(pit: Sequence[float]) -> bool:
-    """Whether PIT values, NaN left out, keep inside the 95 % band of uniform ones."""
-    values = np.sort([p for p in pit if np.isfinite(p)])
-    low, high = ecdf_band(len(values))
-    share = np.searchsorted(values, np.arange(1, len(values) + 1) / len(values), side="right") / len(values)
-    return bool(((share >= low) & (share <= high)).all())
+def _scores(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Residuals (n, m, channels) as normal scores under the law of the noise, NaN without a reading."""
+    likelihood = posterior.likelihood
+    predicted = likelihood.predicted(posterior.outcomes(x))
+    z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
+    return np.stack([noise.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2)
 
 
 @dataclass(frozen=True)

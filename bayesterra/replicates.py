@@ -92,7 +92,7 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
     if forward.drive != "both":
         return None
     loads = outcomes.values[:, :, forward.outcomes.index("normal_force")]
-    moved = replace(forward, given=loads * (1 + LOAD_STEP)).one_by_one(posterior.prior.soil_values(x))
+    moved = replace(forward, given=loads * (1 + LOAD_STEP))(posterior.prior.soil_values(x))
     difference = posterior.likelihood.predicted(moved) - posterior.likelihood.predicted(outcomes)
     return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
 

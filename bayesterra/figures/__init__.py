@@ -10,6 +10,7 @@ from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.strip import parameter_strip
+from bayesterra.figures.validation import loo_pit
 
 __all__ = [
     "combinations",
@@ -19,6 +20,7 @@ __all__ = [
     "contrast_prediction",
     "corner",
     "correlations",
+    "loo_pit",
     "parameter_strip",
     "prediction",
     "predictions",

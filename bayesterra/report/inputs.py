@@ -179,5 +179,5 @@ def estimated_noise(study: Study) -> Markup:
     if not names:
         return Markup("")
     return Markup(
-        " The noise of {} was estimated from the same readings, which makes the check lenient there."
+        " The noise of {} was estimated from the same readings, which makes the checks lenient there."
     ).format(symbols(names))

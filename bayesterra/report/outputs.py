@@ -5,16 +5,15 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from bayesterra import figures
-from bayesterra.adequacy import FitCheck
 from bayesterra.figures.posterior import PRIOR_MASS
 from bayesterra.figures.rows import found_rows, summary_rows
 from bayesterra.identifiability import DETERMINED, WEAK
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.driving import slip_table
-from bayesterra.report.inputs import estimated_noise
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, probability, resolution, rounded
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, unit
+from bayesterra.report.validation import posterior_checks, prior_predictive
 from bayesterra.results import Result
 
 RANKS = (
@@ -144,32 +143,13 @@ def _summary(result: Result) -> Table:
     return Table(caption, "lllrrrrrrr", header, tuple(rows))
 
 
-def predictive_section(result: Result, checks: tuple[FitCheck, ...]) -> Section:
+def predictive_section(result: Result) -> Section:
     """Predictive checks."""
-    blocks: list[Block] = [_fit(result, checks)]
+    blocks: list[Block] = list(posterior_checks(result))
     for wheel in result.study.wheels:
         blocks += [_bands(result, wheel), slip_table(result, wheel)]
-    return Section("checks", "Predictive checks", (*blocks, _residuals(result)))
-
-
-def _fit(result: Result, checks: tuple[FitCheck, ...]) -> Table:
-    rows = tuple(
-        (symbol(c.channel), CHANNELS[c.channel].description, str(c.readings), probability(c.p), _fit_word(c))
-        for c in checks
-    )
-    caption = Markup(
-        "Posterior-predictive check: <i>T</i>(<i>y</i>, <i>θ</i>) = Σ((<i>y</i> − <i>μ</i>)/<i>σ</i>)² and "
-        "<i>p</i> = P(<i>T</i>(<i>y</i><sub>rep</sub>, <i>θ</i>) ≥ <i>T</i>(<i>y</i>, <i>θ</i>)). Below "
-        "0.05 the model does not explain the readings; above 0.99 their scatter is smaller than the noise "
-        "that was stated.{}"
-    ).format(estimated_noise(result.study))
-    return Table(caption, "llrrl", ("", "channel", "readings", Markup("<i>p</i>"), "verdict"), rows)
-
-
-def _fit_word(check: FitCheck) -> str:
-    if not check.adequate:
-        return "not adequate"
-    return "adequate; noise overstated" if check.overstated else "adequate"
+    blocks += [_residuals(result), prior_predictive(result)]
+    return Section("checks", "Predictive checks", tuple(blocks))
 
 
 def _bands(result: Result, wheel: str) -> Gallery:

@@ -20,6 +20,7 @@ from bayesterra.report.outputs import (
 )
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
+from bayesterra.report.validation import cross_validation_section
 from bayesterra.report.verdicts import Verdict, failed_checks, verdicts
 from bayesterra.report.words import Finding, findings
 from bayesterra.results import Result
@@ -65,7 +66,8 @@ def page(result: Result) -> Page:
             data_section(result),
             sampling_section(result),
             posterior_section(result),
-            predictive_section(result, checks),
+            predictive_section(result),
+            cross_validation_section(result),
             identifiability_section(result),
             methods_section(result),
             prior_section(result),

@@ -10,9 +10,11 @@ from markupsafe import Markup
 
 from bayesterra.adequacy import FitCheck
 from bayesterra.figures.rows import found_rows
-from bayesterra.report.numbers import plain, probability
-from bayesterra.report.symbols import listed, symbol, symbols
+from bayesterra.report.numbers import plain
+from bayesterra.report.symbols import listed, symbols
+from bayesterra.report.validation import alarm_sentence
 from bayesterra.results import Result
+from bayesterra.validation import Validation
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
 FEW_READINGS = 3
@@ -62,21 +64,16 @@ def sampling_verdict(result: Result) -> Verdict:
 
 
 def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
-    """Whether the model explains the readings within the stated noise."""
-    values = listed(
-        Markup("{} for {}").format(probability(check.p), symbol(check.channel)) for check in checks
-    )
-    sentence = Markup("Posterior-predictive <i>p</i>: {}.").format(values)
-    doubtful = [check.channel for check in checks if not check.adequate]
-    if doubtful:
-        sentence += Markup(" The model misses {} by more than the noise.").format(symbols(doubtful))
+    """Whether the readings look as the model says that they look."""
+    found = Validation.from_record(result.record).checks
+    sentence = alarm_sentence(found)
     overstated = [check.channel for check in checks if check.overstated]
     if overstated:
         sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
     return Verdict(
         "Model fit",
-        "not adequate" if doubtful else "adequate",
-        "poor" if doubtful else "good",
+        "not adequate" if found.alarm else "adequate",
+        "poor" if found.alarm else "good",
         sentence + few_readings(result, checks),
     )
 

@@ -10,12 +10,14 @@ from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.coordinates import Coordinates, coordinates
-from bayesterra.posteriors import Posterior
+from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 
 COMPONENTS = 12
 FITTED = 4096
 """Draws, at most, that a proposal is fitted to."""
+REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinements=(4, 4))
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,12 @@ class Surroundings:
         factor: FloatArray = np.asarray(np.linalg.cholesky(steadied), dtype=np.float64)
         return StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
 
+    def afresh(self, densities: Densities, rng: Generator) -> StudentMixture:
+        """A proposal for another target over the same parameters, found all the way from the prior."""
+        plan = AdaptationOptions()
+        start = self.coordinates.from_physical(draw_cut_prior(self.posterior, plan.particles, rng).x)
+        return adapt(densities, start, plan, rng).mixture
+
     def propose(self, mixture: StudentMixture, n: int, rng: Generator) -> Proposed:
         """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
         u = mixture.sample(n, rng)
@@ -77,6 +85,11 @@ class Surroundings:
 def around(u: FloatArray, rng: Generator) -> StudentMixture:
     """A law fitted to points (n, d)."""
     return fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
+
+
+def refined(start: FloatArray, densities: Densities, rng: Generator) -> StudentMixture:
+    """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
+    return refine(around(start, rng), start, densities, REFINEMENT, rng)[0]
 
 
 def normalised(log_weights: FloatArray) -> FloatArray:
