@@ -1,6 +1,7 @@
 """The one door to numba, so that compiled functions keep their Python types."""
 
 from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -21,14 +22,14 @@ FAST = {"contract", "arcp", "nsz"}
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST}
 
 
-def _fingerprint() -> str:
+@cache
+def _fingerprint(folder: Path) -> str:
+    """Digest of the compiled sources of the models and of another folder."""
     digest = sha256()
-    for source in sorted(Path(__file__).parent.glob("_*.py")):
-        digest.update(source.read_bytes())
+    for home in (Path(__file__).parent, folder):
+        for source in sorted(home.glob("_*.py")):
+            digest.update(source.read_bytes())
     return digest.hexdigest()
-
-
-_FINGERPRINT = _fingerprint()
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -41,10 +42,11 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def _cache(function: Callable[..., Any]) -> Any:
     """Return numba's cache on disk, which alone misses changes in the functions that a cached one calls."""
     new_cache: Any = caching.FunctionCache
-    cache: Any = new_cache(function)
-    index_key = cache._index_key
-    cache._index_key = lambda sig, codegen: (*index_key(sig, codegen), _FINGERPRINT)
-    return cache
+    found: Any = new_cache(function)
+    index_key = found._index_key
+    sources = _fingerprint(Path(function.__code__.co_filename).parent)
+    found._index_key = lambda sig, codegen: (*index_key(sig, codegen), sources)
+    return found
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:

@@ -147,6 +147,16 @@ class WheelSoilModel(ABC):
         plan = self._plan(every_row=True)
         return batch.response_jacobian(batch.parameters(theta), self._rows(conditions), load, plan)
 
+    def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
+        """Return parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
+        from bayesterra.models import batch
+
+        return batch.parameters(theta), self._rows(conditions)
+
+    def plan(self, *, every_row: bool = False) -> tuple[int, int, bool]:
+        """Return what compiled code needs to know of the model; see `forces_at` for `every_row`."""
+        return self._plan(every_row=every_row)
+
     @abstractmethod
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[Floats, Floats]:
         """Return both stresses on the contact arc."""

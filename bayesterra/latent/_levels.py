@@ -1,0 +1,224 @@
+"""Compiled log integrand of a row over log sinkage, on polynomials of the forces.
+
+A row's likelihood is the integral of dW = (dF_N/dx) dx over x = log z of the densities of its readings. Here
+t = −1..1 is the place on a curve of :mod:`bayesterra.models.kernels`.
+"""
+
+import numpy as np
+
+from bayesterra.models import kernels as at
+from bayesterra.models.kernels import Lanes, compiled, exp, inlined, log
+
+SINKAGE, NORMAL, PULL, MOMENT = range(4)
+CHANNELS = 4
+PLACES = 1024
+"""Places at which the integrand can be held at once."""
+
+# A desk is one flat array, so that LLVM can prove that nothing overlaps. Behind the model's lanes and curve stand:
+# the row's specification, channel by channel: reading, scale = max(fraction |value|, floor), degrees of freedom,
+# highest log density there is, zero error
+READING, FLOOR, FRACTION, DOF, PEAK, SHIFT = range(6)
+COLUMNS = 6
+SPEC = at.FREE
+# what the search knows, see _panels; the curve that the drawn load lies on; places on the curve at hand, and
+# the log integrand there; intervals that are still to do
+FOUND = SPEC + CHANNELS * COLUMNS
+CHOSEN = FOUND + 16
+T = CHOSEN + at.CURVE_SIZE
+LEVEL = T + PLACES + 1
+STACK = LEVEL + PLACES + 1
+PANELS, PARTS = 128, 64
+PART = STACK + 2 * PANELS
+DESK_SIZE = PART + 4 * PARTS
+
+NOTHING = -1e300
+_FLAT = 1e-12
+
+
+@inlined
+def spec(desk: Lanes, channel: int, column: int) -> float:
+    """One entry of the specification of a row."""
+    return float(desk[SPEC + channel * COLUMNS + column])
+
+
+@inlined
+def is_read(desk: Lanes, channel: int) -> bool:
+    """Whether a channel was measured."""
+    reading = spec(desk, channel, READING)
+    return reading == reading
+
+
+Powers = tuple[float, float, float, float, float, float, float, float]
+
+
+@inlined
+def powers(desk: Lanes, first: int) -> Powers:
+    """Coefficients of one of a curve's polynomials: in registers, so that loops over places become vector code."""
+    return (
+        desk[first], desk[first + 1], desk[first + 2], desk[first + 3],
+        desk[first + 4], desk[first + 5], desk[first + 6], desk[first + 7],
+    )  # fmt: skip
+
+
+@inlined
+def sum_powers(a: Powers, t: float) -> float:
+    """Value of a polynomial."""
+    return a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7]))))))
+
+
+@inlined
+def derive_powers(a: Powers, t: float) -> float:
+    """Derivative of a polynomial."""
+    tail = 4.0 * a[4] + t * (5.0 * a[5] + t * (6.0 * a[6] + t * 7.0 * a[7]))
+    return a[1] + t * (2.0 * a[2] + t * (3.0 * a[3] + t * tail))
+
+
+@inlined
+def polynomial(desk: Lanes, first: int, t: float) -> float:
+    """Value of one of the curve's polynomials."""
+    return float(sum_powers(powers(desk, first), t))
+
+
+@inlined
+def slope(desk: Lanes, t: float) -> float:
+    """Derivative of log F_N by log z."""
+    return float(derive_powers(powers(desk, at.LOG_NORMAL), t) / desk[at.HALF])
+
+
+@inlined
+def curve_of(channel: int) -> int:
+    """Where the polynomial of a force begins."""
+    return at.LOG_NORMAL if channel == NORMAL else at.PULL if channel == PULL else at.MOMENT
+
+
+@compiled
+def value(desk: Lanes, channel: int, t: float) -> float:
+    """What a channel should read, without zero error."""
+    if channel == SINKAGE:
+        return float(exp(desk[at.MIDDLE] + desk[at.HALF] * t))
+    found = polynomial(desk, curve_of(channel), t)
+    return float(exp(found) if channel == NORMAL else found)
+
+
+@compiled
+def log_law(desk: Lanes, channel: int, modelled: float) -> float:
+    """Log density of a channel's reading; 0 where there is none."""
+    if not is_read(desk, channel):
+        return 0.0
+    centre = modelled + spec(desk, channel, SHIFT)
+    scale = max(spec(desk, channel, FRACTION) * abs(centre), spec(desk, channel, FLOOR))
+    r = (spec(desk, channel, READING) - centre) / scale
+    dof = spec(desk, channel, DOF)
+    shape = -0.5 * r * r if np.isinf(dof) else -0.5 * (dof + 1.0) * np.log1p(r * r / dof)
+    return float(spec(desk, channel, PEAK) - np.log(scale / spec(desk, channel, FLOOR)) + shape)
+
+
+@compiled
+def log_law_peak(desk: Lanes, channel: int) -> float:
+    """Highest log density that a channel's reading can have."""
+    return float(spec(desk, channel, PEAK)) if is_read(desk, channel) else 0.0
+
+
+@compiled
+def fill_levels(desk: Lanes, count: int) -> None:
+    """Fill the log integrand at the first ``count`` places."""
+    growth, half = powers(desk, at.LOG_NORMAL), 1.0 / desk[at.HALF]
+    for k in range(count):
+        rise = derive_powers(growth, desk[T + k]) * half
+        desk[LEVEL + k] = sum_powers(growth, desk[T + k]) + log(rise if rise > _FLAT else _FLAT)
+    for channel in range(CHANNELS):
+        if not is_read(desk, channel):
+            continue
+        if np.isinf(spec(desk, channel, DOF)) and spec(desk, channel, FRACTION) == 0.0:
+            _add_gaussian(desk, channel, count)
+        else:
+            for k in range(count):
+                desk[LEVEL + k] += log_law(desk, channel, value(desk, channel, desk[T + k]))
+
+
+@inlined
+def _add_gaussian(desk: Lanes, channel: int, count: int) -> None:
+    """Add the log density of a reading with Gaussian noise of one size."""
+    per = 1.0 / spec(desk, channel, FLOOR)
+    aim = (spec(desk, channel, READING) - spec(desk, channel, SHIFT)) * per
+    peak = spec(desk, channel, PEAK)
+    if channel == SINKAGE:
+        middle, half = desk[at.MIDDLE], desk[at.HALF]
+        for k in range(count):
+            r = aim - per * exp(middle + half * desk[T + k])
+            desk[LEVEL + k] += peak - 0.5 * r * r
+        return
+    a = powers(desk, curve_of(channel))
+    if channel == NORMAL:
+        for k in range(count):
+            r = aim - per * exp(sum_powers(a, desk[T + k]))
+            desk[LEVEL + k] += peak - 0.5 * r * r
+        return
+    for k in range(count):
+        r = aim - per * sum_powers(a, desk[T + k])
+        desk[LEVEL + k] += peak - 0.5 * r * r
+
+
+@compiled
+def add_up(desk: Lanes, count: int, top: float) -> float:
+    """Sum of the first ``count`` integrands, scaled by the level ``top``; takes the levels' place."""
+    for k in range(count):
+        desk[LEVEL + k] = exp(desk[LEVEL + k] - top)
+    total = 0.0
+    for k in range(count):
+        total += desk[LEVEL + k]
+    return total
+
+
+@compiled
+def doubt(desk: Lanes, t: float) -> float:
+    """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
+    growth = tail(desk, at.LOG_NORMAL)
+    total = 49.0 * growth / (desk[at.HALF] * max(slope(desk, t), _FLAT))
+    for channel in range(NORMAL, CHANNELS):
+        if not is_read(desk, channel):
+            continue
+        modelled = value(desk, channel, t)
+        centre = modelled + spec(desk, channel, SHIFT)
+        scale = max(spec(desk, channel, FRACTION) * abs(centre), spec(desk, channel, FLOOR))
+        error = modelled * growth if channel == NORMAL else tail(desk, curve_of(channel))
+        total += (1.0 + abs(spec(desk, channel, READING) - centre) / scale) * error / scale
+    return float(total)
+
+
+@compiled
+def tail(desk: Lanes, first: int) -> float:
+    """Estimate what a polynomial leaves out: its last Chebyshev coefficients times the rate of their decay."""
+    a7, a6 = desk[first + 7] / 64.0, desk[first + 6] / 32.0
+    a5, a4 = (desk[first + 5] + 112.0 * a7) / 16.0, (desk[first + 4] + 48.0 * a6) / 8.0
+    last, before = max(abs(a7), abs(a6)), max(abs(a5), abs(a4))
+    return float(last * min(1.0, last / max(before, 1e-300)))
+
+
+@compiled
+def place_of(desk: Lanes, log_normal: float, low: float, high: float) -> float:
+    """Place between ``low`` and ``high`` where log F_N, which rises there, has a value; Newton, bracketed."""
+    t = 0.5 * (low + high)
+    for _ in range(60):
+        miss = polynomial(desk, at.LOG_NORMAL, t) - log_normal
+        low, high = (t, high) if miss < 0.0 else (low, t)
+        move = miss / max(slope(desk, t) * desk[at.HALF], _FLAT)
+        if abs(move) < 1e-12:
+            break
+        t = t - move if low < t - move < high else 0.5 * (low + high)
+    return float(t)
+
+
+@compiled
+def crest_of(desk: Lanes) -> float:
+    """Highest place up to which F_N rises: 1 if it rises all along, −1 if it falls from the start."""
+    low = -1.0
+    for k in range(1, 17):
+        high = -1.0 + k / 8.0
+        if slope(desk, high) <= 0.0:
+            for _ in range(50):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if slope(desk, middle) > 0.0 else (low, middle)
+            return low
+        low = high
+    return 1.0

@@ -1,0 +1,108 @@
+"""Compiled polynomials of the forces over log sinkage, for callers that integrate or search along it.
+
+A desk is a workspace of _lanes with room behind it: for a curve, then for whatever the caller needs.
+"""
+
+import numpy as np
+
+from bayesterra.models import _lanes as at
+from bayesterra.models._compiled import Lanes, compiled, inlined
+from bayesterra.models._elementary import exp, log
+from bayesterra.models._evaluate import M1, evaluate
+from bayesterra.models._quadrature import ROUGH, choose_rule
+from bayesterra.models._solve import start
+from bayesterra.models.checks import FloatArray
+
+DEGREE = at.LANES - 1
+CURVE = at.SIZE
+MIDDLE, HALF = CURVE, CURVE + 1
+LOG_NORMAL, PULL, MOMENT = (CURVE + 2 + i * at.LANES for i in range(3))
+CURVE_SIZE = 2 + 3 * at.LANES
+FREE = CURVE + CURVE_SIZE
+
+POINTS = -np.cos(np.pi * np.arange(at.LANES) / DEGREE)  # Chebyshev's, with both ends
+_POWERS = np.ascontiguousarray(np.linalg.inv(np.vander(POINTS, increasing=True)).T)  # from values to powers of t
+_SMALLEST = 1e-300
+_BIAS = 0.09  # of the solver's start in log z, which leaves out the shear
+
+
+@compiled
+def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
+    """Put one pair into all lanes of a desk."""
+    for q in range(at.PARAMETERS):
+        for i in range(at.LANES):
+            desk[at.INPUTS + q * at.LANES + i] = theta[q]
+    for q in range(at.ROW_COLUMNS):
+        for i in range(at.LANES):
+            desk[at.ROW + q * at.LANES + i] = row[q]
+
+
+@compiled
+def trace(desk: Lanes, model: int, rough: bool) -> int:
+    """Fill the curve with polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
+
+    The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the lowest, lie
+    at or below the highest one where F_N is not positive.
+    """
+    for i in range(at.LANES):
+        desk[at.Z + i] = exp(desk[MIDDLE] + desk[HALF] * POINTS[i])
+    which = ROUGH if rough else _rule(desk)
+    evaluate(desk, model, which if model == M1 else 0)
+    idle = 0
+    for i in range(at.LANES):
+        idle = idle if desk[at.NORMAL + i] > _SMALLEST else i + 1
+    for i in range(at.LANES):
+        normal = desk[at.NORMAL + i]
+        desk[at.F + i] = log(normal if normal > _SMALLEST else _SMALLEST)
+    _fit(desk, LOG_NORMAL, at.F)
+    _fit(desk, PULL, at.PULL)
+    _fit(desk, MOMENT, at.MOMENT)
+    return idle
+
+
+@inlined
+def _fit(desk: Lanes, start: int, values: int) -> None:
+    """Fill the coefficients from `start` of the polynomial through eight values."""
+    for k in range(at.LANES):
+        desk[start + k] = 0.0
+    for i in range(at.LANES):
+        for k in range(at.LANES):
+            desk[start + k] += _POWERS[i, k] * desk[values + i]
+
+
+@compiled
+def _rule(desk: Lanes) -> int:
+    """Return the quadrature rule that serves the lowest and the highest sinkage of a tray."""
+    theta, row = desk[at.INPUTS : at.Z : at.LANES], desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES]
+    return max(choose_rule(theta, row, desk[at.Z]), choose_rule(theta, row, desk[at.Z + DEGREE]))
+
+
+@compiled
+def guess(ws: Lanes, load: float) -> tuple[float, float]:
+    """Guess log z at which the pair of a tray carries `load`, mostly within 0.2, and d log F_N / d log z there."""
+    for i in range(at.LANES):
+        ws[at.LOAD + i] = load
+    start(ws)
+    return float(ws[at.X] + _BIAS), float(ws[at.SLOPE])
+
+
+@compiled
+def highest(ws: Lanes) -> float:
+    """Return the highest log z of the pair of a tray, just below the wheel's radius."""
+    return float(np.log(ws[at.RADIUS] * (1.0 - 1e-9)))
+
+
+@compiled
+def carrying_from(ws: Lanes, model: int, low: float, high: float, load: float) -> float:
+    """Return a log z in [low, high] where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
+    for _ in range(40):
+        for i in range(at.LANES):
+            ws[at.Z + i] = exp(low + (high - low) * (i + 1.0) / at.LANES)
+        evaluate(ws, model, ROUGH if model == M1 else 0)
+        first = 0
+        while first < at.LANES - 1 and ws[at.NORMAL + first] <= _SMALLEST:
+            first += 1
+        low, high = low + (high - low) * first / at.LANES, low + (high - low) * (first + 1.0) / at.LANES
+        if ws[at.NORMAL + first] < load:
+            break
+    return high

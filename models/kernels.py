@@ -1,0 +1,50 @@
+"""What compiled code of other layers may use: the compiler, elementary functions, and forces along the sinkage."""
+
+from bayesterra.models._compiled import Lanes, compiled, inlined
+from bayesterra.models._elementary import exp, log
+from bayesterra.models._grid_search import can_fall
+from bayesterra.models._pairs import Codes, Plan, screen
+from bayesterra.models._trace import (
+    CURVE,
+    CURVE_SIZE,
+    DEGREE,
+    FREE,
+    HALF,
+    LOG_NORMAL,
+    MIDDLE,
+    MOMENT,
+    POINTS,
+    PULL,
+    carrying_from,
+    guess,
+    highest,
+    lay,
+    trace,
+)
+
+__all__ = [
+    "Codes",
+    "Plan",
+    "CURVE",
+    "CURVE_SIZE",
+    "DEGREE",
+    "FREE",
+    "HALF",
+    "LOG_NORMAL",
+    "Lanes",
+    "MIDDLE",
+    "MOMENT",
+    "POINTS",
+    "PULL",
+    "can_fall",
+    "carrying_from",
+    "compiled",
+    "exp",
+    "guess",
+    "highest",
+    "inlined",
+    "lay",
+    "log",
+    "screen",
+    "trace",
+]
