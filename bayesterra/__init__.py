@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bayesterra.priors import Law, Prior
     from bayesterra.simulation import simulate
     from bayesterra.study import Study, load_study
-    from bayesterra.workflow import RunResult, load_result, run
+    from bayesterra.workflow import RunResult, load_result, run, run_prior
 
 _HOMES = {
     "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
@@ -33,7 +33,7 @@ _HOMES = {
     "priors": ("Law", "Prior"),
     "simulation": ("simulate",),
     "study": ("Study", "load_study"),
-    "workflow": ("RunResult", "load_result", "run"),
+    "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -58,6 +58,7 @@ __all__ = [
     "posterior",
     "predict",
     "run",
+    "run_prior",
     "simulate",
 ]
 

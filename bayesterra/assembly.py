@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, frozen
 from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
 from bayesterra.models import Soil, Wheel
@@ -213,25 +213,25 @@ def _condition_problem(drive: str, value: float, row: int) -> str | None:
 
 
 def outcome_noise(
-    observations: Observations, given: Mapping[str, Noise], drive: str
+    observations: Observations, given: Mapping[str, Noise], drive: str, *, expected: bool = False
 ) -> tuple[dict[str, Noise], list[str]]:
     """Noise of every outcome measured in a row in use, and notes on noise that is not used.
+
+    With ``expected`` an outcome that is yet to be measured, but has noise, counts as measured.
 
     Raises
     ------
     StudyError : no outcome is measured, an outcome has no noise, or a sinkage is negative beyond its noise.
     """
     used = observations.used()
+    given = _renamed(given, drive)
     measured = [
         name
         for name in DRIVE_OUTCOMES[drive]
-        if name in used.values and not np.isnan(used.values[name]).all()
+        if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in given)
     ]
     if not measured:
-        raise StudyError(
-            f"the rows in use must hold at least one reading of {', '.join(DRIVE_OUTCOMES[drive])}"
-        )
-    given = _renamed(given, drive)
+        raise StudyError(_nothing_measured(drive, expected=expected))
     noise = {name: _channel_noise(name, given.get(name), observations) for name in measured}
     if drive != "sinkage" and "sinkage" in noise:
         _check_negative_sinkage(used, noise["sinkage"])
@@ -240,6 +240,26 @@ def outcome_noise(
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
     notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
     return noise, notes
+
+
+def _nothing_measured(drive: str, *, expected: bool) -> str:
+    outcomes = ", ".join(DRIVE_OUTCOMES[drive])
+    if expected:
+        return f"[noise] needs an entry for at least one of {outcomes}, which are yet to be measured"
+    return f"the rows in use must hold at least one reading of {outcomes} (before that: run --prior-only)"
+
+
+def awaited(observations: Observations, given: Mapping[str, Noise], drive: str) -> Observations:
+    """The same rows with an empty column for every outcome that has noise and no column."""
+    empty = frozen(np.full(len(observations), np.nan))
+    missing = [
+        n for n in DRIVE_OUTCOMES[drive] if n in _renamed(given, drive) and n not in observations.values
+    ]
+    return replace(
+        observations,
+        values={**observations.values, **dict.fromkeys(missing, empty)},
+        given_sd={**observations.given_sd, **dict.fromkeys(missing, empty)},
+    )
 
 
 def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:

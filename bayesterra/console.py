@@ -14,6 +14,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from bayesterra.parameters import PARAMETERS
+from bayesterra.prior_only import PriorResult
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
@@ -49,6 +50,22 @@ def print_result(result: Result, report: Path) -> None:
     console = Console()
     console.print(_table(result))
     console.print(verdict_line(result), highlight=False)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def print_prior(result: PriorResult, report: Path) -> None:
+    """Print what physics leaves of the prior, and the name of the report."""
+    console = Console()
+    table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("quantity", "unit", "prior median", "90 % HDI"):
+        table.add_column(header, justify="right" if header[-1] in "nI" else "left", no_wrap=True)
+    for row in result.summary.to_dict("records"):
+        low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+        middle = rounded(row["prior_median"], resolution(low, high))
+        table.add_row(row["parameter"], row["unit"], middle, interval(low, high))
+    console.print(table)
+    share = result.record["prior_support"]["shares"]["inside the support"]
+    console.print(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it.", highlight=False)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 

@@ -31,6 +31,26 @@ def run_record(
     seconds : wall time by stage.
     """
     return {
+        **_origin(study, seed),
+        "settings": {
+            "target_ess": study.sampling.target_ess,
+            "ensembles": study.sampling.ensembles,
+            "walkers": study.sampling.walkers,
+            "max_steps": study.sampling.max_steps,
+        },
+        "seconds": seconds,
+        **findings,
+    }
+
+
+def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, Any]:
+    """Put together the content of ``run.json`` of a prior without readings; ``support``: its physical cut."""
+    return {**_origin(study, seed), "prior_only": True, "prior_support": support}
+
+
+def _origin(study: Study, seed: int) -> dict[str, Any]:
+    """What was run with what."""
+    return {
         "title": study.title,
         "kind": study.kind,
         "source": study.source,
@@ -40,16 +60,8 @@ def run_record(
         "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
-        "settings": {
-            "target_ess": study.sampling.target_ess,
-            "ensembles": study.sampling.ensembles,
-            "walkers": study.sampling.walkers,
-            "max_steps": study.sampling.max_steps,
-        },
         "fingerprints": study.fingerprint,
         "notes": list(study.notes),
-        "seconds": seconds,
-        **findings,
     }
 
 

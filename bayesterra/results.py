@@ -121,9 +121,9 @@ def draws_tree(
         ),
         "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
         "prior": parameter_dataset(posterior.names, prior[None]),
-        **{name: _predictions(study, rows) for name, rows in predictions.items()},
+        **{name: predictions_dataset(study, rows) for name, rows in predictions.items()},
         "observed_data": _observed(study),
-        "constant_data": _constant(study),
+        "constant_data": conditions_dataset(study),
     }
     groups["posterior_predictive"] = groups["posterior_predictive"].assign_coords(
         chain=np.arange(shape[0]), draw=np.arange(shape[1])
@@ -144,7 +144,7 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
     return dataset.assign_coords(used_row=list(likelihood.observations.rows))
 
 
-def _predictions(study: Study, rows: RowPredictions) -> xr.Dataset:
+def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     """Readings with noise of all rows; a single chain unless the caller says otherwise."""
     chains = len(rows.readings) if rows.readings.ndim == 4 else 1
     readings = rows.readings.reshape(chains, -1, *rows.readings.shape[-2:])
@@ -159,7 +159,8 @@ def _observed(study: Study) -> xr.Dataset:
     return dataset.assign_coords(row=list(study.observations.rows))
 
 
-def _constant(study: Study) -> xr.Dataset:
+def conditions_dataset(study: Study) -> xr.Dataset:
+    """What the rows were driven under."""
     observations = study.observations
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
         "slip": (("row",), observations.slip),

@@ -12,6 +12,7 @@ import xarray as xr
 
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import write_text
+from bayesterra.prior_only import PriorResult
 from bayesterra.results import Result
 from bayesterra.study import load_study
 from bayesterra.writing import write_study
@@ -19,7 +20,7 @@ from bayesterra.writing import write_study
 TABLES = ("summary", "least_squares", "identifiability", "predictive")
 
 
-def write_result(result: Result, folder: Path) -> None:
+def write_result(result: Result | PriorResult, folder: Path) -> None:
     """Write draws, tables, record and a copy of the study into an existing folder."""
     # each dataset is written on its own terms: draws compress well, coordinates need no chunks
     encoding = {
@@ -28,7 +29,7 @@ def write_result(result: Result, folder: Path) -> None:
         if node.data_vars
     }
     result.draws.to_netcdf(folder / "draws.nc", engine="h5netcdf", encoding=encoding)
-    for name in TABLES:
+    for name in (name for name in TABLES if hasattr(result, name)):
         write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
     write_study(result.study, folder)
@@ -58,6 +59,10 @@ def read_result(folder: Path) -> Result:
     if not folder.is_dir():
         raise ResultError(f"'{folder}' is not a result folder: there is no such folder")
     missing = [name for name in _FILES if not (folder / name).is_file()]
+    if missing and _prior_only(folder):
+        raise ResultError(
+            f"'{folder}' holds a prior without readings (run --prior-only): there is no posterior"
+        )
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     try:
@@ -70,6 +75,14 @@ def read_result(folder: Path) -> Result:
         raise
     except (OSError, ValueError, KeyError) as error:
         raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
+
+
+def _prior_only(folder: Path) -> bool:
+    """Whether a folder was written by a run without readings."""
+    try:
+        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get("prior_only"))
+    except (OSError, ValueError, AttributeError):
+        return False
 
 
 _FILES = ("draws.nc", "run.json", "study.toml", "measurements.csv", *(f"{name}.csv" for name in TABLES))

@@ -41,6 +41,7 @@ class Study:
     kind : ``measured``, ``digitised`` or ``simulated``.
     source : where the measurements come from.
     path : the study file, where there is one.
+    prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
     **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``, ``noise``, ``priors``,
         ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study file. Numbers are SI
         values, text has its unit; models, laws and noises may be given as objects.
@@ -88,6 +89,7 @@ class Study:
         kind: str = "measured",
         source: str = "",
         path: Path | None = None,
+        prior_only: bool = False,
         **tables: Any,
     ) -> None:
         described = {
@@ -98,7 +100,7 @@ class Study:
             "source": source,
         }
         given = {**_with_model_name(tables), "wheels": wheels, "data": described}
-        parts = _parts(data, schema.checked(given, bare=True))
+        parts = _parts(data, schema.checked(given, bare=True), expected=prior_only)
         for name, value in {**parts, "path": path}.items():
             object.__setattr__(self, name, value)
 
@@ -138,8 +140,10 @@ class Study:
         return {"study": _digest(content), "data": _digest(rows)}
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
     """Read a study file, or the ``study.toml`` of a folder, and its measurements.
+
+    With ``prior_only`` the table needs no readings: it says what is going to be measured.
 
     Raises
     ------
@@ -154,7 +158,7 @@ def load_study(path: str | Path) -> Study:
         described["file"] = str(path.parent / given.data.file)
         with errors_in(described["file"]):
             table = read_table(described["file"])
-        return Study(table, path=path, **described, **tables)
+        return Study(table, path=path, prior_only=prior_only, **described, **tables)
 
 
 def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
@@ -165,14 +169,15 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
     return {"model_options": asdict(model), **tables, "model": model.name}
 
 
-def _parts(data: pd.DataFrame, given: schema.StudyContent) -> dict[str, Any]:
+def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
     model = _model(given.model, given.model_options)
     soil, prior_notes = assembly.soil_prior(given.priors, constant_exponent=model.constant_exponent)
     wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil["phi"])
     with errors_in(given.data.file):
         rows, row_notes = assembly.conditioned(_rows(data, wheels, given.data), given.drive)
-    noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive)
+    rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
+    noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
     notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]

@@ -13,12 +13,13 @@ from typing import Self
 from bayesterra import inference, report
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.notebook import result_table
+from bayesterra.prior_only import PriorResult, run_prior
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.storage import read_result, write_result
 from bayesterra.study import Study
 
-__all__ = ["RunResult", "load_result", "run", "run_study"]
+__all__ = ["RunResult", "load_result", "run", "run_prior", "run_prior_study", "run_study"]
 
 
 class RunResult(Result):
@@ -90,6 +91,22 @@ def run_study(
             show(Progress("writing the report", 1.0))
             result._write(part)
         status.unlink()
+    return result
+
+
+def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool = False) -> PriorResult:
+    """Report on a study's prior alone into a folder; see :func:`bayesterra.prior_only.run_prior`.
+
+    Raises
+    ------
+    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+    SupportError : the prior leaves no parameter set that fits the conditions of the table.
+    """
+    check_free(out, overwrite=overwrite)
+    with whole_folder(out, overwrite=overwrite) as part:
+        result = run_prior(study, seed=seed)
+        write_result(result, part)
+        write_text(part / "report.html", report.prior_html(result))
     return result
 
 

@@ -3,6 +3,7 @@
 Nothing here keeps state in pyplot; ``axes.figure.savefig`` writes any of them alone.
 """
 
+from bayesterra.figures.before import prior_bands, prior_density
 from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
 from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
@@ -25,6 +26,8 @@ __all__ = [
     "prediction",
     "predictions",
     "predictive",
+    "prior_bands",
+    "prior_density",
     "ranks",
     "residuals",
     "trace",

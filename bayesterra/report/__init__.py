@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayesterra.folders import write_text
+from bayesterra.prior_only import PriorResult
+from bayesterra.report.before import prior_page
 from bayesterra.report.contrast import contrast_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
 
-__all__ = ["comparison_html", "html", "write"]
+__all__ = ["comparison_html", "html", "prior_html", "write"]
 
 
 def html(result: Result) -> str:
@@ -21,6 +23,11 @@ def html(result: Result) -> str:
 def write(result: Result, path: str | Path) -> None:
     """Write the report to ``path``, whole or not at all."""
     write_text(Path(path), html(result))
+
+
+def prior_html(result: PriorResult) -> str:
+    """The report of a prior without readings as a self-contained HTML page."""
+    return render(prior_page(result), "before.html")
 
 
 def comparison_html(comparison: Comparison) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Any
 
 from markupsafe import Markup
 
 from bayesterra.figures.rows import summary_rows
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.priors import Law, Tie
+from bayesterra.priors import Entry, Law, Tie
 from bayesterra.report.blocks import Block, Cell, Section, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, moments, share
 from bayesterra.report.symbols import amount, angles, law_text, listed, symbol, symbols, with_unit
@@ -33,17 +35,14 @@ DRIVES = {
 
 def data_section(result: Result) -> Section:
     """Data and model."""
-    study = result.study
-    notes: list[Block] = [Text(Markup("Note: {}").format(note)) for note in study.notes]
-    blocks = (
-        _readings(study),
-        _wheels(study),
-        Text(_model(study)),
-        *notes,
-        _priors(result),
-        Text(_support(result)),
-    )
+    blocks = (*conditions(result.study), _priors(result), Text(support(result.record["prior_support"])))
     return Section("data", "Data and model", blocks)
+
+
+def conditions(study: Study) -> tuple[Block, ...]:
+    """Rows, wheels, model and notes."""
+    notes = [Text(Markup("Note: {}").format(note)) for note in study.notes]
+    return (_readings(study), _wheels(study), Text(_model(study)), *notes)
 
 
 def _readings(study: Study) -> Table:
@@ -137,8 +136,7 @@ def _priors(result: Result) -> Table:
     entries = result.study.prior.entries
     body: list[tuple[Cell, ...]] = []
     for name in (name for name in PARAMETERS if name in entries):
-        entry = entries[name]
-        law = law_text(name, entry) if isinstance(entry, Law) else _held(name, entry)
+        law = stated_law(name, entries[name])
         body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
     caption = (
         "Prior laws as stated in the study, independent of each other; mean and standard deviation of the "
@@ -148,7 +146,10 @@ def _priors(result: Result) -> Table:
     return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
 
 
-def _held(name: str, entry: float | Tie) -> Markup:
+def stated_law(name: str, entry: Entry) -> Markup:
+    """A parameter's law, value or tie as the study states it."""
+    if isinstance(entry, Law):
+        return law_text(name, entry)
     if isinstance(entry, Tie):
         return Markup("that of {}").format(symbol(entry.to))
     value = float(entry)
@@ -160,8 +161,8 @@ def _cut_moments(result: Result, name: str) -> tuple[str, str]:
     return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
 
 
-def _support(result: Result) -> Markup:
-    found = result.record["prior_support"]
+def support(found: Mapping[str, Any]) -> Markup:
+    """What physics cuts from the prior, from the record of the cut."""
     shares = dict(found["shares"])
     inside = shares.pop("inside the support", 0.0)
     if not shares:

@@ -12,7 +12,7 @@ from bayesterra.parameters import CHANNELS
 from bayesterra.predictive_checks import ALARM, CONFLICT, Check, PredictiveChecks, PriorCheck
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.inputs import estimated_noise
-from bayesterra.report.numbers import NOTHING, interval, plain, probability, resolution, rounded
+from bayesterra.report.numbers import NOTHING, interval, plain, probability, resolution, rounded, share
 from bayesterra.report.symbols import listed, symbol, symbols, unit
 from bayesterra.results import Result
 from bayesterra.uniformity import calibrated
@@ -29,14 +29,11 @@ def posterior_checks(result: Result) -> tuple[Block, ...]:
 
 def alarm_sentence(checks: PredictiveChecks) -> Markup:
     """What all statistics together say."""
-    p = probability(checks.overall)
     if not checks.alarm:
-        return Markup(
-            "No alarm: of tables that the model itself makes, a share of {} looks as strange in some "
-            "statistic (overall <i>p</i>, alarm below {:g})."
-        ).format(p, ALARM)
+        text = Markup("{} of the tables that the model itself makes look as strange (alarm below {}).")
+        return text.format(share(checks.overall), share(ALARM))
     parts = (Markup("{} {}").format(symbol(check.channel), check.finding) for check in alarming(checks))
-    return Markup("Alarm (overall <i>p</i> {}): {}.").format(p, listed(parts))
+    return Markup("{} (overall <i>p</i> {}).").format(listed(parts), probability(checks.overall))
 
 
 def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
@@ -60,8 +57,9 @@ def _statistics(result: Result, checks: PredictiveChecks) -> Table:
         "Posterior-predictive checks. First figure: share of {} replicated tables, each with a posterior of "
         "its own, that are as strange in this statistic; in brackets: <i>p</i>, the posterior-predictive "
         "probability of a larger value, which alone is too lenient. Residuals are in standard deviations of "
-        "the noise. Single figures below {:g} are bold; with so many of them some are to be expected, and "
-        "only the overall <i>p</i> decides.{}"
+        "the noise. Single figures below {:g} are bold; with so many of them some are to be expected. What "
+        "decides is the overall <i>p</i>, the share of replicated tables whose strangest statistic is as "
+        "strange as the strangest here.{}"
     ).format(checks.replicates, ALARM, estimated_noise(result.study))
     return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)
 

@@ -1,0 +1,139 @@
+"""The prior's own result, before any reading exists: what physics leaves of it and what it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.random import SeedSequence, default_rng
+
+from bayesterra import record
+from bayesterra.arrays import FloatArray
+from bayesterra.derived import DERIVED, derive
+from bayesterra.diagnostics import hdi
+from bayesterra.errors import StudyError
+from bayesterra.likelihood import Forward, Likelihood
+from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.predictive import RowPredictions, predict_curves, predictive_table
+from bayesterra.results import conditions_dataset, curves_dataset, parameter_dataset, predictions_dataset
+from bayesterra.study import Study
+
+DRAWS = 4000
+CURVE_DRAWS = 1000
+CREDIBLE = 0.9
+
+
+@dataclass(frozen=True)
+class PriorResult:
+    """What a study says before its readings.
+
+    Attributes
+    ----------
+    study : what was asked; its readings, where there are any, are not used.
+    draws : xarray DataTree with the groups prior, prior_predictive, constant_data and curves; SI, radians.
+    summary : one row per parameter and derived quantity, in field units, of the prior after the physical cut.
+    predictive : per row and channel: quantiles of readings that the prior predicts, in field units.
+    record : versions, seed, fingerprints and shares of the prior by reason of the cut.
+    """
+
+    study: Study
+    draws: xr.DataTree
+    summary: pd.DataFrame
+    predictive: pd.DataFrame
+    record: dict[str, Any]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+        return self.study.prior.names
+
+    def values(self) -> FloatArray:
+        """Draws of all parameters (n, d), SI, radians."""
+        return np.column_stack([self.draws["prior"][name].to_numpy().ravel() for name in self.names])
+
+
+def before_readings(study: Study) -> Posterior:
+    """The posterior of a study for its slips and given loads or sinkages alone.
+
+    With drive ``both`` the load of a row is the given one, or what its normal force reads.
+
+    Raises
+    ------
+    StudyError : no load is known.
+    """
+    used = study.observations.used()
+    forward = Forward.of(study.model, study.drive, used, dict(study.wheels))
+    if np.isnan(forward.given).any():
+        raise StudyError("the prior's predictions need a load in every row, in 'load' or 'normal_force'")
+    return Posterior(study.prior, Likelihood(forward, used, tuple(study.noise.values())))
+
+
+def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
+    """Draw from the prior cut to the physical support and predict the rows of the table.
+
+    Parameters
+    ----------
+    study : what to analyse; ``load_study(path, prior_only=True)`` reads one without readings.
+    seed : same seed, same draws.
+
+    Raises
+    ------
+    SupportError : the prior leaves no parameter set that fits the conditions of the table.
+    """
+    drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
+    target = before_readings(study)
+    cut = draw_cut_prior(target, DRAWS, drawing)
+    rows = Likelihood(
+        Forward.of(study.model, study.drive, study.observations, dict(study.wheels)),
+        study.observations,
+        target.likelihood.noise,
+    )
+    noise = target.noise_values(cut.x)
+    outcomes = rows.explained(study.prior.soil_values(cut.x), noise, predicting)
+    predictions = RowPredictions(
+        rows.channels, rows.predicted(outcomes), rows.draw(outcomes, noise, predicting)
+    )
+    curves = predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting)
+    groups = {
+        "prior": parameter_dataset(target.names, cut.x[None]),
+        "prior_predictive": predictions_dataset(study, predictions),
+        "constant_data": conditions_dataset(study),
+        "curves": curves_dataset(curves),
+    }
+    return PriorResult(
+        study=study,
+        draws=xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()}),
+        summary=_summary(study, cut.x),
+        predictive=predictive_table(study, predictions),
+        record=record.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)}),
+    )
+
+
+def _summary(study: Study, x: FloatArray) -> pd.DataFrame:
+    derived = derive(study, study.prior.soil_values(x[:CURVE_DRAWS]))
+    quantities: Mapping[str, Parameter] = {**{n: PARAMETERS[n] for n in study.prior.names}, **DERIVED}
+    values = {**dict(zip(study.prior.names, x.T, strict=True)), **derived}
+    rows = [
+        _row(quantity, values[name][np.isfinite(values[name])] / quantity.scale)
+        for name, quantity in quantities.items()
+        if np.isfinite(values[name]).any()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _row(quantity: Parameter, values: FloatArray) -> dict[str, Any]:
+    low, high = hdi(values, CREDIBLE)
+    return {
+        "parameter": quantity.name,
+        "unit": quantity.unit,
+        "prior_mean": values.mean(),
+        "prior_median": np.median(values),
+        "prior_sd": values.std(),
+        "prior_hdi90_lo": low,
+        "prior_hdi90_hi": high,
+    }
