@@ -13,7 +13,8 @@ from bayesterra.errors import StudyError
 from bayesterra.models import Soil, Wheel
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import PRIOR_SETS, Entry, Law, Prior, Tie
+from bayesterra.prior_sets import PRIOR_SETS
+from bayesterra.priors import Entry, Law, Prior, Tie
 from bayesterra.schema import WheelTable
 
 DEFAULT_PRIOR_SET = "paper-box"

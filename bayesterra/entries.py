@@ -66,11 +66,15 @@ def _tie(name: str, to: str) -> Tie:
 def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
     """A probability law from its table: ``dist``, the law's own arguments, ``lower`` and ``upper``.
 
-    ``loc``, ``scale``, ``lower`` and ``upper`` have the dimension of the parameter, shape arguments none.
+    ``loc``, ``scale``, ``lower`` and ``upper`` have the dimension of the parameter, shape arguments none; a
+    ``source`` is text.
     """
     dist = entry.pop("dist", None)
     if dist is None:
         raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
+    source = entry.pop("source", "")
+    if not isinstance(source, str):
+        raise StudyError(f"'{name}.source' must be text (got {source!r})")
     shapes = _shape_arguments(name, dist)
     _check_arguments(name, dist, entry, shapes)
     values = {
@@ -79,7 +83,7 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
     }
     limits = {key: values.pop(key) for key in _LIMITS if key in values}
     try:
-        return Law(dist, values, **limits)
+        return Law(dist, values, **limits, source=source)
     except StudyError as error:
         raise StudyError(f"'{name}': {error}") from error
 
@@ -95,7 +99,7 @@ def _shape_arguments(name: str, dist: object) -> list[str]:
 
 
 def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: list[str]) -> None:
-    known = (*shapes, *_SHIFTS, *_LIMITS)
+    known = (*shapes, *_SHIFTS, *_LIMITS, "source")
     for key in entry:
         if key not in known:
             raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")

@@ -28,6 +28,7 @@ class Law:
     shape : its own arguments (``loc``, ``scale``, ``a``, ...), SI units.
     lower, upper : the law is cut to this range and renormalised; for ``uniform`` and ``loguniform`` they
         are the range itself.
+    source : where the law comes from, in words; two laws that differ in nothing else are equal.
 
     Raises
     ------
@@ -38,6 +39,7 @@ class Law:
     shape: Mapping[str, float] = field(default_factory=dict)
     lower: float = -np.inf
     upper: float = np.inf
+    source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         known = getattr(stats, self.dist, None)

@@ -30,6 +30,9 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     console.print(_general(study))
     console.print(_measurements(study))
     console.print(_priors(study))
+    for name, law in study.prior.laws.items():
+        if law.source:
+            console.print(f"{name}: {law.source}")
     shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
     console.print(f"Of the stated prior: {', '.join(shares)}")
     for note in study.notes:

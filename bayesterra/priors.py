@@ -14,7 +14,7 @@ from bayesterra.errors import StudyError
 from bayesterra.laws import RANGED, Law
 from bayesterra.parameters import MODULI, OFFSET, PARAMETERS, PRIOR_PARAMETERS, SOIL_PARAMETERS
 
-__all__ = ["PAPER_BOX", "PRIOR_SETS", "RANGED", "Entry", "Law", "Prior", "Tie"]
+__all__ = ["PAPER_BOX", "RANGED", "Entry", "Law", "Prior", "Tie"]
 
 PAPER_BOX: dict[str, Law | float] = {
     "Ks": Law("uniform", lower=0.1e6, upper=10e6),
@@ -28,8 +28,6 @@ PAPER_BOX: dict[str, Law | float] = {
     "c3": 0.0,
 }
 """Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
-
-PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX}
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
-from bayesterra.priors import PRIOR_SETS, Entry
+from bayesterra.prior_sets import PRIOR_SETS
+from bayesterra.priors import Entry
 from bayesterra.units import quantity
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)

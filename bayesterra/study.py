@@ -131,7 +131,7 @@ class Study:
             "drive": self.drive,
             "load_range": self.load_range,
             "wheels": {name: asdict(wheel) for name, wheel in self.wheels.items()},
-            "noise": [asdict(noise) for noise in self.noise.values()],
+            "noise": [{**asdict(noise), "law": _plain(noise.law)} for noise in self.noise.values()],
             "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
             "least_squares": asdict(self.least_squares),
         }
@@ -217,8 +217,11 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
     return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
 
 
-def _plain(entry: Entry) -> Any:
-    return entry if isinstance(entry, int | float) else asdict(entry)
+def _plain(entry: Entry | None) -> Any:
+    """A prior entry without the text that it may carry."""
+    if entry is None or isinstance(entry, int | float):
+        return entry
+    return {key: value for key, value in asdict(entry).items() if key != "source"}
 
 
 def _digest(content: Any) -> str:

@@ -53,7 +53,8 @@ drawbar_pull = { estimate = { dist = "halfnorm", scale = "2 N", lower = "0.2 N" 
 resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
 
 [priors]
-set = "paper-box"               # flat within the paper's bounds; entries below replace single parameters
+set = "paper-box"               # flat within the paper's bounds; or "planetary": informative, from the Moon,
+                                # Mars and dry sands. The entries below replace single parameters
 # phi = { dist = "norm", loc = "32 deg", scale = "4 deg", lower = "20 deg", upper = "50 deg" }
 # K = { dist = "uniform", lower = "2 mm", upper = "50 mm" }
 # c3 = 0.0                      # a number or quantity fixes a parameter

@@ -130,7 +130,7 @@ def _law(law: Law, dimension: str) -> dict[str, object]:
         for key, value in known.items()
         if np.isfinite(value)
     }
-    return {"dist": law.dist, **values}
+    return {"dist": law.dist, **values, **({"source": law.source} if law.source else {})}
 
 
 def _value(name: str, value: float) -> object:

@@ -14,7 +14,7 @@ from bayesterra.derived import DERIVED, reference_load
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
-from bayesterra.report.inputs import conditions, stated_law, support
+from bayesterra.report.inputs import conditions, prior_sources, stated_law, support
 from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.verdicts import Verdict
@@ -130,6 +130,7 @@ def _prior_section(result: PriorResult) -> Section:
         "Prior",
         (
             Table(caption, "lllrrrr", header, body),
+            *prior_sources(result.study),
             Text(support(result.record["prior_support"])),
             Gallery("tiny", pictures, f"{shown} has already said something."),
         ),

@@ -35,7 +35,8 @@ DRIVES = {
 
 def data_section(result: Result) -> Section:
     """Data and model."""
-    blocks = (*conditions(result.study), _priors(result), Text(support(result.record["prior_support"])))
+    cut = Text(support(result.record["prior_support"]))
+    blocks = (*conditions(result.study), _priors(result), *prior_sources(result.study), cut)
     return Section("data", "Data and model", blocks)
 
 
@@ -144,6 +145,13 @@ def _priors(result: Result) -> Table:
         "meant."
     )
     return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
+
+
+def prior_sources(study: Study) -> tuple[Block, ...]:
+    """A table of where the prior laws come from; nothing where none says so."""
+    named = {name: law.source for name, law in study.prior.laws.items() if law.source}
+    rows = tuple((symbol(name), source) for name, source in named.items())
+    return (Table("Where the prior laws come from.", "ll", ("", "source"), rows),) if rows else ()
 
 
 def stated_law(name: str, entry: Entry) -> Markup:
