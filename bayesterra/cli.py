@@ -52,16 +52,23 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a result folder, once the new one is complete.")
     ] = False,
+    prior_only: Annotated[
+        bool, typer.Option("--prior-only", help="Report on the prior alone; needs no readings.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
     from bayesterra.study import load_study
 
-    loaded = load_study(study)  # mistakes in it are reported before the sampler's libraries are loaded
-    from bayesterra.console import print_result
-    from bayesterra.workflow import run_study
+    # mistakes in the study are reported before the sampler's libraries are loaded
+    loaded = load_study(study, prior_only=prior_only)
+    from bayesterra.console import print_prior, print_result
+    from bayesterra.workflow import run_prior_study, run_study
 
     folder = out or beside(study, "result")
+    if prior_only:
+        prior = run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite)
+        return print_prior(prior, folder / "report.html")
     result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
     print_result(result, folder / "report.html")
     raise typer.Exit(0 if result.converged else 3)
@@ -181,6 +188,12 @@ def compare(
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="New folder for the page and its tables.")
     ] = Path("comparison"),
+    load: Annotated[
+        str | None, typer.Option(metavar="W", help="Load that all predict; by default the first result's.")
+    ] = None,
+    wheel: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="Wheel that all drive; by default each its own.")
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older comparison of that name.")
     ] = False,
@@ -189,7 +202,8 @@ def compare(
     from bayesterra.followup import compare_folders
     from bayesterra.listing import print_comparison
 
-    print_comparison(compare_folders(results, out, overwrite=overwrite), out)
+    comparison = compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite)
+    print_comparison(comparison, out)
 
 
 def beside(study: Path, what: str) -> Path:

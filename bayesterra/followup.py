@@ -233,20 +233,33 @@ class ComparisonPage(Comparison):
         return comparison_table(self)
 
 
-def compare(results: Mapping[str, Result] | Sequence[str | Path]) -> ComparisonPage:
+def compare(
+    results: Mapping[str, Result] | Sequence[str | Path],
+    *,
+    load: float | str | None = None,
+    wheel: str | Path | None = None,
+) -> ComparisonPage:
     """Set results side by side: parameters, predictions under one load, evidence.
 
     Parameters
     ----------
     results : two to six by the names they are to go by, or their folders. Others are compared with the first.
+    load : under which all predict, N or text with a unit; by default the first result's median load.
+    wheel : that all drive, by its name in one of the studies or in a file; by default each drives its own.
 
     Raises
     ------
     ResultError : too few or too many results, or a folder that cannot be read.
-    StudyError : no load is known to compare them under.
+    StudyError : an unknown wheel, or no load is known to compare them under.
     """
     named = results if isinstance(results, Mapping) else load_results([Path(folder) for folder in results])
-    return ComparisonPage.of(side_by_side(named))
+    chosen = None if wheel is None else _common_wheel(named, str(wheel))
+    return ComparisonPage.of(side_by_side(named, load=load, wheel=chosen))
+
+
+def _common_wheel(results: Mapping[str, Result], given: str) -> tuple[str, Wheel]:
+    knows = (result for result in results.values() if given in result.study.wheels)
+    return wheel_of(next(knows, next(iter(results.values()))), given)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:
@@ -259,10 +272,17 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     return results
 
 
-def compare_folders(folders: Sequence[Path], out: Path, *, overwrite: bool = False) -> ComparisonPage:
-    """Compare result folders and write the page and its tables to ``out``."""
+def compare_folders(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    load: str | None = None,
+    wheel: str | None = None,
+    overwrite: bool = False,
+) -> ComparisonPage:
+    """Compare result folders and write the page and its tables to ``out``; options as :func:`compare`."""
     check_count(folders)
     check_free(out, overwrite=overwrite, mark=COMPARISON)
-    comparison = compare(folders)
+    comparison = compare(folders, load=load, wheel=wheel)
     comparison.save(out, overwrite=overwrite)
     return comparison

@@ -76,7 +76,10 @@ def evidence_lines(comparison: Comparison) -> list[str]:
     for row in comparison.evidences.to_dict("records"):
         value = f"{rounded(row['log_evidence'], 0.01)} ± {rounded(row['error'], 0.01)}"
         word = f": {row['word']}" if row["word"] else ""
-        lines.append(f"{row['result']}: log evidence {value}{word}")
+        loo = f"{rounded(row['elpd'], 0.1)} ± {rounded(row['elpd_se'], 0.1)}"
+        left_out = f"; leaving rows out {loo}" if row["result"] in comparison.loo else ""
+        says = f": {row['elpd_word']}" if row["elpd_word"] and left_out else ""
+        lines.append(f"{row['result']}: log evidence {value}{word}{left_out}{says}")
     return lines
 
 

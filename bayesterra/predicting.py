@@ -125,12 +125,13 @@ def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tup
 
 
 def _resolved(wheel: Wheel, phi: float) -> Wheel:
+    if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
+        return wheel
     try:
         radius = float(wheel.shearing_radius(phi))
     except ValueError as error:
         raise StudyError(f"the other wheel's {error}") from error
-    given = (radius - wheel.radius) / wheel.lug_height if wheel.lug_height else None
-    return replace(wheel, shearing_radius_coefficient=given)
+    return replace(wheel, shearing_radius_coefficient=(radius - wheel.radius) / wheel.lug_height)
 
 
 def _with_efficiency(outcomes: FloatArray, conditions: Conditions) -> FloatArray:
@@ -171,6 +172,11 @@ def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
     if known.size and not 0.999 * known.min() <= load <= 1.001 * known.max():
         ends = dict.fromkeys(f"{end:.4g}" for end in (known.min(), known.max()))
         yield f"load {load:.4g} N is not among the measured loads, {' to '.join(ends)} N: extrapolated"
+    if wheel not in study.wheels.values():
+        yield (
+            f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
+            " soil need not hold for another, least of all when only one of them has lugs"
+        )
     widths = {one.width for one in study.wheels.values()}
     if wheel.width not in widths and not study.prior.uses_moduli:
         given = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import logsumexp
 
+from bayesterra.crossvalidation import CrossValidation, Difference, difference
 from bayesterra.derived import DERIVED, reference_load
 from bayesterra.errors import ResultError
 from bayesterra.models import Wheel
@@ -54,14 +55,16 @@ class Comparison:
     ----------
     results : by name, in the order given; others are compared with the first.
     curves, points : per result the prediction of its wheel under one and the same load, on a grid over all
-        driven slips, and at the slips that the first result's wheel was driven at.
+        driven slips, and at the driven slips themselves.
     evidence : per result.
+    loo : cross-validation per result, for those that hold it.
     """
 
     results: Mapping[str, Result]
     curves: Mapping[str, Prediction]
     points: Mapping[str, Prediction]
     evidence: Mapping[str, Evidence]
+    loo: Mapping[str, CrossValidation]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,10 +118,37 @@ class Comparison:
                     "difference": self.difference(first, name)[0],
                     "difference_error": self.difference(first, name)[1],
                     "word": "" if name == first else self.word(first, name),
+                    **self._left_out(first, name),
                 }
                 for name in self.names
             ]
         )
+
+    def _left_out(self, first: str, name: str) -> dict[str, object]:
+        """Cross-validation of one result, and its difference from the first."""
+        loo, found = self.loo.get(name), self.left_out(first, name)
+        return {
+            "elpd": np.nan if loo is None else loo.elpd,
+            "elpd_se": np.nan if loo is None else loo.se,
+            "elpd_difference": np.nan if found is None else found.elpd,
+            "elpd_difference_se": np.nan if found is None else found.se,
+            "elpd_word": "" if name == first else self.left_out_word(first, name),
+        }
+
+    def left_out(self, first: str, second: str) -> Difference | None:
+        """Elpd of ``second`` less that of ``first``; None where they do not compare."""
+        if not self.comparable(first, second) or not {first, second} <= set(self.loo):
+            return None
+        return difference(self.loo[second], self.loo[first])
+
+    def left_out_word(self, first: str, second: str) -> str:
+        """What leaving rows out says between two results."""
+        found = self.left_out(first, second)
+        if found is None:
+            return "not comparable" if not self.comparable(first, second) else "not known"
+        if not found.distinguishable:
+            return "not distinguishable"
+        return f"{second if found.elpd > 0 else first} predicts better"
 
     def comparable(self, first: str, second: str) -> bool:
         """Whether both results explain the same readings of the same channels."""
@@ -143,13 +173,20 @@ class Comparison:
         return f"{strength} evidence for {second if value > 0 else first}"
 
 
-def side_by_side(results: Mapping[str, Result]) -> Comparison:
+def side_by_side(
+    results: Mapping[str, Result],
+    *,
+    load: float | str | None = None,
+    wheel: tuple[str, Wheel] | None = None,
+) -> Comparison:
     """Set results side by side.
 
     Parameters
     ----------
-    results : two to six, by the names they are to go by. All predict the load of the first one; each drives
-        its own wheel, the one that the study of the first calls its first, or else its first.
+    results : two to six, by the names they are to go by.
+    load : under which all predict, N or text with a unit; by default the first result's median load.
+    wheel : name and dimensions of the one that all drive. By default each drives its own: the one that the
+        study of the first calls its first, or else its first.
 
     Raises
     ------
@@ -158,22 +195,23 @@ def side_by_side(results: Mapping[str, Result]) -> Comparison:
     """
     check_count(results)
     first = next(iter(results.values()))
-    called, load = next(iter(first.study.wheels)), reference_load(first.study)
-    slips = [result.study.observations.used().slip for result in results.values()]
-    grid = np.linspace(min(s.min() for s in slips), max(s.max() for s in slips), GRID)
-    wheels = {name: _wheel(result, called) for name, result in results.items()}
-
-    curves = {
-        name: predict(
-            result, np.union1d(grid, slips[0]), load=load, wheel=wheels[name][1], name=wheels[name][0]
-        )
-        for name, result in results.items()
-    }
+    load = reference_load(first.study) if load is None else load
+    driven = np.unique(np.concatenate([one.study.observations.used().slip for one in results.values()]))
+    grid = np.linspace(driven[0], driven[-1], GRID)
+    curves = {}
+    for name, result in results.items():
+        called, one = wheel or _own_wheel(result, next(iter(first.study.wheels)))
+        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=one, name=called)
     return Comparison(
         dict(results),
         {name: curve.at(grid) for name, curve in curves.items()},
-        {name: curve.at(slips[0]) for name, curve in curves.items()},
+        {name: curve.at(driven) for name, curve in curves.items()},
         {name: log_evidence(result) for name, result in results.items()},
+        {
+            name: CrossValidation.from_record(result.record["loo"])
+            for name, result in results.items()
+            if result.record.get("loo")
+        },
     )
 
 
@@ -183,7 +221,7 @@ def check_count(results: Sized) -> None:
         raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
 
 
-def _wheel(result: Result, called: str) -> tuple[str, Wheel]:
+def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
     return chosen_wheel(result.study, called if called in result.study.wheels else None)
 
 

@@ -14,11 +14,13 @@ from bayesterra.figures.style import DATA, INK, label, own_axes, styled
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction import PREDICTED
 from bayesterra.results import Result, field_values
-from bayesterra.side_by_side import Comparison
+from bayesterra.side_by_side import Comparison, outcomes_of
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """One Okabe–Ito colour per result, in their order."""
 _LANE = 0.16
+NEAR = 0.05
+"""Readings under a load within this share of the common one are shown."""
 
 
 @styled
@@ -77,7 +79,7 @@ def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None =
     """Draw one quantity (a key of ``prediction.PREDICTED``) over slip in all results, each in its colour.
 
     Lines: medians; bands: 90 % of the modelled values, without noise, under the common load. Dots: readings
-    of the first result's wheel and load that are in the fit.
+    in the fits that were taken with the same wheel and load.
     """
     ax = own_axes(ax)
     column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
@@ -91,15 +93,18 @@ def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None =
 
 
 def _readings(ax: Axes, comparison: Comparison, quantity: str) -> None:
-    """Readings of the first result's table that were taken under the common load."""
-    first = next(iter(comparison.results.values()))
-    rows, curve = first.study.observations.used(), comparison.curves[comparison.names[0]]
-    if quantity not in rows.values:
-        return
-    loads = np.where(np.isnan(rows.load), rows.values.get("normal_force", rows.load), rows.load)
-    mine = np.array([name == curve.name for name in rows.wheel]) & (np.abs(loads / curve.load - 1) < 0.05)
-    values = rows.values[quantity][mine] / CHANNELS[quantity].scale
-    ax.plot(rows.slip[mine], values, "o", color=DATA, markersize=4, zorder=6)
+    """Readings of any of the results that were taken with its predicted wheel under the common load."""
+    shown = set()
+    for name, result in comparison.results.items():
+        rows, curve = result.study.observations.used(), comparison.curves[name]
+        if quantity not in rows.values or outcomes_of(result) in shown:
+            continue
+        loads = np.where(np.isnan(rows.load), rows.values.get("normal_force", rows.load), rows.load)
+        driven = np.array([result.study.wheels[wheel] == curve.wheel for wheel in rows.wheel])
+        mine = driven & (np.abs(loads / curve.load - 1) < NEAR)
+        values = rows.values[quantity][mine] / CHANNELS[quantity].scale
+        ax.plot(rows.slip[mine], values, "o", color=DATA, markersize=4, zorder=6)
+        shown.add(outcomes_of(result))
 
 
 def _column(result: Result, group: str, name: str) -> FloatArray:

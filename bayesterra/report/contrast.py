@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from bayesterra.report.blocks import Cell, Section
 from bayesterra.report.contrast_parts import (
+    driven_by,
     keys,
     parameters_section,
     predictions_section,
@@ -42,7 +43,7 @@ def contrast_page(comparison: Comparison) -> ContrastPage:
     curve = comparison.curves[comparison.names[0]]
     return ContrastPage(
         title=next(iter(titles)) if len(titles) == 1 else f"{len(comparison.names)} results side by side",
-        facts=(*keys(comparison), f"wheel {curve.name} under {given(round(curve.load, 1))} N"),
+        facts=(*keys(comparison), f"{driven_by(comparison)}, {given(round(curve.load, 1))} N"),
         warning=_warning(comparison),
         verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
         sections=(
@@ -101,11 +102,20 @@ def _evidence(comparison: Comparison) -> Verdict:
     difference = rounded(comparison.difference(second, best)[0], 0.1)
     if word == "not distinguishable":
         text = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
-        return Verdict("Evidence", word, "fair", text.format(values, BARE))
+        return Verdict(
+            "Evidence", word, "fair", text.format(values, BARE) + _left_out(comparison, second, best)
+        )
     sentence = Markup("Log evidence {}: {} over {} by {}, {}.").format(
         values, best, second, difference, word.partition(" evidence")[0] + " by Kass and Raftery's words"
     )
-    return Verdict("Evidence", f"{best} favoured", "good", sentence)
+    return Verdict("Evidence", f"{best} favoured", "good", sentence + _left_out(comparison, second, best))
+
+
+def _left_out(comparison: Comparison, first: str, second: str) -> Markup:
+    """What cross-validation adds."""
+    if comparison.left_out(first, second) is None:
+        return Markup("")
+    return Markup(" Leaving rows out: {}.").format(comparison.left_out_word(first, second))
 
 
 def _value(comparison: Comparison, name: str) -> tuple[float, float]:

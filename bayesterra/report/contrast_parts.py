@@ -28,6 +28,12 @@ def keys(comparison: Comparison) -> tuple[Markup, ...]:
     return tuple(_KEY.format(colour, name) for name, colour in zip(comparison.names, COLOURS, strict=False))
 
 
+def driven_by(comparison: Comparison) -> str:
+    """Which wheel the predictions are for."""
+    wheels = {curve.wheel: curve.name for curve in comparison.curves.values()}
+    return f"wheel {next(iter(wheels.values()))}" if len(wheels) == 1 else "each result with its own wheel"
+
+
 def signed(value: float) -> str:
     """A number with its sign, to a tenth."""
     if not np.isfinite(value):
@@ -55,9 +61,8 @@ def parameters_section(comparison: Comparison) -> Section:
     ).format(Markup(" ").join(keys(comparison)), comparison.names[0], comparison.names[0])
     curve = comparison.curves[comparison.names[0]]
     other = Markup(
-        "Derived quantities under {} N, each result with its own wheel. Sinkage moduli of different "
-        "exponents do not compare; these do."
-    ).format(given(round(curve.load, 1)))
+        "Derived quantities under {} N, {}. Sinkage moduli of different exponents do not compare; these do."
+    ).format(given(round(curve.load, 1)), driven_by(comparison))
     blocks = [Table(caption, "lllrr", header, tuple(rows)), Table(other, "lllrr", header, tuple(derived))]
     return Section("parameters", "Parameters", tuple(block for block in blocks if block.rows))
 
@@ -119,9 +124,9 @@ def predictions_section(comparison: Comparison) -> Section:
     curve = comparison.curves[comparison.names[0]]
     caption = Markup(
         "Modelled values over slip under {} N, without measurement noise: median and 90 % band, one colour "
-        "per result: {}. Dots: readings of {} under that load. Where bands lie apart, the choice matters "
-        "for driving."
-    ).format(given(round(curve.load, 1)), Markup(" ").join(keys(comparison)), comparison.names[0])
+        "per result: {}. Dots: readings of that wheel under that load. Where bands lie apart, the choice "
+        "matters for driving."
+    ).format(given(round(curve.load, 1)), Markup(" ").join(keys(comparison)))
     notes = [
         Text(Markup("Note ({}): {}.").format(n, note))
         for n, p in comparison.points.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.adequacy import fit_checks
+from bayesterra.crossvalidation import INDISTINCT
 from bayesterra.models import Wheel
 from bayesterra.parameters import PARAMETERS
 from bayesterra.priors import Law, Tie
@@ -94,55 +95,73 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
 
 
 def judged_section(comparison: Comparison) -> Section:
-    """Evidence, fit and sampling of every result."""
-    rows = []
-    for row in comparison.evidences.to_dict("records"):
-        result = comparison.results[str(row["result"])]
-        checks = Markup(", ").join(
-            Markup("{} {}").format(symbol(check.channel), probability(check.p))
-            for check in fit_checks(result)
-        )
-        verdict = result.record["verdict"]
-        value = Markup("{} ± {}").format(*with_error(float(row["log_evidence"]), float(row["error"])))
-        first = row["result"] == comparison.names[0]
-        rows.append(
-            (
-                coloured(comparison, str(row["result"]), str(row["result"])),
-                value,
-                "" if first else _difference(row),
-                str(row["word"]),
-                checks,
-                "yes" if result.converged else Markup("<b>no</b>"),
-                plain(verdict["r_hat"], 4),
-                plain(verdict["ess"]),
-            )
-        )
+    """Evidence, cross-validation, fit and sampling of every result."""
+    rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
     caption = Markup(
         "Log evidence: log of the probability density of the readings, averaged over the prior after the "
         "physical cut; it favours the result that foretold the readings better, and depends on the width of "
         "the priors. Difference from {}: below 1 not worth more than a bare mention, to 3 positive, to 5 "
-        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors. Fit: "
-        "posterior-predictive <i>p</i> per channel, doubtful below 0.05."
+        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors."
     ).format(comparison.names[0])
-    header = (
-        "",
-        "log evidence",
-        "difference",
-        "in words",
-        Markup("fit, <i>p</i>"),
-        "converged",
-        "R-hat",
-        "ESS",
+    header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
+    table = Table(caption, "lrrlcrrl", header, tuple(rows))
+    return Section(
+        "evidence", "Evidence, cross-validation, fit and sampling", (table, *_left_out(comparison))
     )
-    table = Table(caption, "lrrllcrr", header, tuple(rows))
-    return Section("evidence", "Evidence, fit and sampling", (table,))
 
 
-def _difference(row: dict[Hashable, Any]) -> str:
-    if not np.isfinite(row["difference"]):
-        return NOTHING
-    value, error = with_error(float(row["difference"]), float(row["difference_error"]))
-    return f"{value} ± {error}"
+def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
+    name = str(row["result"])
+    result = comparison.results[name]
+    verdict = result.record["verdict"]
+    return (
+        coloured(comparison, name, name),
+        Markup("{} ± {}").format(*with_error(float(row["log_evidence"]), float(row["error"]))),
+        _difference(comparison, name, row["difference"], row["difference_error"]),
+        str(row["word"]),
+        "yes" if result.converged else Markup("<b>no</b>"),
+        plain(verdict["r_hat"], 4),
+        plain(verdict["ess"]),
+        _fit(result),
+    )
+
+
+def _fit(result: Result) -> Markup:
+    """The overall check where the record holds it, else the p values of the channels."""
+    checks = result.record.get("predictive_checks")
+    if checks:
+        word = "not adequate" if checks["alarm"] else "adequate"
+        return Markup("{}, <i>p</i> {}").format(word, probability(checks["overall"]))
+    parts = (Markup("{} {}").format(symbol(c.channel), probability(c.p)) for c in fit_checks(result))
+    return Markup("<i>p</i> {}").format(Markup(", ").join(parts))
+
+
+def _left_out(comparison: Comparison) -> tuple[Table, ...]:
+    """How well the results predict rows that they have not seen."""
+    if not comparison.loo:
+        return ()
+    rows = [
+        (
+            coloured(comparison, str(row["result"]), str(row["result"])),
+            Markup("{} ± {}").format(*with_error(float(row["elpd"]), float(row["elpd_se"]))),
+            _difference(comparison, str(row["result"]), row["elpd_difference"], row["elpd_difference_se"]),
+            str(row["elpd_word"]),
+        )
+        for row in comparison.evidences.to_dict("records")
+    ]
+    caption = Markup(
+        "Leave-one-out cross-validation by row: log density of every row’s readings, predicted from the "
+        "others (elpd ± standard error). Not distinguishable below {:.0f}, or two standard errors, of "
+        "difference."
+    ).format(INDISTINCT)
+    return (Table(caption, "lrrl", ("", "elpd", "difference", "in words"), tuple(rows)),)
+
+
+def _difference(comparison: Comparison, name: str, value: float, error: float) -> str:
+    """A difference from the first result and its error; nothing for the first itself."""
+    if name == comparison.names[0] or not np.isfinite(value):
+        return "" if name == comparison.names[0] else NOTHING
+    return " ± ".join(with_error(float(value), float(error)))
 
 
 def repeat_section(comparison: Comparison) -> Section:

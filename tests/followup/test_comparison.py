@@ -72,6 +72,21 @@ def test_words_of_kass_and_raftery(both: ComparisonPage, value: float, error: fl
     assert found.word("a", "b") == word
 
 
+def test_rows_left_out_compare_by_difference(both: ComparisonPage, wide: RunResult) -> None:
+    """The difference is taken row by row, and its sign says which result predicts better."""
+    found = both.left_out("wide", ODD)
+    assert found is not None
+    by_row = both.loo[ODD].by_row - both.loo["wide"].by_row
+    assert found.elpd == pytest.approx(by_row.sum())
+    assert both.left_out_word("wide", ODD) == "not distinguishable"
+    worse = [{**row, "elpd": row["elpd"] - 3.0} for row in wide.record["loo"]["rows"]]
+    record = {**wide.record, "loo": {**wide.record["loo"], "rows": worse}}
+    clear = bt.compare({"a": wide, "b": replace(wide, record=record)})
+    assert clear.left_out_word("a", "b") == "a predicts better"
+    without = {name: value for name, value in wide.record.items() if name != "loo"}
+    assert bt.compare({"a": wide, "b": replace(wide, record=without)}).left_out_word("a", "b") == "not known"
+
+
 def test_shift_and_width_are_in_units_of_the_first(both: ComparisonPage) -> None:
     """A parameter's shift and width follow from both summaries; the first result has none."""
     rows = both.parameters.set_index(["result", "quantity"])
@@ -90,6 +105,21 @@ def test_all_predict_the_same_conditions(both: ComparisonPage) -> None:
     np.testing.assert_array_equal(grids[0], grids[1])
     np.testing.assert_allclose(both.points["wide"].slip, [0.1, 0.2, 0.3, 0.4, 0.6])
     assert set(both.predictions["result"]) == {"wide", ODD}
+
+
+def test_one_wheel_and_load_for_all(wide: RunResult, narrow: RunResult, tmp_path: Path) -> None:
+    """A wheel by name or from a file is driven by all, under the load asked for; its readings are shown."""
+    (tmp_path / "small.toml").write_text('radius = "100 mm"\nwidth = "165 mm"\n', encoding="utf-8")
+    results = {"a": wide, "b": narrow}
+    found = bt.compare(results, load="60 N", wheel=tmp_path / "small.toml")
+    assert {(curve.name, curve.wheel.radius, curve.load) for curve in found.curves.values()} == {
+        ("small", 0.1, 60.0)
+    }
+    for load, dots in ((80, 5), (60, 0)):
+        ax = figures.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
+        assert [len(np.asarray(line.get_xdata())) for line in ax.get_lines()[2:]] == [dots]
+    with pytest.raises(bt.StudyError, match="'Wh3' is neither a wheel of the study nor a file"):
+        bt.compare(results, wheel="Wh3")
 
 
 def test_the_page_is_whole_and_escaped(both: ComparisonPage) -> None:

@@ -69,9 +69,10 @@ def test_a_band_is_marked_beyond_one_draw_in_twenty(wide: RunResult) -> None:
 def test_notes_say_where_the_measurements_are_left(wide: RunResult) -> None:
     """Slip, load and width outside what was measured are named; inside there is nothing to say."""
     assert bt.predict(wide, [0.1, 0.6], load="80 N").notes == ()
-    slip, load, width = bt.predict(wide, [0.7], load="120 N", wheel=SMALL).notes
+    slip, load, other, width = bt.predict(wide, [0.7], load="120 N", wheel=SMALL).notes
     assert slip.startswith("slip 0.7 lies outside the driven slips, 0.1 to 0.6")
     assert "120 N is not among the measured loads, 80 N" in load
+    assert other.startswith("the wheel was not driven (Wh32 was)")
     assert "165 mm wide and taken unchanged for 100 mm" in width
 
 
