@@ -271,7 +271,7 @@ def _referenced(
 
 
 def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:
-    """Refuse rows in use that have a problem; leave unused ones out, with a note.
+    """Refuse rows in use that have a problem; leave unused ones out, with one note.
 
     Parameters
     ----------
@@ -282,7 +282,9 @@ def sifted(observations: Observations, problems: Sequence[str | None]) -> Observ
         if problem and used:
             raise StudyError(problem)
     keep = np.array([problem is None for problem in problems])
-    notes = tuple(f"row left out, as its 'use' is 0: {problem}" for problem in problems if problem)
+    found = [problem for problem in problems if problem]
+    more = f"; {len(found) - 1} more rows likewise" if len(found) > 1 else ""
+    notes = (f"row left out, as its 'use' is 0: {found[0]}{more}",) if found else ()
     return replace(observations, notes=observations.notes + notes).take(keep)
 
 
