@@ -71,7 +71,9 @@ def _readings(comparison: Comparison) -> Verdict:
     apart = [name for name in others if not comparison.comparable(first, name)]
     if apart:
         parts = (_explains(name, comparison.results[name].study) for name in (first, *apart))
-        sentence = Markup("{}. Parameters and predictions compare, evidence does not.").format(listed(parts))
+        sentence = Markup(
+            "{}. Parameters and predictions compare; evidence does only for the same readings."
+        ).format(listed(parts))
         return Verdict("Readings explained", "not the same", "fair", sentence)
     sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
     return Verdict("Readings explained", "the same", "good", sentence)
@@ -88,8 +90,7 @@ def _counted(study: Study) -> Markup:
 
 
 def _evidence(comparison: Comparison) -> Verdict:
-    known = [n for n in comparison.names if comparison.comparable(comparison.names[0], n)]
-    known = [name for name in known if np.isfinite(comparison.evidence[name].value)]
+    known = _alike(comparison)
     values = listed(
         Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in known
     )
@@ -116,6 +117,15 @@ def _left_out(comparison: Comparison, first: str, second: str) -> Markup:
     if comparison.left_out(first, second) is None:
         return Markup("")
     return Markup(" Leaving rows out: {}.").format(comparison.left_out_word(first, second))
+
+
+def _alike(comparison: Comparison) -> list[str]:
+    """The largest group of results with known evidence that explain the same readings."""
+    groups: dict[str, list[str]] = {}
+    for name, evidence in comparison.evidence.items():
+        if np.isfinite(evidence.value):
+            groups.setdefault(evidence.outcomes, []).append(name)
+    return max(groups.values(), key=len, default=[])
 
 
 def _value(comparison: Comparison, name: str) -> tuple[float, float]:

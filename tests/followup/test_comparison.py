@@ -1,5 +1,6 @@
 """Several results side by side."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,7 +50,11 @@ def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: R
     found = bt.compare({"a": wide, "b": other})
     assert found.word("a", "b") == "not comparable"
     assert np.isnan(found.difference("a", "b")[0])
-    assert "not the same" in report.comparison_html(found)
+    page = report.comparison_html(found)
+    assert "not the same" in page
+    assert "No two results have comparable evidence" in page
+    alike = bt.compare({"a": other, "b": wide, "c": narrow})
+    assert re.search("Log evidence b .* and c ", report.comparison_html(alike))
 
 
 @pytest.mark.parametrize(
