@@ -22,7 +22,8 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.posteriors import Posterior
-from bayesterra.sampling.importance import Surroundings, refined, systematic
+from bayesterra.replicates import normal_scores
+from bayesterra.sampling.importance import Pair, Surroundings, refined, systematic
 from bayesterra.sampling.mixture import StudentMixture
 
 FEW_ROWS = 20
@@ -36,7 +37,6 @@ CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
 INDISTINCT = 4.0
 """Difference in elpd below which models are not told apart (Sivula et al. 2020)."""
-
 
 Pits = dict[str, tuple[float, ...]]
 
@@ -127,10 +127,12 @@ def leave_one_out(
     """
     x = draws[:: max(1, -(-len(draws) // DRAWS))]
     near, density = Surroundings.of(posterior, x), posterior.log_terms(x).sum(axis=2)
-    cases = [_Case(near, x, density, i) for i in range(density.shape[1])]
+    own, *streams = seed.spawn(1 + density.shape[1])
+    whole = near.mixture(default_rng(own))
+    cases = [_Case(near, whole, x, density, i) for i in range(density.shape[1])]
     limit = pareto_limit(len(x)) if len(cases) >= few_rows else -np.inf
     with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = list(pool.map(lambda case, stream: case.result(limit, stream), cases, seed.spawn(len(cases))))
+        found = list(pool.map(lambda case, stream: case.result(limit, stream), cases, streams))
     rows = posterior.likelihood.observations.rows
     return CrossValidation(
         tuple(case.left_out(row, one) for row, case, one in zip(rows, cases, found, strict=True)),
@@ -174,9 +176,18 @@ class _Weighted:
 
 @dataclass(frozen=True)
 class _Case:
-    """One row to leave out: draws of the full posterior (n, d), log density of every row there (n, m)."""
+    """One row to leave out.
+
+    Attributes
+    ----------
+    near, whole : the full posterior, and a proposal fitted to its draws.
+    x : these draws (n, d).
+    density : log density of every row there (n, m).
+    index : the row.
+    """
 
     near: Surroundings
+    whole: StudentMixture
     x: FloatArray
     density: FloatArray
     index: int
@@ -199,9 +210,9 @@ class _Case:
         rng = default_rng(seed)
         weights = np.exp(self.weighted.log_weights)
         start = self.near.u[systematic(weights, START_DRAWS, rng)]
-        mixture = refined(start, self._densities, rng)
+        without = refined(start, self._densities, rng)
         for n in FINAL_DRAWS:
-            refitted = self._drawn(mixture, n, rng)
+            refitted = self._drawn(without, n, rng)
             if refitted.reliable:
                 return refitted
         # without this row the posterior is quite another one
@@ -222,11 +233,13 @@ class _Case:
         _, prior, terms = self._terms(u)
         return prior, np.delete(terms, self.index, axis=1).sum(axis=1)
 
-    def _drawn(self, mixture: StudentMixture, n: int, rng: Generator) -> _Weighted:
-        u = mixture.sample(n, rng)
+    def _drawn(self, without: StudentMixture, n: int, rng: Generator) -> _Weighted:
+        """Weighted draws of a proposal without the row and of one with it, where its density is high."""
+        proposal = Pair(without, self.whole)
+        u = proposal.sample(n, rng)
         x, prior, terms = self._terms(u)
         others = np.delete(terms, self.index, axis=1).sum(axis=1)
-        log_weights = np.where(np.isfinite(prior), prior + others, -np.inf) - mixture.log_density(u)
+        log_weights = np.where(np.isfinite(prior), prior + others, -np.inf) - proposal.log_density(u)
         return _Weighted.of(x, log_weights, terms[:, self.index])
 
 
@@ -235,23 +248,15 @@ def _pits(posterior: Posterior, cases: Sequence[_Case], found: Sequence[_Weighte
     likelihood = posterior.likelihood
     if likelihood.forward.drive == "both":
         return {}
-    full = _scores(posterior, cases[0].x)
+    full = normal_scores(posterior, cases[0].x)
     table = np.empty((len(cases), len(likelihood.channels)))
     for i, (case, one) in enumerate(zip(cases, found, strict=True)):
         if one is case.weighted:
             table[i] = np.exp(one.log_weights) @ ndtr(full[:, i])
         else:
             chosen = systematic(np.exp(one.log_weights), PIT_DRAWS, default_rng(0))
-            table[i] = ndtr(_scores(posterior, one.x[chosen])[:, i]).mean(axis=0)
+            table[i] = ndtr(normal_scores(posterior, one.x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
-
-
-def _scores(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Residuals (n, m, channels) as normal scores under the law of the noise, NaN without a reading."""
-    likelihood = posterior.likelihood
-    predicted = likelihood.predicted(posterior.outcomes(x))
-    z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
-    return np.stack([noise.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2)
 
 
 @dataclass(frozen=True)

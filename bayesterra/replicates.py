@@ -97,6 +97,14 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
     return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
 
 
+def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Residuals (n, m, channels) as normal scores under the law of the noise, NaN without a reading."""
+    likelihood = posterior.likelihood
+    predicted = likelihood.predicted(posterior.outcomes(x))
+    z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
+    return np.stack([noise.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2)
+
+
 @dataclass(frozen=True)
 class ReplicateOptions:
     """How replicates and their posteriors are made.

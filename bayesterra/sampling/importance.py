@@ -92,6 +92,22 @@ def refined(start: FloatArray, densities: Densities, rng: Generator) -> StudentM
     return refine(around(start, rng), start, densities, REFINEMENT, rng)[0]
 
 
+@dataclass(frozen=True)
+class Pair:
+    """Two proposals in equal shares: where the one is thin, the other may not be."""
+
+    first: StudentMixture
+    second: StudentMixture
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw n points (n, d)."""
+        return np.concatenate([self.first.sample(n // 2, rng), self.second.sample(n - n // 2, rng)])
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density (n,) at points (n, d)."""
+        return np.asarray(np.logaddexp(self.first.log_density(u), self.second.log_density(u)) - np.log(2.0))
+
+
 def normalised(log_weights: FloatArray) -> FloatArray:
     """Weights (n,) that sum to one."""
     return np.asarray(np.exp(log_weights - logsumexp(log_weights)))

@@ -31,14 +31,14 @@ MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
 
 
-def _table(model: str = "M2", slips: tuple[float, ...] = SLIPS) -> pd.DataFrame:
+def _table(model: str = "M2", slips: tuple[float, ...] = SLIPS, load: float = 80.0) -> pd.DataFrame:
     slip, soil, chosen = np.array(slips), Soil(**TRUTH), MODELS[model]()
-    sinkage = chosen.sinkage(soil, WHEEL, slip, 80.0)
+    sinkage = chosen.sinkage(soil, WHEEL, slip, load)
     forces = chosen.forces(soil, WHEEL, slip, sinkage)
     return pd.DataFrame(
         {
             "slip": slip,
-            "load [N]": np.full(slip.shape, 80.0),
+            "load [N]": np.full(slip.shape, load),
             "sinkage [m]": sinkage,
             "drawbar_pull [N]": forces.drawbar_pull,
             "resistance_moment [N m]": forces.resistance_moment,

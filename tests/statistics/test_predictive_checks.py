@@ -1,0 +1,193 @@
+"""Predictive checks: quiet on data of the model, loud on planted misfits, and honest about the prior."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.random import Generator, SeedSequence, default_rng
+from scipy.stats import kstest
+
+from bayesterra.arrays import FloatArray
+from bayesterra.coordinates import coordinates
+from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
+from bayesterra.predictive import predict_rows
+from bayesterra.predictive_checks import ALARM, PredictiveChecks, predictive_checks, prior_checks
+from bayesterra.priors import Law
+from bayesterra.replicates import ReplicateOptions
+from bayesterra.sampling.adaptation import AdaptationOptions, adapt
+from bayesterra.sampling.importance import normalised, systematic
+from bayesterra.sampling.sampler import Target
+from bayesterra.simulation import simulate
+from bayesterra.study import Study
+
+MakeStudy = Callable[..., Study]
+MakeTable = Callable[..., pd.DataFrame]
+
+QUICK = ReplicateOptions(number=100, pool=2048, draws=100)
+LOADS = (40.0, 80.0, 120.0)
+
+
+def weighted_draws(density: Posterior, rng: Generator, n: int = 1000) -> FloatArray:
+    """Posterior draws (n, d) by importance from the prior; for few free parameters."""
+    x = draw_cut_prior(density, 20_000, rng).x
+    return x[systematic(normalised(density.log_terms(x).sum(axis=(1, 2))), n, rng)]
+
+
+def tempered_draws(density: Posterior, rng: Generator, n: int = 2000) -> FloatArray:
+    """Posterior draws (n, d) by one tempered run from the prior; for many free parameters."""
+    target = Target(density, coordinates(density))
+    plan = AdaptationOptions(particles=512, components=8, refinements=(4, 4))
+    start = target.coordinates.from_physical(draw_cut_prior(density, plan.particles, rng).x)
+    mixture = adapt(target.densities, start, plan, rng).mixture
+    u = mixture.sample(2 * n, rng)
+    weights = normalised(target.log_density(u) - mixture.log_density(u))
+    return target.coordinates.to_physical(u[systematic(weights, n, rng)])[0]
+
+
+@pytest.fixture(scope="module")
+def two(make_study: MakeStudy) -> Study:
+    """Free c and φ, with priors that are narrow enough for true values to be drawn from them."""
+    priors = {"c": Law("uniform", lower=0.0, upper=1000.0), "phi": Law("norm", {"loc": 0.5, "scale": 0.05})}
+    return make_study(free=("c", "phi"), priors=priors)
+
+
+@pytest.mark.slow
+def test_the_overall_p_is_that_of_one_test(two: Study) -> None:
+    """On tables of the model, true values drawn from the prior, the overall p is uniform or a little high."""
+    overall = []
+    for seed in range(25):
+        rng = default_rng([1, seed])
+        c, phi = draw_cut_prior(posterior(two), 1, rng).x[0]
+        made = simulate(two, {"c": float(c), "phi": float(phi)}, seed=seed)
+        values = {
+            "sinkage": made["sinkage [mm]"].to_numpy() * 1e-3,
+            "drawbar_pull": made["drawbar_pull [N]"].to_numpy(),
+            "resistance_moment": made["resistance_moment [N m]"].to_numpy(),
+        }
+        density = posterior(two.with_data(values))
+        found = predictive_checks(density, weighted_draws(density, rng), SeedSequence([1, seed]), QUICK)
+        overall.append(found.overall)
+    assert np.sum(np.array(overall) < ALARM) <= 2
+    assert kstest(overall, "uniform", alternative="greater").pvalue > 0.01
+    assert np.median(overall) < 0.8
+
+
+@pytest.fixture(scope="module")
+def campaign(make_table: MakeTable) -> Callable[[int], pd.DataFrame]:
+    """Readings of the wheel under three loads at six slips, with noise."""
+
+    def made(seed: int) -> pd.DataFrame:
+        tables = [make_table("M2", slips=(0.02, 0.1, 0.2, 0.3, 0.45, 0.6), load=load) for load in LOADS]
+        table, rng = pd.concat(tables, ignore_index=True), default_rng(seed)
+        for name, sd in (("sinkage [m]", 1e-3), ("drawbar_pull [N]", 1.0), ("resistance_moment [N m]", 0.2)):
+            table[name] += sd * rng.standard_normal(len(table))
+        return table
+
+    return made
+
+
+NOISE = {"drawbar_pull": 1.0, "resistance_moment": 0.2}
+
+
+def checked(study: Study, seed: int) -> PredictiveChecks:
+    """Check a study whose eight parameters are free."""
+    density = posterior(study)
+    options = ReplicateOptions(number=100, pool=4096, draws=100)
+    return predictive_checks(density, tempered_draws(density, default_rng(seed)), SeedSequence(seed), options)
+
+
+@pytest.mark.slow
+def test_data_of_the_model_raise_no_alarm(
+    make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
+) -> None:
+    """The quick version of studies/planted-misfits, without a misfit."""
+    found = checked(make_study(data=campaign(1), noise=NOISE), 1)
+    assert not found.alarm
+    assert found.effective[1] > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("misfit", ["constant exponent", "pull offset", "sinkage offset", "lugs ignored"])
+def test_planted_misfits_are_found(
+    misfit: str, make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
+) -> None:
+    """The quick version of studies/planted-misfits: all raise the alarm, offsets in their own channel."""
+    table = campaign(3)
+    if misfit == "pull offset":
+        table["drawbar_pull [N]"] += 5.0
+    if misfit == "sinkage offset":
+        table["sinkage [m]"] += 0.015
+    options = {"constant_exponent": True} if misfit == "constant exponent" else {}
+    priors = {"n1": 0.0} if misfit == "constant exponent" else {}
+    study = make_study(data=table, noise=NOISE, model_options=options, priors=priors)
+    if misfit == "lugs ignored":
+        study = _without_lugs(study, table)
+    found = checked(study, 3)
+    assert found.alarm
+    if misfit.endswith("offset"):
+        channel = {"pull": "drawbar_pull", "sinkage": "sinkage"}[misfit.split()[0]]
+        assert (found.checks[0].channel, found.checks[0].statistic) == (channel, "level")
+        assert found.checks[0].finding == "is shifted as a whole"
+
+
+def _without_lugs(study: Study, table: pd.DataFrame) -> Study:
+    """The study of a user who measures slip on the rim and takes the wheel for a smooth one."""
+    lugged = study.wheels["Wh32"]
+    rim = 1 - float(lugged.shearing_radius()) / lugged.radius * (1 - table["slip"])
+    return Study(
+        table.assign(slip=rim.clip(lower=0.0)),
+        {"Wh32": replace(lugged, lug_height=0.0, lug_count=0, shearing_radius_coefficient=None)},
+        model="M2",
+        slip_reference="rim",
+        noise=study.noise,
+        priors={"set": "paper-box"},
+    )
+
+
+def test_missing_readings_and_one_slip_are_no_obstacle(make_study: MakeStudy, make_table: MakeTable) -> None:
+    """Channels are checked on the rows that they were read in, with the statistics that these can have."""
+    table = make_table(slips=(0.2, 0.2, 0.2))
+    table.loc[1:, "drawbar_pull [N]"] = np.nan
+    density = posterior(make_study(data=table, free=("c", "phi")))
+    found = predictive_checks(density, weighted_draws(density, default_rng(1)), SeedSequence(1), QUICK)
+    statistics = {(one.channel, one.statistic) for one in found.checks}
+    names = ("misfit", "level", "largest")
+    channels = ("sinkage", "drawbar_pull", "resistance_moment")
+    assert statistics == {(channel, name) for channel in channels for name in names}
+
+
+def test_the_same_seed_gives_the_same_answer(two: Study) -> None:
+    """Nothing depends on the order of threads."""
+    density = posterior(two)
+    draws = weighted_draws(density, default_rng(1))
+    first, again = (predictive_checks(density, draws, SeedSequence(4), QUICK) for _ in range(2))
+    assert first == again
+
+
+def test_prior_checks_find_readings_that_the_prior_cannot_predict(two: Study) -> None:
+    """Readings of the model agree with the prior; a pull of 60 N more contradicts it, in its channel."""
+    density = posterior(two)
+    rows = predict_rows(two, density, draw_cut_prior(density, 4000, default_rng(1)).x, default_rng(2))
+    assert not prior_checks(two, rows).conflict
+    pull = two.observations.values["drawbar_pull"]
+    found = prior_checks(two.with_data({"drawbar_pull": pull + 60.0}), rows)
+    assert found.conflict
+    worst = min(found.checks, key=lambda check: check.p)
+    assert (worst.channel, worst.value > worst.high) == ("drawbar_pull", True)
+
+
+def test_prior_checks_are_exact(two: Study) -> None:
+    """For readings drawn from the prior itself every p is uniform, and conflicts are rare."""
+    density = posterior(two)
+    x = draw_cut_prior(density, 2200, default_rng(1)).x
+    rows = predict_rows(two, density, x, default_rng(2))
+    before = replace(rows, readings=rows.readings[200:], modelled=rows.modelled[200:])
+    found = []
+    for readings in rows.readings[:200]:
+        values = {name: readings[:, i] for i, name in enumerate(rows.channels)}
+        found.append(prior_checks(two.with_data(values), before))
+    assert np.mean([one.conflict for one in found]) < 0.03
+    for i in range(len(found[0].checks)):
+        assert kstest([one.checks[i].p for one in found], "uniform").pvalue > 1e-3

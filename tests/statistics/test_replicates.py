@@ -1,0 +1,129 @@
+"""Replicated tables: the likelihood without a model call is the likelihood, and so are the posteriors."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.random import SeedSequence, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.noise import Noise
+from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
+from bayesterra.priors import Law
+from bayesterra.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.study import Study
+
+MakeStudy = Callable[..., Study]
+MakeTable = Callable[..., pd.DataFrame]
+
+NOISES: Mapping[str, Noise] = {
+    "sinkage": Noise("sinkage", sd=1e-3, dof=4.0),
+    "drawbar_pull": Noise("drawbar_pull", fraction=0.05, floor=0.5),
+    "resistance_moment": Noise("resistance_moment", law=Law("halfnorm", {"scale": 0.3}, lower=0.03)),
+}
+
+
+def with_readings(density: Posterior, readings: FloatArray) -> Posterior:
+    """The posterior of another table."""
+    rows = density.likelihood.observations
+    values = {name: readings[:, i] for i, name in enumerate(density.likelihood.channels)}
+    other = replace(rows, values={**rows.values, **values})
+    return replace(density, likelihood=replace(density.likelihood, observations=other))
+
+
+@pytest.mark.parametrize("drive", ["load", "sinkage"])
+def test_arithmetic_likelihood_is_the_likelihood(
+    drive: str, make_study: MakeStudy, make_table: MakeTable
+) -> None:
+    """For another table with a missing reading it differs from the exact one by one constant only."""
+    table = make_table()
+    if drive == "sinkage":
+        table = table.rename(columns={"load [N]": "normal_force [N]"})
+    density = posterior(make_study(drive=drive, data=table, noise=NOISES))
+    x = draw_cut_prior(density, 200, default_rng(1)).x
+    modelled = Modelled.of(density, x, density.explained(x, default_rng(1)))
+    readings = modelled.mean[7] + 0.5 * modelled.scale[7]
+    readings[2, 1] = np.nan
+    exact = with_readings(density, readings).log_terms(x).sum(axis=(1, 2))
+    found = modelled.log_likelihood(density.likelihood, readings)
+    np.testing.assert_allclose(found - found[0], exact - exact[0], rtol=1e-12, atol=1e-8)
+
+
+@pytest.fixture(scope="module")
+def latent(make_study: MakeStudy, make_table: MakeTable) -> Posterior:
+    """Strength and stiffness free, load measured with an error."""
+    table = make_table(slips=(0.1, 0.3, 0.5)).rename(columns={"load [N]": "normal_force [N]"})
+    return posterior(make_study(drive="both", data=table, free=("Ks", "phi"), load_range=[50.0, 110.0]))
+
+
+def test_latent_loads_are_linear_enough(latent: Posterior) -> None:
+    """With latent loads it is the exact one to a tenth, near the readings of any likely replicate."""
+    x = _likely(latent, 200)
+    modelled = Modelled.of(latent, x, latent.explained(x, default_rng(1)))
+    likelihood = latent.likelihood
+    readings = modelled.mean[3] + modelled.scale[3] * default_rng(2).standard_normal(modelled.mean[3].shape)
+    exact = with_readings(latent, readings).log_terms(x).sum(axis=(1, 2))
+    difference = modelled.log_likelihood(likelihood, readings) - exact
+    assert exact.std() > 0.5
+    assert np.abs(difference - np.median(difference)).max() < 0.1
+
+
+def test_latent_loads_are_drawn_as_the_readings_tell(latent: Posterior) -> None:
+    """Explaining readings that all lie at a shifted load moves the modelled ones there."""
+    x = np.repeat(_likely(latent, 1), 4000, axis=0)
+    modelled = Modelled.of(latent, x, latent.explained(x, default_rng(1)))
+    assert modelled.slope is not None
+    centre = modelled.mean.mean(axis=0)
+    shifted = centre + 2.0 * modelled.slope.mean(axis=0)
+    moved = modelled.explaining(shifted, default_rng(1)).mean
+    np.testing.assert_allclose(moved.mean(axis=0) - shifted, 0.0, atol=0.05 * np.abs(shifted - centre).max())
+    precision = ((modelled.slope / modelled.scale) ** 2).sum(axis=2).mean(axis=0)
+    force = latent.likelihood.channels.index("normal_force")
+    np.testing.assert_allclose(moved[:, :, force].std(axis=0), precision**-0.5, rtol=0.06)
+
+
+def _likely(density: Posterior, n: int) -> FloatArray:
+    """Posterior draws by importance from the prior."""
+    x = draw_cut_prior(density, 4000, default_rng(5)).x
+    level = density.log_terms(x).sum(axis=(1, 2))
+    weights = np.exp(level - level.max())
+    return x[default_rng(6).choice(len(x), size=n, p=weights / weights.sum())]
+
+
+@pytest.mark.parametrize("options", [ReplicateOptions(), ReplicateOptions(pool=64, fewest=1e9, local=2048)])
+def test_every_replicate_has_its_own_posterior(options: ReplicateOptions, make_study: MakeStudy) -> None:
+    """Modelled pull under a replicate's draws has the mean and spread that weighted prior draws have."""
+    density = posterior(make_study(free=("c", "phi")))
+    draws = _likely(density, 2000)
+    options = replace(options, number=12, draws=2000)
+    prior = draw_cut_prior(density, 20_000, default_rng(7)).x
+    pulls = density.likelihood.predicted(density.outcomes(prior))[:, 2, 1]
+
+    def compared(table: Replicate) -> tuple[float, float]:
+        level = with_readings(density, table.readings).log_terms(prior).sum(axis=(1, 2))
+        weights = np.exp(level - level.max())
+        weights /= weights.sum()
+        mean = weights @ pulls
+        sd = np.sqrt(weights @ (pulls - mean) ** 2)
+        found = table.modelled.mean[:, 2, 1]
+        return (found.mean() - mean) / sd, found.std() / sd
+
+    shifts, ratios = np.array(replicates(density, draws, SeedSequence(1), options, compared)).T
+    assert np.abs(shifts).max() < 0.5
+    assert np.abs(shifts).mean() < 0.12
+    assert ratios.mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_replicates_depend_on_the_seed_only(make_study: MakeStudy) -> None:
+    """The same seed gives the same tables, in whatever order threads take them."""
+    density = posterior(make_study(free=("c", "phi")))
+    draws, options = _likely(density, 500), ReplicateOptions(number=8, pool=256)
+
+    def readings(seed: int) -> Any:
+        return np.array(replicates(density, draws, SeedSequence(seed), options, lambda table: table.readings))
+
+    np.testing.assert_array_equal(readings(1), readings(1))
+    assert not np.array_equal(readings(1), readings(2))
