@@ -200,7 +200,7 @@ def load_range(
     margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
     low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
     high = float(np.nanmax(force + margin))
-    note = f"prior of the loads: flat from {low:.4g} to {high:.4g} N, the normal forces and six sd of noise"
+    note = f"loads: flat prior from {low:.4g} to {high:.4g} N, the normal forces and six sd of noise"
     return (low, high), [note]
 
 
@@ -264,7 +264,7 @@ def awaited(observations: Observations, given: Mapping[str, Noise], drive: str) 
 
 
 def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
-    """With drives ``sinkage`` and ``both``, noise of the load is noise of the normal force that it stands for."""
+    """With drives ``sinkage`` and ``both``, noise of the load is that of the normal force it stands for."""
     if drive != "load" and "load" in given and "normal_force" not in given:
         rest = {name: noise for name, noise in given.items() if name != "load"}
         return {**rest, "normal_force": replace(given["load"], channel="normal_force")}

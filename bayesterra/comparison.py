@@ -56,8 +56,8 @@ def stand(
     draws : posterior draws (n, d).
     draw_densities : log density of each draw (n,).
     points : soil parameters of each estimate by method; a free parameter that an estimate does not give
-        stands at its posterior median, as estimated noise always does; of k_c and k_φ, where only K_s is given,
-        k_φ makes up for it. Values of parameters that the study fixes are not used.
+        stands at its posterior median, as estimated noise always does; where K_s is given, but not k_c and
+        k_φ, the latter makes up for it. Values of parameters that the study fixes are not used.
     """
     median = dict(zip(posterior.names, np.median(draws, axis=0), strict=True))
     return {

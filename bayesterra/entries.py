@@ -18,7 +18,7 @@ from bayesterra.units import quantity
 
 _LIMITS = ("lower", "upper")
 _SHIFTS = ("loc", "scale")
-_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" }, { estimate = { dist = ... } } or { sd = "1 mm" }'
+_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -59,7 +59,8 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
 
 def _tie(name: str, to: str) -> Tie:
     if to not in PRIOR_PARAMETERS:
-        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{did_you_mean(to, PRIOR_PARAMETERS)}")
+        hint = did_you_mean(to, PRIOR_PARAMETERS)
+        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
     return Tie(to)
 
 

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.data import DRIVE_OUTCOMES, Observations
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
 from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS, SOIL_PARAMETERS
 
+Codes = NDArray[np.int8]
 _SOILS = len(SOIL_PARAMETERS)
 _KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
@@ -97,7 +99,7 @@ class Forward:
             values[:, :, 0] += offset
         return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
 
-    def _answers(self, soil: FloatArray, given: FloatArray) -> tuple[FloatArray, IntArray]:
+    def _answers(self, soil: FloatArray, given: FloatArray) -> tuple[FloatArray, Codes]:
         """What the model says (n, m, 3), and its status (n, m)."""
         run = self.model.forces_at if self.drive == "sinkage" else self.model.response_at
         groups = list(by_wheel(soil, self.conditions))
@@ -150,5 +152,3 @@ def known_loads(observations: Observations) -> FloatArray:
     loads = np.where(np.isnan(observations.load), force, observations.load)
     middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
     return np.where(np.isnan(loads), middle, loads)
-
-

@@ -102,7 +102,11 @@ def _measurements(study: Study) -> Table:
 def _columns(study: Study) -> dict[str, FloatArray]:
     """What the drive conditions on, then the measured outcomes; SI."""
     rows = study.observations
-    given = {"load": {"load": rows.load}, "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)}, "both": {}}
+    given = {
+        "load": {"load": rows.load},
+        "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)},
+        "both": {},
+    }
     return {**given[study.drive], **{name: rows.values[name] for name in study.noise}}
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.errors import SupportError
 from bayesterra.data import Observations
+from bayesterra.errors import SupportError
 from bayesterra.forward import soil_at
 from bayesterra.latent import LatentLoad
 from bayesterra.likelihood import Forward, Likelihood, Outcomes
@@ -184,6 +184,6 @@ def likelihood_of(study: Study, rows: Observations) -> Likelihood:
     """The likelihood of a study for some or all of its rows."""
     forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
     noise = tuple(study.noise.values())
-    if study.drive != "both":
+    if study.load_range is None:
         return Likelihood(forward, rows, noise)
     return LatentLoad(forward, rows, noise, study.load_range)

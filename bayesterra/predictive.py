@@ -103,8 +103,8 @@ def predict_curves(
 ) -> tuple[Curves, ...]:
     """Model every wheel over the slips it was driven at, at its median load.
 
-    In the sinkage drive the measured sinkages are joined by straight lines over slip. Sinkages are as read, with
-    the zero error of the readings.
+    In the sinkage drive the measured sinkages are joined by straight lines over slip. Sinkages are as read,
+    with the zero error of the readings.
     """
     return tuple(_curves(study, posterior, draws, wheel, rng) for wheel in study.wheels)
 

@@ -156,7 +156,11 @@ class Prior:
         """Soil array (1, 9 or 12) of values by name, which override what is fixed and free alike."""
         known = {name: self.root(name) for name in self.soil_columns if name in self.entries}
         found = {name: values.get(name, values.get(root)) for name, root in known.items()}
-        row = {OFFSET: 0.0, **self.fixed, **{name: value for name, value in found.items() if value is not None}}
+        row = {
+            OFFSET: 0.0,
+            **self.fixed,
+            **{name: value for name, value in found.items() if value is not None},
+        }
         return self._with_modulus(np.array([[row.get(name, np.nan) for name in self.soil_columns]]))
 
     def _with_modulus(self, soil: FloatArray) -> FloatArray:

@@ -95,7 +95,7 @@ def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | No
     if value is None:
         return None
     if not isinstance(value, list | tuple) or len(value) != 2:
-        raise StudyError(f"'load_range' must be two loads, e.g. [\"10 N\", \"40 N\"] (got {value!r})")
+        raise StudyError(f'\'load_range\' must be two loads, e.g. ["10 N", "40 N"] (got {value!r})')
     low, high = (quantity(load, "N", "load_range", bare=_bare(info)) for load in value)
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")

@@ -42,9 +42,9 @@ class Study:
     source : where the measurements come from.
     path : the study file, where there is one.
     prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
-    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``, ``noise``, ``priors``,
-        ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study file. Numbers are SI
-        values, text has its unit; models, laws and noises may be given as objects.
+    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
+        ``noise``, ``priors``, ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study
+        file. Numbers are SI values, text has its unit; models, laws and noises may be given as objects.
 
     Attributes
     ----------

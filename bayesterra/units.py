@@ -14,7 +14,8 @@ ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcs
 """Units of an angle. Pint counts angles as pure numbers; here they are kept apart."""
 
 _EXAMPLES = {
-    "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m", "Pa m": "15.6 kPa m",
+    "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m",
+    "Pa m": "15.6 kPa m",
 }  # fmt: skip
 _NAMES = {
     "": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque",

@@ -21,7 +21,9 @@ CURVE_SIZE = 2 + 3 * at.LANES
 FREE = CURVE + CURVE_SIZE
 
 POINTS = -np.cos(np.pi * np.arange(at.LANES) / DEGREE)  # Chebyshev's, with both ends
-_POWERS = np.ascontiguousarray(np.linalg.inv(np.vander(POINTS, increasing=True)).T)  # from values to powers of t
+_POWERS = np.ascontiguousarray(
+    np.linalg.inv(np.vander(POINTS, increasing=True)).T
+)  # from values to powers of t
 _SMALLEST = 1e-300
 _BIAS = 0.09  # of the solver's start in log z, which leaves out the shear
 
@@ -39,10 +41,10 @@ def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
 
 @compiled
 def trace(desk: Lanes, model: int, rough: bool) -> int:
-    """Fill the curve with polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
+    """Fill the curve: polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
 
-    The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the lowest, lie
-    at or below the highest one where F_N is not positive.
+    The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the lowest,
+    lie at or below the highest one where F_N is not positive.
     """
     for i in range(at.LANES):
         desk[at.Z + i] = exp(desk[MIDDLE] + desk[HALF] * POINTS[i])
@@ -73,13 +75,16 @@ def _fit(desk: Lanes, start: int, values: int) -> None:
 @compiled
 def _rule(desk: Lanes) -> int:
     """Return the quadrature rule that serves the lowest and the highest sinkage of a tray."""
-    theta, row = desk[at.INPUTS : at.Z : at.LANES], desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES]
+    theta, row = (
+        desk[at.INPUTS : at.Z : at.LANES],
+        desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES],
+    )
     return max(choose_rule(theta, row, desk[at.Z]), choose_rule(theta, row, desk[at.Z + DEGREE]))
 
 
 @compiled
 def guess(ws: Lanes, load: float) -> tuple[float, float]:
-    """Guess log z at which the pair of a tray carries `load`, mostly within 0.2, and d log F_N / d log z there."""
+    """Guess log z at which a pair carries `load`, mostly within 0.2, and d log F_N / d log z there."""
     for i in range(at.LANES):
         ws[at.LOAD + i] = load
     start(ws)
@@ -94,7 +99,7 @@ def highest(ws: Lanes) -> float:
 
 @compiled
 def carrying_from(ws: Lanes, model: int, low: float, high: float, load: float) -> float:
-    """Return a log z in [low, high] where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
+    """Return a log z where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
     for _ in range(40):
         for i in range(at.LANES):
             ws[at.Z + i] = exp(low + (high - low) * (i + 1.0) / at.LANES)

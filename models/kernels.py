@@ -1,4 +1,4 @@
-"""What compiled code of other layers may use: the compiler, elementary functions, and forces along the sinkage."""
+"""What compiled code of other layers may use: compiler, elementary functions, forces along the sinkage."""
 
 from bayesterra.models._compiled import Lanes, compiled, inlined
 from bayesterra.models._elementary import exp, log
@@ -23,19 +23,19 @@ from bayesterra.models._trace import (
 )
 
 __all__ = [
-    "Codes",
-    "Plan",
     "CURVE",
     "CURVE_SIZE",
     "DEGREE",
     "FREE",
     "HALF",
     "LOG_NORMAL",
-    "Lanes",
     "MIDDLE",
     "MOMENT",
     "POINTS",
     "PULL",
+    "Codes",
+    "Lanes",
+    "Plan",
     "can_fall",
     "carrying_from",
     "compiled",

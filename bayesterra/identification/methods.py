@@ -20,7 +20,7 @@ from bayesterra.identification.steps import Plan, plan
 from bayesterra.identification.support import MARGIN, Clip, clip
 from bayesterra.likelihood import Forward
 from bayesterra.models import M1, WheelSoilModel
-from bayesterra.parameters import CHANNELS, SOIL_PARAMETERS
+from bayesterra.parameters import CHANNELS, OFFSET, SOIL_PARAMETERS
 from bayesterra.study import Study
 
 
@@ -162,7 +162,8 @@ def _stand_ins(study: Study) -> tuple[str, ...]:
 
 def _offset_note(study: Study) -> tuple[str, ...]:
     offset = known_offset(study)
-    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if "sinkage_offset" in study.prior.entries else ()
+    known = OFFSET in study.prior.entries
+    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if known else ()
 
 
 _RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {

@@ -39,8 +39,8 @@ class Readings:
 def readings(study: Study) -> Readings:
     """Rows in the fit that have a sinkage inside (0, r).
 
-    The normal force is the measured one, or the load where none was measured. Readings of the sinkage are freed
-    of their zero error, as far as it is known.
+    The normal force is the measured one, or the load where none was measured. Readings of the sinkage are
+    freed of their zero error, as far as it is known.
     """
     used = without_offset(study.observations.used(), study)
     none = np.full(len(used), np.nan)

@@ -95,7 +95,10 @@ def _check(name: str, value: float) -> None:
 def _held_by_study(study: Study) -> dict[str, float]:
     """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
     fixed = {name: value for name, value in study.prior.fixed.items() if name in SOIL_PARAMETERS}
-    if all(name in study.prior.fixed for name in MODULI) and len({w.width for w in study.wheels.values()}) == 1:
+    if (
+        all(name in study.prior.fixed for name in MODULI)
+        and len({w.width for w in study.wheels.values()}) == 1
+    ):
         fixed["Ks"] = study.prior.fixed["kc"] / study.prior.width + study.prior.fixed["kphi"]
     return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
 
@@ -136,7 +139,8 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
     low, high = ({name: law.range[end] for name, law in laws.items()} for end in (0, 1))
     if study.prior.uses_moduli and "Ks" not in hold:
         low["Ks"], start["Ks"], high["Ks"] = _stiffness(study)
-    start |= {name: v for name, v in (asked.start or {}).items() if low.get(name, np.inf) <= v <= high[name]}
+    inside = {n: v for n, v in (asked.start or {}).items() if low.get(n, np.inf) <= v <= high.get(n, -np.inf)}
+    start |= inside
     low, high = hold | low, hold | high
     return Settings(_ordered(start | hold), _ordered(low), _ordered(high), _in_order(hold))
 
@@ -146,7 +150,7 @@ def _stiffness(study: Study) -> tuple[float, float, float]:
     if len({wheel.width for wheel in study.wheels.values()}) > 1:
         raise StudyError("joint knows one K_s only, so with 'kc' and 'kphi' all wheels must have one width")
     kc, kphi = (_ends(study.prior.entries[study.prior.root(name)]) for name in MODULI)
-    low, middle, high = (cohesive / study.prior.width + frictional for cohesive, frictional in zip(kc, kphi, strict=True))
+    low, middle, high = (a / study.prior.width + b for a, b in zip(kc, kphi, strict=True))
     return max(low, 1e-6 * high), middle, high
 
 

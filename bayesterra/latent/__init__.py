@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.forward import by_wheel, offset_of, take
 from bayesterra.likelihood import Likelihood, Outcomes
 
@@ -69,22 +69,22 @@ class LatentLoad(Likelihood):
         from bayesterra.latent import _rows as kernel  # numba is heavy: only where it is needed
 
         shape = (len(soil), len(self.observations))
-        out, status = np.empty((*shape, 2)), np.empty(shape, dtype=np.int8)
+        out = np.empty((*shape, 2))
         out[:, :, 1] = -1.0 if rng is None else rng.random(shape)
         data = self._data(soil, noise_values)
         for rows, theta in by_wheel(soil, self.forward.conditions):
             part = np.ascontiguousarray(out[:, rows])
             codes = np.empty(part.shape[:2], dtype=np.int8)
             model, conditions = self.forward.model, take(self.forward.conditions, rows)
-            kernel.likelihoods(
-                *model.kernel_inputs(theta, conditions), _chosen(data, rows), model.plan(every_row=True), part, codes
-            )
-            out[:, rows], status[:, rows] = part, codes
+            sets, rows_of = model.kernel_inputs(theta, conditions)
+            plan = model.plan(every_row=True)
+            kernel.likelihoods(sets, rows_of, _chosen(data, rows), plan, part, codes)
+            out[:, rows] = part
         return out
 
     @cached_property
     def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Readings (m, 4), fractions (m, 4) and degrees of freedom (4,), channels in the order of the outcomes."""
+        """Readings (m, 4), fractions (m, 4) and degrees of freedom (4,); channels as the outcomes stand."""
         m, outcomes = len(self.observations), self.forward.outcomes
         readings, fraction, dof = np.full((m, 4), np.nan), np.zeros((m, 4)), np.full(4, np.inf)
         for noise in self.noise:
@@ -109,9 +109,9 @@ class LatentLoad(Likelihood):
         return readings, floor, fraction, dof, shift, np.log(self.load_range)
 
 
-def _chosen(data: Data, rows: FloatArray) -> Data:
+def _chosen(data: Data, rows: BoolArray) -> Data:
     """The data of some rows."""
     if rows.all():
         return data
     readings, floor, fraction, *rest = data
-    return (readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], *rest)  # type: ignore[return-value]
+    return (readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], *rest)

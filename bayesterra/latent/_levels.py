@@ -14,19 +14,20 @@ CHANNELS = 4
 PLACES = 1024
 """Places at which the integrand can be held at once."""
 
-# A desk is one flat array, so that LLVM can prove that nothing overlaps. Behind the model's lanes and curve stand:
-# the row's specification, channel by channel: reading, scale = max(fraction |value|, floor), degrees of freedom,
-# highest log density there is, zero error
+# A desk is one flat array, so that LLVM can prove that nothing overlaps. Behind the model's lanes and curve
+# stand: the row's specification, channel by channel: reading, scale = max(fraction |value|, floor), degrees
+# of freedom, highest log density there is, zero error
 READING, FLOOR, FRACTION, DOF, PEAK, SHIFT = range(6)
 COLUMNS = 6
 SPEC = at.FREE
 # what the search knows, see _panels; the curve that the drawn load lies on; places on the curve at hand, and
-# the log integrand there; intervals that are still to do
+# the log integrand and what a channel should read there; intervals that are still to do
 FOUND = SPEC + CHANNELS * COLUMNS
 CHOSEN = FOUND + 16
 T = CHOSEN + at.CURVE_SIZE
 LEVEL = T + PLACES + 1
-STACK = LEVEL + PLACES + 1
+MODELLED = LEVEL + PLACES + 1
+STACK = MODELLED + PLACES + 1
 PANELS, PARTS = 128, 64
 PART = STACK + 2 * PANELS
 DESK_SIZE = PART + 4 * PARTS
@@ -53,7 +54,7 @@ Powers = tuple[float, float, float, float, float, float, float, float]
 
 @inlined
 def powers(desk: Lanes, first: int) -> Powers:
-    """Coefficients of one of a curve's polynomials: in registers, so that loops over places become vector code."""
+    """Coefficients of a polynomial: in registers, so that loops over places become vector code."""
     return (
         desk[first], desk[first + 1], desk[first + 2], desk[first + 3],
         desk[first + 4], desk[first + 5], desk[first + 6], desk[first + 7],
@@ -127,36 +128,69 @@ def fill_levels(desk: Lanes, count: int) -> None:
         rise = derive_powers(growth, desk[T + k]) * half
         desk[LEVEL + k] = sum_powers(growth, desk[T + k]) + log(rise if rise > _FLAT else _FLAT)
     for channel in range(CHANNELS):
-        if not is_read(desk, channel):
-            continue
-        if np.isinf(spec(desk, channel, DOF)) and spec(desk, channel, FRACTION) == 0.0:
-            _add_gaussian(desk, channel, count)
-        else:
-            for k in range(count):
-                desk[LEVEL + k] += log_law(desk, channel, value(desk, channel, desk[T + k]))
+        if is_read(desk, channel):
+            _fill_modelled(desk, channel, count)
+            _add_law(desk, channel, count)
 
 
 @inlined
-def _add_gaussian(desk: Lanes, channel: int, count: int) -> None:
-    """Add the log density of a reading with Gaussian noise of one size."""
-    per = 1.0 / spec(desk, channel, FLOOR)
-    aim = (spec(desk, channel, READING) - spec(desk, channel, SHIFT)) * per
-    peak = spec(desk, channel, PEAK)
+def _fill_modelled(desk: Lanes, channel: int, count: int) -> None:
+    """Fill what a channel should read at the first ``count`` places."""
+    shift = spec(desk, channel, SHIFT)
     if channel == SINKAGE:
         middle, half = desk[at.MIDDLE], desk[at.HALF]
         for k in range(count):
-            r = aim - per * exp(middle + half * desk[T + k])
-            desk[LEVEL + k] += peak - 0.5 * r * r
+            desk[MODELLED + k] = exp(middle + half * desk[T + k]) + shift
         return
     a = powers(desk, curve_of(channel))
+    for k in range(count):
+        desk[MODELLED + k] = sum_powers(a, desk[T + k])
     if channel == NORMAL:
         for k in range(count):
-            r = aim - per * exp(sum_powers(a, desk[T + k]))
-            desk[LEVEL + k] += peak - 0.5 * r * r
-        return
-    for k in range(count):
-        r = aim - per * sum_powers(a, desk[T + k])
-        desk[LEVEL + k] += peak - 0.5 * r * r
+            desk[MODELLED + k] = exp(desk[MODELLED + k])
+
+
+@inlined
+def _add_law(desk: Lanes, channel: int, count: int) -> None:
+    """Add the log density of a reading, given what it should read."""
+    per, fraction = 1.0 / spec(desk, channel, FLOOR), spec(desk, channel, FRACTION)
+    reading, peak, dof = spec(desk, channel, READING), spec(desk, channel, PEAK), spec(desk, channel, DOF)
+    if fraction == 0.0:
+        for k in range(count):
+            desk[MODELLED + k] = (reading - desk[MODELLED + k]) * per
+    else:
+        for k in range(count):
+            growth = fraction * per * abs(desk[MODELLED + k])
+            growth = growth if growth > 1.0 else 1.0
+            desk[MODELLED + k] = (reading - desk[MODELLED + k]) * per / growth
+            desk[LEVEL + k] -= log(growth)
+    if np.isinf(dof):
+        for k in range(count):
+            desk[LEVEL + k] += peak - 0.5 * desk[MODELLED + k] * desk[MODELLED + k]
+    else:
+        for k in range(count):
+            far = 1.0 + desk[MODELLED + k] * desk[MODELLED + k] / dof
+            desk[LEVEL + k] += peak - 0.5 * (dof + 1.0) * log(far)
+
+
+@compiled
+def finest(desk: Lanes, low: float, high: float) -> float:
+    """Distance of places that shows every reading by itself; the whole part where the noise is Gaussian.
+
+    A product of Gaussians is no wider than any of them, and so shows at once how narrow it is; heavy tails
+    hide a narrow law inside a wide one.
+    """
+    step = high - low
+    for channel in range(CHANNELS):
+        if not is_read(desk, channel) or np.isinf(spec(desk, channel, DOF)):
+            continue
+        for k in range(5):
+            t = low + 0.25 * k * (high - low)
+            modelled, near = value(desk, channel, t), value(desk, channel, t + 1e-4 * (high - low))
+            steep = abs(near - modelled) / (1e-4 * (high - low))
+            scale = max(spec(desk, channel, FRACTION) * abs(modelled), spec(desk, channel, FLOOR))
+            step = min(step, 0.7 * scale / max(steep, 1e-300))
+    return float(step)
 
 
 @compiled
@@ -173,22 +207,23 @@ def add_up(desk: Lanes, count: int, top: float) -> float:
 @compiled
 def doubt(desk: Lanes, t: float) -> float:
     """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
-    growth = tail(desk, at.LOG_NORMAL)
-    total = 49.0 * growth / (desk[at.HALF] * max(slope(desk, t), _FLAT))
-    for channel in range(NORMAL, CHANNELS):
+    growth, rise = tail(desk, at.LOG_NORMAL), max(slope(desk, t), _FLAT)
+    total = 49.0 * growth / (desk[at.HALF] * rise)
+    for channel in range(CHANNELS):
         if not is_read(desk, channel):
             continue
         modelled = value(desk, channel, t)
         centre = modelled + spec(desk, channel, SHIFT)
         scale = max(spec(desk, channel, FRACTION) * abs(centre), spec(desk, channel, FLOOR))
-        error = modelled * growth if channel == NORMAL else tail(desk, curve_of(channel))
+        error = modelled * growth if channel == NORMAL else modelled * growth / rise  # of an end of the range
+        error = error if channel < PULL else tail(desk, curve_of(channel))
         total += (1.0 + abs(spec(desk, channel, READING) - centre) / scale) * error / scale
     return float(total)
 
 
 @compiled
 def tail(desk: Lanes, first: int) -> float:
-    """Estimate what a polynomial leaves out: its last Chebyshev coefficients times the rate of their decay."""
+    """Estimate what a polynomial leaves out: last Chebyshev coefficients times the rate of their decay."""
     a7, a6 = desk[first + 7] / 64.0, desk[first + 6] / 32.0
     a5, a4 = (desk[first + 5] + 112.0 * a7) / 16.0, (desk[first + 4] + 48.0 * a6) / 8.0
     last, before = max(abs(a7), abs(a6)), max(abs(a5), abs(a4))

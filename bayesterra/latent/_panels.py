@@ -13,15 +13,16 @@ from bayesterra.models.kernels import Lanes, compiled, inlined
 
 DEPTH = 16.0  # what lies deeper below the highest level, in logs, has no weight
 REACH = 1.0  # half-width of the rough panels in log z
-CELLS = 16  # of a scan
+CELLS, MOST_CELLS = 16, 1024  # of a scan
+SEEN = 4.0  # how far the integrand may rise between places of a scan that shows all there is
 MOST = 400  # panels in one direction
 
-# what a search knows: highest level, and how much higher it may be; interval of weight; ends of the range of the
-# load in log N; highest log z; sum of weights, scaled by a level; levels at the outermost ends of the interval;
-# a uniform number, and the interval of the chosen curve in which the drawn load lies
-BEST, SLACK, LOW, HIGH, LOAD_LOW, LOAD_HIGH, TOP, SUM, SUM_TOP, LEFT, RIGHT, UNIFORM, FROM, TO = range(
-    FOUND, FOUND + 14
-)
+# what a search knows: highest level, and how much higher it may be; interval of weight; ends of the range of
+# the load in log N; highest log z; sum of weights, scaled by a level
+BEST, SLACK, LOW, HIGH, LOAD_LOW, LOAD_HIGH, TOP, SUM, SUM_TOP = range(FOUND, FOUND + 9)
+# levels at the outermost ends of the interval; a uniform number, and the interval of the chosen curve in
+# which the drawn load lies; cells of the last scan
+LEFT, RIGHT, UNIFORM, FROM, TO, SCANNED = range(FOUND + 9, FOUND + 15)
 
 
 @compiled
@@ -51,16 +52,15 @@ def forget(desk: Lanes) -> None:
 
 
 @compiled
-def look(
-    desk: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
-) -> tuple[bool, bool]:
+def look(desk: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
     """Scan a panel; tell whether there may be weight to its left and to its right.
 
     ``how`` says whether few nodes suffice, and whether F_N may fall.
     """
-    low, high = settle(desk, model, how, left, right)
+    low, high, cells = settle(desk, model, how, left, right)
+    desk[SCANNED] = cells
     if high > low:
-        _note_weight(desk)
+        _note_weight(desk, cells)
     bottom, top = lv.polynomial(desk, at.LOG_NORMAL, -1.0), lv.polynomial(desk, at.LOG_NORMAL, 1.0)
     bar = desk[BEST] - DEPTH
     to_left = bottom > desk[LOAD_LOW] and _bound(desk, -1.0) > bar
@@ -68,14 +68,14 @@ def look(
 
 
 @compiled
-def _note_weight(desk: Lanes) -> None:
+def _note_weight(desk: Lanes, cells: int) -> None:
     """Join the weighty part of a scan to the interval found before."""
-    best, before = highest_level(desk, CELLS + 1), desk[BEST]
-    first, last, slack = weighty(desk, max(best, before) - DEPTH)
+    best, before = highest_level(desk, cells + 1), desk[BEST]
+    first, last, slack = weighty(desk, max(best, before) - DEPTH, cells)
     if last < first:
         return
     low = desk[at.MIDDLE] + desk[at.HALF] * desk[T + max(first - 1, 0)]
-    high = desk[at.MIDDLE] + desk[at.HALF] * desk[T + min(last + 1, CELLS)]
+    high = desk[at.MIDDLE] + desk[at.HALF] * desk[T + min(last + 1, cells)]
     alone = best > before + desk[SLACK] + DEPTH
     desk[LOW] = low if alone else min(desk[LOW], low)
     desk[HIGH] = min(high if alone else max(desk[HIGH], high), desk[TOP])
@@ -84,11 +84,11 @@ def _note_weight(desk: Lanes) -> None:
 
 
 @inlined
-def weighty(desk: Lanes, bar: float) -> tuple[int, int, float]:
+def weighty(desk: Lanes, bar: float, cells: int) -> tuple[int, int, float]:
     """First and last place of a scan that reaches above a level, and how much higher than seen it may be."""
-    first, last, slack = CELLS + 1, -1, 0.0
-    for k in range(CELLS + 1):
-        rise = excess(desk, k, CELLS + 1)
+    first, last, slack = cells + 1, -1, 0.0
+    for k in range(cells + 1):
+        rise = excess(desk, k, cells + 1)
         if desk[LEVEL + k] + rise > bar:
             first, last, slack = min(first, k), k, max(slack, rise)
     return first, last, slack
@@ -105,29 +105,34 @@ def highest_level(desk: Lanes, count: int) -> float:
 
 @inlined
 def excess(desk: Lanes, k: int, count: int) -> float:
-    """How far the integrand may rise above its level at a place: near a local maximum between places."""
-    here = desk[LEVEL + k]
-    if k == 0 or k == count - 1 or here < desk[LEVEL + k - 1] or here < desk[LEVEL + k + 1]:
+    """How far the integrand may rise near a local maximum, by a parabola and some."""
+    if desk[LEVEL + k] < max(desk[LEVEL + max(k - 1, 0)], desk[LEVEL + min(k + 1, count - 1)]):
         return 0.0
-    bend = 2.0 * here - desk[LEVEL + k - 1] - desk[LEVEL + k + 1]
+    centre = min(max(k, 1), count - 2)
+    before, here, after = desk[LEVEL + centre - 1], desk[LEVEL + centre], desk[LEVEL + centre + 1]
+    bend = 2.0 * here - before - after
+    climb = 0.5 * (after - before) + bend * (centre - k)  # slope of the parabola at k
     if bend <= 0.0:
         return 0.0
-    return float((desk[LEVEL + k + 1] - desk[LEVEL + k - 1]) ** 2 / (8.0 * bend) + 0.25 * bend)
+    outward = climb * (k - centre)  # at an end the peak may lie outside
+    if outward > 0.5 * bend:
+        return 0.0
+    return float((climb * climb / (2.0 * bend) if outward <= 0.0 else 0.0) + 0.25 * bend)
 
 
 @compiled
 def settle(
     desk: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
-) -> tuple[float, float]:
-    """Lay a panel and scan it; return the places between which F_N rises and the integrand has weight, if at all.
+) -> tuple[float, float, int]:
+    """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
-    The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range. Ends
-    of that range are only looked for where there is weight near them.
+    The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range.
+    Ends of that range are only looked for where there is weight near them.
     """
     _aim(desk, left, right)
     idle = at.trace(desk, model, how[0])
     if idle > at.DEGREE:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0
     if idle > 0:
         ends = 0.5 * (left + right) + 0.5 * (right - left) * at.POINTS[idle - 1 : idle + 1]
         left = at.carrying_from(desk, model, ends[0], ends[1], np.exp(desk[LOAD_LOW]))
@@ -139,21 +144,23 @@ def settle(
         if high < 1.0:
             desk[TOP] = min(desk[TOP], desk[at.MIDDLE] + desk[at.HALF] * high)
     lowest, highest = desk[LOAD_LOW], desk[LOAD_HIGH]
-    if lv.polynomial(desk, at.LOG_NORMAL, -1.0) >= highest or lv.polynomial(desk, at.LOG_NORMAL, high) <= lowest:
-        return 0.0, 0.0
-    spread(desk, CELLS + 1, -1.0, high)
-    first, last, slack = weighty(desk, highest_level(desk, CELLS + 1) - DEPTH)
+    if (
+        lv.polynomial(desk, at.LOG_NORMAL, -1.0) >= highest
+        or lv.polynomial(desk, at.LOG_NORMAL, high) <= lowest
+    ):
+        return 0.0, 0.0, 0
+    cells = scan(desk, -1.0, high)
+    first, last, slack = weighty(desk, highest_level(desk, cells + 1) - DEPTH, cells)
     margin = 1 if slack > 1.0 else 0
-    begin, end = desk[T + max(first - margin, 0)], desk[T + min(last + margin, CELLS)]
+    begin, end = desk[T + max(first - margin, 0)], desk[T + min(last + margin, cells)]
     cut_low = lv.polynomial(desk, at.LOG_NORMAL, begin) < lowest
     cut_high = lv.polynomial(desk, at.LOG_NORMAL, end) > highest
     if not (cut_low or cut_high):
-        return -1.0, high
+        return -1.0, high, cells
     low = lv.place_of(desk, lowest, -1.0, high) if lv.polynomial(desk, at.LOG_NORMAL, -1.0) < lowest else -1.0
     if lv.polynomial(desk, at.LOG_NORMAL, high) > highest:
         high = lv.place_of(desk, highest, low, high)
-    spread(desk, CELLS + 1, low, high)
-    return low, high
+    return low, high, scan(desk, low, high)
 
 
 @inlined
@@ -168,6 +175,27 @@ def spread(desk: Lanes, count: int, low: float, high: float) -> None:
     for k in range(count):
         desk[T + k] = low + step * k
     lv.fill_levels(desk, count)
+
+
+@compiled
+def scan(desk: Lanes, low: float, high: float) -> int:
+    """Spread places until none of the peaks between them is hidden; return the number of cells."""
+    cells = CELLS
+    while True:
+        spread(desk, cells + 1, low, high)
+        if cells >= MOST_CELLS or _shows_all(desk, cells):
+            return cells
+        cells *= 4
+
+
+@inlined
+def _shows_all(desk: Lanes, cells: int) -> bool:
+    """Whether no peak that may count rises much between places, as narrow ones do."""
+    bar, hidden = highest_level(desk, cells + 1) - DEPTH, False
+    for k in range(1, cells):
+        rise = excess(desk, k, cells + 1)
+        hidden = hidden or (rise > SEEN and desk[LEVEL + k] + 4.0 * rise > bar)
+    return not hidden
 
 
 @compiled

@@ -17,12 +17,14 @@ _NARROWEST, _WIDEST = 0.02, 2.0
 Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """Readings and their laws, channels in the order of the outcomes: readings (m, 4), NaN where there is none;
 smallest scale of the noise, and log density there at its centre, (n, m, 4, 2) or (1, m, 4, 2); the scale as a
-fraction (m, 4) of the modelled value; degrees of freedom (4,); zero error (n,) of the sinkage; log of the range
-(2,) of the load."""
+fraction (m, 4) of the modelled value; degrees of freedom (4,); zero error (n,) of the sinkage; log of the
+range (2,) of the load."""
 
 
 @compiled
-def likelihoods(theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out: FloatArray, status: Codes) -> None:
+def likelihoods(
+    theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out: FloatArray, status: Codes
+) -> None:
     """Fill `out` (n, m, 2): log likelihood of every row, and a drawn load in place of a uniform number."""
     at.screen(theta, rows, plan, status)
     desk = np.zeros(lv.DESK_SIZE)
@@ -63,7 +65,7 @@ def _specify(desk: Lanes, data: Data, i: int, j: int) -> None:
 
 @compiled
 def _first_panel(desk: Lanes, loads: FloatArray) -> tuple[float, float]:
-    """Guess the ends of the weight in log z, from what sinkage and force say; the search puts right what is wrong."""
+    """Guess the ends of the weight in log z from what sinkage and force say; the search corrects it."""
     force, around = lv.spec(desk, lv.NORMAL, lv.READING), _SIGMAS * _scale(desk, lv.NORMAL)
     low, high = np.exp(loads[0]), np.exp(loads[1])
     least, most = max(low, force - around), min(high, force + around)

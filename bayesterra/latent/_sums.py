@@ -10,7 +10,23 @@ from bayesterra.latent import _levels as lv
 from bayesterra.latent import _panels as pn
 from bayesterra.latent._levels import CHOSEN, LEVEL, PANELS, PART, PARTS, STACK, T
 from bayesterra.latent._panels import (
-    BEST, CELLS, DEPTH, FROM, HIGH, LEFT, LOAD_HIGH, LOAD_LOW, LOW, RIGHT, SUM, SUM_TOP, TO, TOP, UNIFORM,
+    BEST,
+    CELLS,
+    DEPTH,
+    FROM,
+    HIGH,
+    LEFT,
+    LOAD_HIGH,
+    LOAD_LOW,
+    LOW,
+    RIGHT,
+    SCANNED,
+    SLACK,
+    SUM,
+    SUM_TOP,
+    TO,
+    TOP,
+    UNIFORM,
 )  # fmt: skip
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Lanes, compiled, inlined
@@ -18,9 +34,8 @@ from bayesterra.models.kernels import Lanes, compiled, inlined
 EMPTY = 12.0  # depth below which the end of an interval counts as empty
 ERROR = 5e-4  # of the log integrand, left by the polynomials: a guess on the high side
 FILLED = 6  # cells that a part must fill to be summed as it is
-AGREED = 3e-3  # relative change at which a sum is taken; the finer sum is far better than that
 MOST = 2000  # panels before a row is taken as it stands
-NARROW = 1e-9
+NARROW, WIDEST = 1e-9, 2.0
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS = 16
@@ -30,8 +45,8 @@ _GAUSS = 16
 def log_integral(desk: Lanes, model: int, falls: bool, left: float, right: float) -> float:
     """Log of the integral of a row's likelihood over the load; −inf where no load of the range is carried.
 
-    ``desk`` holds pair, readings, range of the load and highest log z; ``left`` and ``right`` are a guess of where
-    in log z the weight lies.
+    ``desk`` holds pair, readings, range of the load and highest log z; ``left`` and ``right`` are a guess of
+    where in log z the weight lies.
     """
     if _at_once(desk, model, falls, left, right):
         return float(desk[SUM_TOP] + np.log(desk[SUM]))
@@ -39,7 +54,7 @@ def log_integral(desk: Lanes, model: int, falls: bool, left: float, right: float
     _clear(desk)
     if desk[BEST] <= lv.NOTHING:
         return -np.inf
-    desk[BEST] -= 2.0 * DEPTH  # the rough one may be too high
+    desk[BEST] = lv.NOTHING  # the rough one may be far too high where noise is small
     todo = _push(desk, 0, desk[LOW], desk[HIGH])
     for _ in range(MOST):
         if todo == 0:
@@ -59,7 +74,13 @@ def _at_once(desk: Lanes, model: int, falls: bool, left: float, right: float) ->
     if going_left or (going_right and right < desk[TOP]) or desk[BEST] <= lv.NOTHING:
         return False
     low = (desk[LOW] - desk[at.MIDDLE]) / desk[at.HALF]
-    ready = _find_parts(desk, low, (desk[HIGH] - desk[at.MIDDLE]) / desk[at.HALF])
+    high = (desk[HIGH] - desk[at.MIDDLE]) / desk[at.HALF]
+    filled = high - low >= FILLED * (desk[T + 1] - desk[T])
+    if filled and desk[SCANNED] == CELLS and desk[SLACK] < pn.SEEN:
+        _set_part(desk, 0, low, high)
+        desk[PART + 2], ready = _best_place(desk, 0, CELLS), 1
+    else:
+        ready = _find_parts(desk, low, high)
     if _most_doubt(desk, ready) > ERROR:
         return False
     _add_parts(desk, ready)
@@ -95,13 +116,14 @@ def _widen(desk: Lanes) -> int:
 
 @compiled
 def _do_panel(desk: Lanes, model: int, falls: bool, todo: int) -> int:
-    """Sum a panel from the stack, or split it where eight points do not describe it; return what is left to do."""
+    """Sum a panel from the stack, or split it if eight points do not describe it; return what is to do."""
     left, right = desk[STACK + 2 * todo], desk[STACK + 2 * todo + 1]
-    low, high = pn.settle(desk, model, (False, falls), left, right)
+    low, high, _ = pn.settle(desk, model, (False, falls), left, right)
     if high <= low:
         return todo
     ready = _find_parts(desk, low, high)
-    if _most_doubt(desk, ready) > ERROR and right - left > NARROW and todo + 2 <= PANELS:
+    wide = right - left > WIDEST or _most_doubt(desk, ready) > ERROR
+    if wide and right - left > NARROW and todo + 2 <= PANELS:
         todo = _push(desk, todo, left, 0.5 * (left + right))
         return _push(desk, todo, 0.5 * (left + right), right)
     _add_parts(desk, ready)
@@ -111,7 +133,7 @@ def _do_panel(desk: Lanes, model: int, falls: bool, todo: int) -> int:
 
 @compiled
 def _note_ends(desk: Lanes, left: float, right: float, low: float, high: float) -> None:
-    """Keep the levels at the ends of the interval of weight, where the range of the load goes on beyond them."""
+    """Keep the levels at the ends of the interval of weight, if the range of the load goes on beyond."""
     desk[T], desk[T + 1] = low, high
     lv.fill_levels(desk, 2)
     if left <= desk[LOW]:
@@ -124,21 +146,21 @@ def _note_ends(desk: Lanes, left: float, right: float, low: float, high: float) 
 
 @compiled
 def _find_parts(desk: Lanes, low: float, high: float) -> int:
-    """Divide a panel into parts narrow about their weight; return how many, first among the parts of the desk."""
+    """Divide a panel into parts narrow about their weight, which then stand first; return how many."""
     ready, end = 0, 1
     _set_part(desk, 0, low, high)
     while end > ready:
         end -= 1
         low, high = desk[PART + 4 * end], desk[PART + 4 * end + 1]
-        pn.spread(desk, CELLS + 1, low, high)
-        desk[BEST] = max(desk[BEST], pn.highest_level(desk, CELLS + 1))
+        cells = pn.scan(desk, low, high)
+        desk[BEST] = max(desk[BEST], pn.highest_level(desk, cells + 1))
         first = 0
-        while first <= CELLS and end + 1 < PARTS:
-            last = _run(desk, first)
+        while first <= cells and end + 1 < PARTS:
+            last = _run(desk, first, cells)
             if last < first:
                 first += 1
                 continue
-            begin, stop = max(first - 1, 0), min(last + 1, CELLS)
+            begin, stop = max(first - 1, 0), min(last + 1, cells)
             place = end
             if stop - begin >= FILLED or high - low < NARROW:
                 _set_part(desk, end, desk[PART + 4 * ready], desk[PART + 4 * ready + 1])
@@ -164,13 +186,13 @@ def _best_place(desk: Lanes, first: int, last: int) -> float:
 
 
 @compiled
-def _run(desk: Lanes, first: int) -> int:
+def _run(desk: Lanes, first: int, cells: int) -> int:
     """Last of a run of weighty places that begins at ``first``, over gaps of two; less where none begins."""
     bar, last = desk[BEST] - DEPTH, first - 1
-    for k in range(first, CELLS + 1):
+    for k in range(first, cells + 1):
         if k > last + 3 or (k > first and last < first):
             break
-        if desk[LEVEL + k] + pn.excess(desk, k, CELLS + 1) > bar:
+        if desk[LEVEL + k] + pn.excess(desk, k, cells + 1) > bar:
             last = k
     return last
 
@@ -212,7 +234,7 @@ def _add_parts(desk: Lanes, ready: int) -> None:
 def _trapezoid(desk: Lanes, top: float, low: float, high: float) -> float:
     """Sum an integrand that vanishes at both ends; the levels of a scan are in place."""
     total = lv.add_up(desk, CELLS + 1, top)
-    count, step = CELLS, (high - low) / CELLS
+    count, step, finest, agreed = CELLS, (high - low) / CELLS, lv.finest(desk, low, high), _agreed(desk)
     while True:
         for k in range(count):
             desk[T + k] = low + (k + 0.5) * step
@@ -220,14 +242,24 @@ def _trapezoid(desk: Lanes, top: float, low: float, high: float) -> float:
         between = lv.add_up(desk, count, top)
         change = abs(between - total)
         total, count, step = total + between, 2 * count, 0.5 * step
-        if change < AGREED * total or count > lv.PLACES:
+        if (change < agreed * total and step < finest) or count > lv.PLACES:
             return total * step
+
+
+@compiled
+def _agreed(desk: Lanes) -> float:
+    """Relative change at which a sum is taken: a smooth integrand's finer sum is far better than that."""
+    smooth = True
+    for channel in range(lv.CHANNELS):
+        plain = lv.spec(desk, channel, lv.FRACTION) == 0.0 and np.isinf(lv.spec(desk, channel, lv.DOF))
+        smooth = smooth and plain
+    return 3e-3 if smooth else 1e-4
 
 
 @compiled
 def _gauss(desk: Lanes, top: float, low: float, high: float) -> float:
     """Sum an integrand that is cut off at an end."""
-    before, pieces = 0.0, 1
+    before, pieces, finest, agreed = 0.0, 1, 4.0 * lv.finest(desk, low, high), _agreed(desk)
     while True:
         size = 0.5 * (high - low) / pieces
         for p in range(pieces):
@@ -240,7 +272,7 @@ def _gauss(desk: Lanes, top: float, low: float, high: float) -> float:
             for k in range(_GAUSS):
                 total += size * _WEIGHTS[k] * desk[LEVEL + p * _GAUSS + k]
         pieces *= 2
-        if abs(total - before) < AGREED * total or pieces * _GAUSS > lv.PLACES:
+        if (abs(total - before) < agreed * total and size < finest) or pieces * _GAUSS > lv.PLACES:
             return total
         before = total
 

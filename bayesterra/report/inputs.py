@@ -28,8 +28,8 @@ EQUATIONS = {
 DRIVES = {
     "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
     "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",
-    "both": "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment are "
-    "outcomes.",
+    "both": "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment "
+    "are outcomes.",
 }
 
 

@@ -1,0 +1,94 @@
+"""The likelihood of a row with a latent load the slow way: load drive at many loads, adaptive quadrature."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayesterra.arrays import FloatArray
+from bayesterra.forward import Forward
+from bayesterra.latent import LatentLoad
+from bayesterra.likelihood import Likelihood, Outcomes
+from bayesterra.models import Conditions
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def log_integrand(
+    whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int, loads: FloatArray
+) -> FloatArray:
+    """Log density of a row's readings at loads (k,) for one soil; −inf where the model has no answer."""
+    forward, k = whole.forward.row(row), len(loads)
+    names = ("slip", "radius", "width", "lug_height", "shearing_radius")
+    many = Conditions(*(np.repeat(getattr(forward.conditions, name), k) for name in names))
+    held = Forward(forward.model, "both", many, loads, as_read=True)
+    values = np.concatenate([held.one_by_one(soil).values] if k < 2 else [_values(held, soil)], axis=1)
+    rows = whole.observations.take(np.arange(len(whole.observations)) == row)
+    rows = replace(
+        rows,
+        values={name: np.repeat(column, k) for name, column in rows.values.items()},
+        given_sd={name: np.repeat(column, k) for name, column in rows.given_sd.items()},
+    )
+    density = Likelihood(held, rows, whole.noise).pointwise(
+        Outcomes(values, np.zeros(1, dtype=np.int64)), noise
+    )
+    return np.where(np.isfinite(values[0, :, 0]), density[0].sum(axis=1), -np.inf)
+
+
+def _values(held: Forward, soil: FloatArray) -> FloatArray:
+    """Outcomes of all rows, those without an answer NaN and no harm to others."""
+    from bayesterra.forward import by_wheel, offset_of
+
+    ((_, theta),) = by_wheel(soil, held.conditions)
+    values, _ = held.model.response_at(theta, held.conditions, held.given, every_row=True)
+    values[:, :, 0] += offset_of(soil)
+    return np.insert(values, 1, np.where(np.isnan(values[:, :, 0]), np.nan, held.given), axis=2)
+
+
+def row_log_likelihood(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int) -> float:
+    """Log likelihood of a row, to about 1e-6: intervals of the load are halved until that changes nothing."""
+    low, high = whole.load_range
+    carried = _highest_carried(whole, soil, noise, row)
+    if not carried > low:
+        return -np.inf
+    edges = np.linspace(low, carried, 65)
+    todo, done = np.column_stack([edges[:-1], edges[1:]]), [-np.inf]
+    for _ in range(60):
+        coarse, fine = _interval(whole, soil, noise, row, todo)
+        total = logsumexp([*done, *fine])
+        with np.errstate(invalid="ignore", over="ignore"):
+            settled = (np.abs(np.expm1(coarse - fine)) < 1e-7) | (np.maximum(coarse, fine) < total - 25.0)
+        done.extend(fine[settled].tolist())
+        rest = todo[~settled]
+        if not len(rest):
+            break
+        middle = rest.mean(axis=1)
+        todo = np.vstack([np.column_stack([rest[:, 0], middle]), np.column_stack([middle, rest[:, 1]])])
+    return float(logsumexp(done) - np.log(high - low))
+
+
+def _highest_carried(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int) -> float:
+    """Highest load of the range that the model carries, by bisection."""
+    low, high = whole.load_range
+    ends = log_integrand(whole, soil, noise, row, np.array([low, high]))
+    if np.isfinite(ends[1]) or np.isneginf(ends[0]):
+        return high if np.isfinite(ends[1]) else low
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        answered = np.isfinite(log_integrand(whole, soil, noise, row, np.array([middle, middle]))[0])
+        low, high = (middle, high) if answered else (low, middle)
+    return low
+
+
+def _interval(
+    whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int, todo: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Log integrals over intervals (k, 2), by 12 nodes and by 24."""
+    halves = []
+    middle = todo.mean(axis=1)
+    for low, high in ((todo[:, 0], todo[:, 1]), (todo[:, 0], middle), (middle, todo[:, 1])):
+        half = 0.5 * (high - low)[:, None]
+        loads = 0.5 * (high + low)[:, None] + half * _NODES
+        level = log_integrand(whole, soil, noise, row, loads.ravel()).reshape(loads.shape)
+        halves.append(logsumexp(level, b=half * _WEIGHTS, axis=1))
+    return halves[0], np.logaddexp(halves[1], halves[2])
