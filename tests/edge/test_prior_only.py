@@ -78,8 +78,8 @@ def test_other_drives_predict_under_what_is_given(drive: str, write: Write) -> N
 
 def test_what_is_missing_is_said(write: Write) -> None:
     """Without noise nothing is to be measured; without --prior-only readings are needed, and it is named."""
+    quiet = write(('sinkage = "1 mm"\n', ""), ('drawbar_pull = "1.5 N"', ""), table=PLANNED)
     with pytest.raises(StudyError, match=r"\[noise\] needs an entry for at least one of sinkage"):
-        quiet = write(('sinkage = "1 mm"\n', ""), ('drawbar_pull = "1.5 N"', ""), table=PLANNED)
         load_study(quiet, prior_only=True)
     with pytest.raises(
         StudyError, match=r"at least one reading of sinkage.*\(before that: run --prior-only\)"

@@ -178,6 +178,17 @@ def test_prior_checks_find_readings_that_the_prior_cannot_predict(two: Study) ->
     assert (worst.channel, worst.value > worst.high) == ("drawbar_pull", True)
 
 
+def test_prior_checks_pass_over_rows_that_are_not_used(make_study: MakeStudy, make_table: MakeTable) -> None:
+    """A reading far out in a row that is left out of the fit contradicts nothing."""
+    table = make_table()
+    table["use"] = np.where(table.index == 2, 0, 1)
+    table["drawbar_pull [N]"] += np.where(table.index == 2, 500.0, 0.0)
+    study = make_study(data=table, free=("c", "phi"))
+    density = posterior(study)
+    x = draw_cut_prior(density, 1000, default_rng(1)).x
+    assert not prior_checks(study, predict_rows(study, density, x, default_rng(2))).conflict
+
+
 def test_prior_checks_are_exact(two: Study) -> None:
     """For readings drawn from the prior itself every p is uniform, and conflicts are rare."""
     density = posterior(two)
