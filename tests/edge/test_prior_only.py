@@ -41,8 +41,8 @@ def test_readings_are_not_used(write: Write) -> None:
     """A table with readings gives the same draws, predictions and summary as one without."""
     before, after = result_of(write(table=EMPTY)), result_of(write())
     xr.testing.assert_identical(before.draws["prior"].to_dataset(), after.draws["prior"].to_dataset())
-    pulls = (one.draws["prior_predictive"]["drawbar_pull"].to_numpy() for one in (before, after))
-    np.testing.assert_array_equal(*pulls)
+    first, second = (one.draws["prior_predictive"]["drawbar_pull"].to_numpy() for one in (before, after))
+    np.testing.assert_array_equal(first, second)
     pd.testing.assert_frame_equal(before.summary, after.summary)
     columns = ["q05", "q50", "q95"]
     pd.testing.assert_frame_equal(before.predictive[columns], after.predictive[columns])
