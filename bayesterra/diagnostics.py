@@ -75,8 +75,9 @@ def r_hat(chains: FloatArray) -> float:
 
 
 def array_r_hat(chains: FloatArray) -> float:
-    """ArviZ's rank-normalised split R-hat of chains (chains, draws)."""
-    return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+    """ArviZ's rank-normalised split R-hat of chains (chains, draws); NaN where nothing varies."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
 
 
 def thinning(chains: FloatArray, loss: float = 0.1) -> int:
@@ -103,6 +104,8 @@ def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
 
 def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
     """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
+    if np.ptp(chains) == 0:
+        return 0.0
     return float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
 
 
