@@ -110,7 +110,9 @@ class _Objective:
             rows.append(np.array([[weights.get(name, 0.0) for name in names]]))
             low.append(np.array([max(fixed.get("c3", -1.0), -1.0) - known + EDGE]))
             high.append(np.array([1.0 - known - EDGE]))
-        return np.vstack(rows), np.concatenate(low), np.concatenate(high)
+        lowest, highest = np.concatenate(low), np.concatenate(high)
+        limited = np.isfinite(lowest) | np.isfinite(highest)
+        return np.vstack(rows)[limited], lowest[limited], highest[limited]
 
     def _at(self, x: FloatArray, soil_values: FloatArray) -> FloatArray:
         """Put soil values into a parameter set, inside the prior's ranges to the last digit."""
