@@ -42,7 +42,7 @@ def drive(study: Study, soil: FloatArray) -> Drive:
     load = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
     conditions = Conditions.of(next(iter(study.wheels.values())), SLIP_GRID)
     forward = Forward(study.model, "load", conditions, np.full(len(SLIP_GRID), load))
-    z, pull, moment = forward.one_by_one(soil).values.transpose(2, 0, 1)
+    z, pull, moment = forward(soil, every_row=True).values.transpose(2, 0, 1)
     return Drive(load, z, pull, moment)
 
 

@@ -9,7 +9,7 @@ The drive says what is conditioned on and what is an outcome:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -65,24 +65,15 @@ class Forward:
         """Names along the last axis of the outcomes."""
         return DRIVE_OUTCOMES[self.drive]
 
-    def __call__(self, soil: FloatArray) -> Outcomes:
-        """Model all rows for soil parameter sets (n, 9)."""
+    def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
+        """Model all rows for soil parameter sets (n, 9).
+
+        A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
+        with ``every_row`` each row that has an answer gets it.
+        """
         run = self.model.response_at if self.drive == "load" else self.model.forces_at
-        values, status = run(soil, self.conditions, self.given)
+        values, status = run(soil, self.conditions, self.given, every_row=every_row)
         return Outcomes(values, np.max(status, axis=1).astype(np.int64))
-
-    def one_by_one(self, soil: FloatArray) -> Outcomes:
-        """As a call, but a row without an answer leaves the answers of the others standing."""
-        single = (self.row(i)(soil) for i in range(len(self.given)))
-        parts = [(outcomes.values, outcomes.status) for outcomes in single]
-        return Outcomes(
-            np.concatenate([values for values, _ in parts], axis=1), np.max([s for _, s in parts], axis=0)
-        )
-
-    def row(self, i: int) -> Forward:
-        """The same model at row ``i`` only."""
-        conditions = {f.name: getattr(self.conditions, f.name)[i : i + 1] for f in fields(Conditions)}
-        return Forward(self.model, self.drive, Conditions(**conditions), self.given[i : i + 1])
 
 
 @dataclass(frozen=True)

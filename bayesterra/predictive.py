@@ -37,11 +37,11 @@ class RowPredictions:
 def predict_rows(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> RowPredictions:
     """Model all rows of the table for parameter sets (n, d) and draw a reading for each.
 
-    Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it.
+    A row that a soil cannot answer takes no other with it.
     """
     rows = Forward.of(study.model, study.drive, study.observations, dict(study.wheels))
     likelihood = Likelihood(rows, study.observations, posterior.likelihood.noise)
-    outcomes = rows.one_by_one(posterior.prior.soil_values(draws))
+    outcomes = rows(posterior.prior.soil_values(draws), every_row=True)
     noise = posterior.noise_values(draws)
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
@@ -109,7 +109,7 @@ def predict_curves(
 
 def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, rng: Generator) -> Curves:
     forward = curve_forward(study, wheel)
-    outcomes = forward.one_by_one(posterior.prior.soil_values(draws))
+    outcomes = forward(posterior.prior.soil_values(draws), every_row=True)
     readings = np.full(outcomes.values.shape, np.nan)
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
     likelihood = Likelihood(forward, blank, posterior.likelihood.noise)
