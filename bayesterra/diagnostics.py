@@ -46,13 +46,14 @@ def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
 
 
 def effective_size(chains: FloatArray) -> float:
-    """Effective number of draws in (ensembles, steps, walkers): walkers · steps / τ, summed.
+    """Effective number of draws in (ensembles, steps, walkers): their number over the ensembles' mean τ.
 
-    An ensemble in which nothing varies has none.
+    Equal to walkers · steps / τ summed over ensembles where these agree on τ. Where they do not, that sum is
+    too large: pooled draws weigh a slow ensemble as much as a fast one (and so does ArviZ). None where an
+    ensemble stands still.
     """
-    _, steps, walkers = chains.shape
-    times = np.maximum(autocorrelation_time(chains), 1.0 / walkers)
-    return float(np.nansum(steps * walkers / times))
+    times = np.maximum(autocorrelation_time(chains), 1.0 / chains.shape[2])
+    return 0.0 if np.isnan(times).any() else float(chains.size / times.mean())
 
 
 def bulk_size(chains: FloatArray) -> float:

@@ -47,7 +47,7 @@ def test_autocorrelation_time_is_that_of_the_process(correlation: float) -> None
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9])
 def test_effective_size_is_that_of_the_mean(correlation: float) -> None:
-    """Over many repetitions the variance of the mean is that of as many independent draws."""
+    """Over many repetitions the variance of the mean is that of so many independent draws."""
     repeated = [walks(correlation, steps=400, walkers=16, seed=k) for k in range(300)]
     variance = np.var([chains.mean() for chains in repeated])
     size = np.mean([effective_size(chains) for chains in repeated[:20]])
@@ -144,12 +144,27 @@ def test_chains_that_do_not_move_at_all_are_judged_not_crashed_on() -> None:
     assert thinning(np.ascontiguousarray(np.moveaxis(chains, -1, 0))) >= 1
 
 
-def test_one_constant_ensemble_adds_no_draws() -> None:
-    """An ensemble that stands still counts for nothing; the others for what they are."""
+def test_an_ensemble_that_stands_still_spoils_them_all() -> None:
+    """Pooled with an ensemble that never moved, draws of the others are worth nothing."""
     chains = walks(0.5)
-    expected = effective_size(chains[:3])
     chains[3] = 2.0
-    assert effective_size(chains) == pytest.approx(expected)
+    assert effective_size(chains) == 0.0
+
+
+def test_a_slow_ensemble_counts_with_its_full_weight() -> None:
+    """Where ensembles differ in τ the size is still that of the pooled mean: repetitions agree."""
+
+    def mixed(seed: int) -> FloatArray:
+        return np.concatenate(
+            [
+                walks(0.95, ensembles=1, walkers=16, seed=seed),
+                walks(0.0, ensembles=3, walkers=16, seed=10_000 + seed),
+            ]
+        )
+
+    variance = np.var([mixed(seed).mean() for seed in range(1, 301)])
+    size = np.mean([effective_size(mixed(seed)) for seed in range(1, 6)])
+    assert variance * size == pytest.approx(1.0, rel=0.35)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
