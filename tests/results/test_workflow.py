@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayesterra import workflow
 from bayesterra.diagnostics import Diagnosis
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.results import Result
@@ -31,7 +30,7 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 @pytest.fixture
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line, for tests that are not about it."""
-    monkeypatch.setattr(workflow.report, "write", lambda result, path: path.write_text("report\n"))
+    monkeypatch.setattr("bayesterra.report.write", lambda result, path: path.write_text("report\n"))
 
 
 @pytest.fixture
@@ -45,7 +44,7 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         report(Progress("sampling", 0.4, diagnosis(40.0, 1.02), 12.5))
         return small_result
 
-    monkeypatch.setattr(workflow.inference, "run", run)
+    monkeypatch.setattr("bayesterra.inference.run", run)
     return seeds
 
 
@@ -81,7 +80,7 @@ def test_a_poller_sees_complete_status_files(
         assert not (tmp_path / "out").exists()
         return small_result
 
-    monkeypatch.setattr(workflow.inference, "run", run)
+    monkeypatch.setattr("bayesterra.inference.run", run)
     run_study(small_result.study, out=tmp_path / "out", quiet=True)
     assert [s["stage"] for s in seen] == ["adapting", "sampling", "sampling"]
     assert seen[1]["r_hat"] is None
@@ -114,7 +113,7 @@ def test_a_run_without_support_leaves_no_folder(
         report(Progress("adapting", 0.0))
         raise SupportError("no parameter set fits")
 
-    monkeypatch.setattr(workflow.inference, "run", run)
+    monkeypatch.setattr("bayesterra.inference.run", run)
     with pytest.raises(SupportError, match="no parameter set fits"):
         run_study(small_result.study, out=tmp_path / "out", quiet=True)
     assert list(tmp_path.iterdir()) == []

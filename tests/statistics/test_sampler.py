@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from bayesterra.noise import Noise
 from bayesterra.posteriors import Posterior, posterior
 from bayesterra.priors import Law
 from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.ensemble import Ensemble
+from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
 from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
@@ -35,22 +38,24 @@ def density(make_study: MakeStudy) -> Posterior:
     return posterior(make_study(free=("n0", "c", "phi")))
 
 
+@pytest.fixture(scope="module")
+def samples(density: Posterior) -> Samples:
+    """One short run with seed 7."""
+    return sampled(density, 7)
+
+
 def test_draws_do_not_depend_on_the_number_of_cores(
-    density: Posterior, monkeypatch: pytest.MonkeyPatch
+    density: Posterior, samples: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One thread, two threads and a repetition give the same draws bit for bit; another seed others."""
-    chains = {}
     for cores in (1, 2):
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
-        chains[cores] = sampled(density, 7).chains
-    np.testing.assert_array_equal(chains[1], chains[2])
-    np.testing.assert_array_equal(chains[1], sampled(density, 7).chains)
-    assert not np.array_equal(chains[1], sampled(density, 8).chains)
+        np.testing.assert_array_equal(sampled(density, 7).chains, samples.chains)
+    assert not np.array_equal(sampled(density, 8).chains, samples.chains)
 
 
-def test_ensembles_are_independent(density: Posterior) -> None:
+def test_ensembles_are_independent(samples: Samples) -> None:
     """Every ensemble has its own start, its own mixture and its own draws."""
-    samples = sampled(density, 1)
     mixtures = [a.mixture for a in samples.adaptations]
     for i in range(4):
         for j in range(i):
@@ -59,9 +64,8 @@ def test_ensembles_are_independent(density: Posterior) -> None:
             assert not np.isin(samples.adaptations[i].u, samples.adaptations[j].u).any()
 
 
-def test_all_draws_lie_in_the_support(density: Posterior) -> None:
+def test_all_draws_lie_in_the_support(density: Posterior, samples: Samples) -> None:
     """No draw has log density −inf, and shapes are ensembles × steps × walkers × parameters."""
-    samples = sampled(density, 1)
     assert samples.chains.shape == (4, samples.diagnosis.steps, 32, 3)
     assert samples.names == density.names
     assert np.isfinite(density.log_density(samples.chains.reshape(-1, 3))).all()
@@ -150,18 +154,21 @@ def test_progress_is_reported_stage_by_stage(density: Posterior) -> None:
 
 def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once the first kept step is taken no mixture is fitted any more."""
-    from bayesterra.sampling import adaptation, ensemble
-
     log: list[str] = []
-    fit, advance = adaptation.fit_mixture, ensemble.Ensemble.advance
-    monkeypatch.setattr(adaptation, "fit_mixture", lambda *a, **k: (log.append("fit"), fit(*a, **k))[1])
+    advance = Ensemble.advance
 
-    def watched(self: ensemble.Ensemble, steps: int, *, keep: bool = True) -> None:
+    def fit(*given: Any, **options: Any) -> StudentMixture:
+        log.append("fit")
+        return fit_mixture(*given, **options)
+
+    monkeypatch.setattr("bayesterra.sampling.adaptation.fit_mixture", fit)
+
+    def watched(self: Ensemble, steps: int, *, keep: bool = True) -> None:
         if keep:
             log.append("keep")
         advance(self, steps, keep=keep)
 
-    monkeypatch.setattr(ensemble.Ensemble, "advance", watched)
+    monkeypatch.setattr(Ensemble, "advance", watched)
     sampled(density, 1)
     assert "fit" in log
     assert "fit" not in log[log.index("keep") :]
