@@ -28,6 +28,12 @@ def fail(folder: Path, error: BaseException, *, overwrite: bool = False) -> None
         raise error
 
 
+def make(folder: Path) -> None:
+    """Make a new result in place of an old one."""
+    with whole_folder(folder, overwrite=True) as part:
+        write_text(part / "run.json", "new")
+
+
 def test_the_folder_appears_when_all_is_done(tmp_path: Path) -> None:
     """Work goes on in DIR.part; DIR does not exist before the end, and DIR.part not after it."""
     with whole_folder(tmp_path / "out") as part:
@@ -75,6 +81,24 @@ def test_overwrite_keeps_the_old_result_until_the_new_one_stands(tmp_path: Path)
         assert (old / "run.json").read_text(encoding="utf-8") == "old"
     assert names(tmp_path) == {"out"}
     assert (old / "run.json").read_text(encoding="utf-8") == "new"
+
+
+def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If the last rename fails, the old result has its name and its content again."""
+    old, rename = result_folder(tmp_path / "out"), Path.rename
+
+    def refuse(path: Path, target: Path) -> Path:
+        if path.name == "out.part":
+            raise OSError(5, "Input/output error")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    with pytest.raises(ResultError, match=r"cannot be written: Input/output error"):
+        make(old)
+    assert names(tmp_path) == {"out"}
+    assert (old / "run.json").read_text(encoding="utf-8") == "old"
 
 
 def test_overwrite_spares_what_lies_beside(tmp_path: Path) -> None:

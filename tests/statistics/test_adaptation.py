@@ -11,6 +11,7 @@ from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densit
 from bayesterra.sampling.ensemble import Ensemble
 
 OPTIONS = AdaptationOptions(particles=512, components=6)
+MANY = AdaptationOptions(particles=512, components=12)  # enough to fit the mixture to its own draws
 
 
 def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, float]:
@@ -37,16 +38,18 @@ def wide_starts() -> list[FloatArray]:
     return [FAR * default_rng(k).standard_normal((512, 3)) for k in range(4)]
 
 
-def adapted(densities: Densities, start: FloatArray, seed: int) -> Adaptation:
+def adapted(
+    densities: Densities, start: FloatArray, seed: int, options: AdaptationOptions = OPTIONS
+) -> Adaptation:
     """The adaptation of one ensemble."""
-    return adapt(densities, start, OPTIONS, default_rng(seed))
+    return adapt(densities, start, options, default_rng(seed))
 
 
 @pytest.mark.parametrize(("d", "sd"), [(1, 0.01), (2, 1.0), (4, 0.1), (6, 0.3)])
 def test_evidence_of_normal_problems(d: int, sd: float) -> None:
     """The evidence is that of the closed form within 4 errors, and the points have its posterior's spread."""
     densities, expected = normal_problem(d, sd)
-    found = [adapted(densities, default_rng(k).standard_normal((512, d)), k) for k in range(4)]
+    found = [adapted(densities, default_rng(k).standard_normal((512, d)), k, MANY) for k in range(4)]
     draws = 512 * OPTIONS.refinements[-1]
     errors = np.array([np.sqrt((1 / a.efficiency - 1) / draws) for a in found])
     deviations = np.array([a.log_evidence for a in found]) - expected

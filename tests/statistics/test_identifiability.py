@@ -73,6 +73,17 @@ def test_directions_allow_for_the_correlation_of_the_prior() -> None:
     assert found.determined == 0
 
 
+def test_directions_have_unit_spread_under_the_prior() -> None:
+    """Seen along the directions the prior is uncorrelated with spread 1, and the posterior as contracted."""
+    tied = np.array([[4.0, 1.8], [1.8, 1.0]])
+    prior, posterior = normal(tied), normal(np.array([[0.4, -0.05], [-0.05, 0.3]]), seed=2)
+    found = identifiability(("a", "b"), prior, posterior)
+    along = prior / prior.std(axis=0) @ found.directions
+    np.testing.assert_allclose(np.cov(along.T), np.eye(2), atol=1e-3)
+    along = posterior / prior.std(axis=0) @ found.directions
+    np.testing.assert_allclose(np.cov(along.T), np.diag(1 - found.contractions), atol=1e-3)
+
+
 def test_one_parameter_has_no_partner_to_couple_with() -> None:
     """A single parameter is judged by its contraction alone."""
     found = identifiability(("a",), normal(np.eye(1)), normal(0.5 * np.eye(1), seed=2))
