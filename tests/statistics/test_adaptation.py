@@ -92,7 +92,7 @@ def test_steps_keep_the_share_asked_for(height: float) -> None:
 def test_two_modes_are_both_found() -> None:
     """From prior draws both modes are found with their shares, and the evidence counts both."""
     found = adapted(two_modes, wide_starts()[1], 1)
-    fresh = found.mixture.sample(4000, default_rng(2))
+    fresh = found.proposal.sample(4000, default_rng(2))
     assert np.mean(fresh[:, 0] < 0) == pytest.approx(0.75, abs=0.15)
     evidence = multivariate_normal(np.zeros(3), (FAR**2 + 0.25) * np.eye(3)).logpdf([FAR, 0.0, 0.0])
     assert found.log_evidence == pytest.approx(evidence, abs=0.1)
@@ -104,7 +104,7 @@ def produce(densities: Densities, starts: list[FloatArray]) -> tuple[FloatArray,
     for k, start in enumerate(starts):
         found = adapted(densities, start, k)
         walkers = Ensemble(
-            lambda u: np.sum(densities(u), axis=0), found.u[:64], found.mixture, SeedSequence(k)
+            lambda u: np.sum(densities(u), axis=0), found.u[:64], found.proposal, SeedSequence(k)
         )
         walkers.advance(300)
         ensembles.append(walkers)
@@ -156,4 +156,4 @@ def test_adaptation_depends_on_its_stream_only() -> None:
     start = default_rng(1).standard_normal((512, 2))
     first, again = (adapted(densities, start, 5) for _ in range(2))
     np.testing.assert_array_equal(first.u, again.u)
-    np.testing.assert_array_equal(first.mixture.means, again.mixture.means)
+    np.testing.assert_array_equal(first.proposal.mixture.means, again.proposal.mixture.means)

@@ -149,7 +149,7 @@ class Careless(IndependenceMove):
     def propose(self, model: Any, state: Any) -> tuple[Any, FloatArray]:
         """Accept by the densities alone."""
         n = len(state.coords)
-        new = self.mixture.sample(n, model.random)
+        new = self.law.sample(n, model.random)
         log_prob, _ = model.compute_log_prob_fn(new)
         accepted = np.log(model.random.random(n)) < log_prob - state.log_prob
         return self.update(state, emcee.State(new, log_prob=log_prob), accepted), accepted

@@ -56,7 +56,7 @@ def test_draws_do_not_depend_on_the_number_of_cores(
 
 def test_ensembles_are_independent(samples: Samples) -> None:
     """Every ensemble has its own start, its own mixture and its own draws."""
-    mixtures = [a.mixture for a in samples.adaptations]
+    mixtures = [a.proposal.mixture for a in samples.adaptations]
     for i in range(4):
         for j in range(i):
             assert not np.array_equal(samples.chains[i], samples.chains[j])
@@ -161,7 +161,7 @@ def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: 
         log.append("fit")
         return fit_mixture(*given, **options)
 
-    monkeypatch.setattr("bayesterra.sampling.adaptation.fit_mixture", fit)
+    monkeypatch.setattr("bayesterra.sampling.unbending.fit_mixture", fit)
 
     def watched(self: Ensemble, steps: int, *, keep: bool = True) -> None:
         if keep:
