@@ -117,7 +117,7 @@ def deviations(target: Target, steps: int) -> tuple[FloatArray, float]:
 @pytest.mark.parametrize("make", TARGETS.values(), ids=TARGETS)
 def test_moves_sample_known_targets(make: Callable[[], Target]) -> None:
     """Means, variances and E[r²] are right within 4 Monte Carlo errors at 20 000 effective draws."""
-    found, size = deviations(make(), 1600)
+    found, size = deviations(make(), 2000)
     assert size > 20_000
     assert np.abs(found).max() < 4.0
 
