@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -22,8 +23,6 @@ OVERSTATED = 0.99
 DRAWS = 2000
 METHODS = ("IM1", "IM2", "IM3", "joint")
 """Least-squares methods, in the order of reports."""
-REFERENCES = ("published", "truth")
-"""Values from elsewhere that stand beside them."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +98,30 @@ def _p_value(readings: int, distances: FloatArray) -> float:
 
 
 def estimates(result: Result) -> dict[str, dict[str, float]]:
-    """Soil parameters of least squares, published and true ones by name, SI, as far as identified."""
-    standings, fits = result.record["standings"], result.record.get("fits", {})
-    names = [name for name in (*METHODS, *REFERENCES) if name in standings]
-    missing = {name: fits.get(name, {}).get("missing", ()) for name in names}
-    return {name: _known(standings[name]["values"], missing[name]) for name in names}
+    """Soil parameters of least squares, published and true ones by name, SI, as far as each gives them.
+
+    What a record fills in to place an estimate in the posterior is left out.
+    """
+    fits, standings = result.record["fits"], result.record["standings"]
+    found = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in fits}
+    references = {"published": result.study.published, "truth": result.study.truth}
+    return found | {name: dict(known.values) for name, known in references.items() if known is not None}
 
 
-def _known(values: Mapping[str, float], missing: tuple[str, ...]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items() if name not in missing and value is not None}
+def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if name not in fit["missing"]}
+
+
+def complete(result: Result) -> tuple[str, ...]:
+    """Those of :func:`estimates` that give every free soil parameter; only they can be judged by density."""
+    free = [name for name in result.names if name in SOIL_PARAMETERS]
+    return tuple(method for method, values in estimates(result).items() if all(n in values for n in free))
+
+
+def held(result: Result, method: str) -> tuple[str, ...]:
+    """Free parameters of the study that a least-squares method held at a value."""
+    named = result.record.get("fits", {}).get(method, {}).get("held", ())
+    return tuple(name for name in named if name in result.names)
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
@@ -129,7 +143,7 @@ def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:
     All are run by the study's own model and drive; NaN where an estimate has no answer.
     """
     forward = curve_forward(result.study, wheel)
-    return {name: forward.one_by_one(soil).values[0] for name, soil in complete_soils(result).items()}
+    return {name: forward(soil, every_row=True).values[0] for name, soil in complete_soils(result).items()}
 
 
 def method_residuals(result: Result) -> dict[str, FloatArray]:
@@ -143,7 +157,7 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     likelihood = target.likelihood
     found = {}
     for name, soil in complete_soils(result).items():
-        outcomes = likelihood.forward.one_by_one(soil)
+        outcomes = likelihood.forward(soil, every_row=True)
         predicted = likelihood.predicted(outcomes)
         found[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
     return found

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PRIOR_PARAMETERS
+from bayesterra.parameters import PRIOR_PARAMETERS, SOIL_PARAMETERS
 from bayesterra.posteriors import INSIDE, REASONS, Posterior
 
 
@@ -25,6 +25,8 @@ class Standing:
         a typical good fit; above 0.99 practically no draw is as improbable.
     reason : why the density is zero there, "" where it is not.
     at_bound : free parameters that sit on the edge of their prior's range.
+    filled : free soil parameters that the estimate does not give; they stand at the posterior median, so its
+        density says little about the estimate.
     """
 
     method: str
@@ -33,10 +35,13 @@ class Standing:
     credible_level: float
     reason: str
     at_bound: tuple[str, ...]
+    filled: tuple[str, ...] = ()
 
     @property
     def word(self) -> str:
         """The verdict in words."""
+        if self.filled:
+            return f"not judged: it gives no {', '.join(self.filled)}"
         if self.reason:
             return f"outside the prior: {self.reason}" if self.reason != REASONS[-1] else self.reason
         return f"{100 * self.credible_level:.1f} % of the draws are denser"
@@ -61,7 +66,7 @@ def stand(
     """
     median = dict(zip(posterior.names, np.median(draws, axis=0), strict=True))
     return {
-        method: _standing(posterior, method, _completed(posterior, median, values), draw_densities)
+        method: _standing(posterior, method, values, median, draw_densities)
         for method, values in points.items()
     }
 
@@ -77,17 +82,26 @@ def _completed(
 
 
 def _standing(
-    posterior: Posterior, method: str, values: Mapping[str, float], draw_densities: FloatArray
+    posterior: Posterior,
+    method: str,
+    values: Mapping[str, float],
+    median: Mapping[str, float],
+    draw_densities: FloatArray,
 ) -> Standing:
-    x = np.array([[values[name] for name in posterior.names]])
+    names, completed = posterior.names, _completed(posterior, median, values)
+    x = np.array([[completed[name] for name in names]])
     reason = int(posterior.reasons(x)[0])
     density = float(posterior.log_density(x)[0])
-    level = float(np.mean(draw_densities > density))
-    soil = {name: values[name] for name in PRIOR_PARAMETERS if name in values}
-    at_bound = tuple(
-        name for name in soil if name in posterior.names and _at_edge(posterior, name, soil[name])
+    soil = {name: completed[name] for name in PRIOR_PARAMETERS if name in values}
+    return Standing(
+        method,
+        soil,
+        density,
+        credible_level=float(np.mean(draw_densities > density)),
+        reason="" if reason == INSIDE else REASONS[reason],
+        at_bound=tuple(n for n in soil if n in names and _at_edge(posterior, n, soil[n])),
+        filled=tuple(n for n in SOIL_PARAMETERS if n in names and n not in values),
     )
-    return Standing(method, soil, density, level, "" if reason == INSIDE else REASONS[reason], at_bound)
 
 
 def _at_edge(posterior: Posterior, name: str, value: float) -> bool:

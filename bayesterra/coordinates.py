@@ -107,17 +107,20 @@ class Stress:
     slips : where the stress is taken, (k − 1,).
     entrance : entrance angle θ1 there, (k − 1,).
     radius : wheel radius, m.
+    share : of the greatest depth that carries the load in the mean: all of it where stresses are linear,
+        as in M2 and M3, about two thirds in M1.
     """
 
     score: NormalScore
     slips: FloatArray
     entrance: FloatArray
     radius: float
+    share: float
 
     def _log_depths(self, ratios: FloatArray) -> FloatArray:
-        """Log of the depth that carries the load, for θm/θ1 (n, k − 1): two thirds of the base of (18)."""
+        """Log of the depth that carries the load, for θm/θ1 (n, k − 1): a share of the base of (18)."""
         deepest = self.radius * (np.cos(ratios * self.entrance) - np.cos(self.entrance))
-        return np.asarray(np.log(deepest / 1.5))
+        return np.asarray(np.log(self.share * deepest))
 
     def from_physical(self, x: FloatArray, ratios: FloatArray) -> FloatArray:
         """Coordinates of parameters (n, k) at given θm/θ1 (n, k − 1)."""
@@ -316,6 +319,7 @@ class _Typical:
     radius : median wheel radius, m.
     stress : load over the chord of the contact, median, Pa.
     displacement : shear displacement at θm = θ1/2, (11), median, m.
+    share : see :class:`Stress`.
     """
 
     slips: tuple[float, float]
@@ -323,6 +327,7 @@ class _Typical:
     radius: float
     stress: float
     displacement: float
+    share: float
 
     @classmethod
     def of(cls, posterior: Posterior) -> _Typical:
@@ -343,11 +348,12 @@ class _Typical:
             radius=float(np.median(rows.radius)),
             stress=_median(force / (rows.width * rows.radius * np.sin(theta)), USUAL_STRESS),
             displacement=float(np.median(rows.shearing_radius * sheared)),
+            share=2 / 3 if posterior.likelihood.forward.model.name == "M1" else 1.0,
         )
 
     def stress_block(self, score: NormalScore, slips: int) -> Stress:
         """The stress at the first ``slips`` of the two slips."""
-        return Stress(score, np.array(self.slips[:slips]), self.entrance[:slips], self.radius)
+        return Stress(score, np.array(self.slips[:slips]), self.entrance[:slips], self.radius, self.share)
 
 
 def _median(values: FloatArray, otherwise: float) -> float:

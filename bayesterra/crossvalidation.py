@@ -24,7 +24,7 @@ from bayesterra.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.posteriors import Posterior
 from bayesterra.replicates import normal_scores
 from bayesterra.sampling.importance import Pair, Surroundings, refined, systematic
-from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.mixture import ProposalLaw
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
@@ -187,7 +187,7 @@ class _Case:
     """
 
     near: Surroundings
-    whole: StudentMixture
+    whole: ProposalLaw
     x: FloatArray
     density: FloatArray
     index: int
@@ -233,7 +233,7 @@ class _Case:
         _, prior, terms = self._terms(u)
         return prior, np.delete(terms, self.index, axis=1).sum(axis=1)
 
-    def _drawn(self, without: StudentMixture, n: int, rng: Generator) -> _Weighted:
+    def _drawn(self, without: ProposalLaw, n: int, rng: Generator) -> _Weighted:
         """Weighted draws of a proposal without the row and of one with it, where its density is high."""
         proposal = Pair(without, self.whole)
         u = proposal.sample(n, rng)

@@ -53,7 +53,7 @@ def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArr
     """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 9 or 12)."""
     conditions = Conditions.of(wheel, SLIP_GRID)
     forward = Forward(model, "load", conditions, np.full(len(SLIP_GRID), load))
-    z, pull, moment = forward.one_by_one(soil).values.transpose(2, 0, 1)
+    z, pull, moment = forward(soil, every_row=True).values.transpose(2, 0, 1)
     return Drive(load, z, pull, moment, tractive_efficiency(pull, moment, conditions))
 
 

@@ -46,13 +46,14 @@ def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
 
 
 def effective_size(chains: FloatArray) -> float:
-    """Effective number of draws in (ensembles, steps, walkers): walkers · steps / τ, summed.
+    """Effective number of draws in (ensembles, steps, walkers): their number over the ensembles' mean τ.
 
-    An ensemble in which nothing varies has none.
+    Equal to walkers · steps / τ summed over ensembles where these agree on τ. Where they do not, that sum is
+    too large: pooled draws weigh a slow ensemble as much as a fast one (and so does ArviZ). None where an
+    ensemble stands still.
     """
-    _, steps, walkers = chains.shape
-    times = np.maximum(autocorrelation_time(chains), 1.0 / walkers)
-    return float(np.nansum(steps * walkers / times))
+    times = np.maximum(autocorrelation_time(chains), 1.0 / chains.shape[2])
+    return 0.0 if np.isnan(times).any() else float(chains.size / times.mean())
 
 
 def bulk_size(chains: FloatArray) -> float:
@@ -75,8 +76,9 @@ def r_hat(chains: FloatArray) -> float:
 
 
 def array_r_hat(chains: FloatArray) -> float:
-    """ArviZ's rank-normalised split R-hat of chains (chains, draws)."""
-    return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+    """ArviZ's rank-normalised split R-hat of chains (chains, draws); NaN where nothing varies."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
 
 
 def thinning(chains: FloatArray, loss: float = 0.1) -> int:
@@ -103,6 +105,8 @@ def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
 
 def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
     """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
+    if np.ptp(chains) == 0:
+        return 0.0
     return float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
 
 

@@ -67,7 +67,12 @@ def _swap(part: Path, folder: Path) -> None:
     if folder.exists():
         shutil.rmtree(old, ignore_errors=True)
         folder.rename(old)
-    part.rename(folder)
+    try:
+        part.rename(folder)
+    except OSError:
+        if old.exists():
+            old.rename(folder)
+        raise
     _to_disk(folder.parent)
     shutil.rmtree(old, ignore_errors=True)
 

@@ -160,7 +160,7 @@ class Analysis:
     def points(self) -> dict[str, dict[str, float]]:
         """Point estimates by method: the mode, every least-squares fit, published and true values."""
         points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
-        points |= {name: fitted.values() for name, fitted in self.fits.items()}
+        points |= {name: fitted.identified() for name, fitted in self.fits.items()}
         references = {"published": self.study.published, "truth": self.study.truth}
         return points | {name: dict(known.values) for name, known in references.items() if known is not None}
 
@@ -173,7 +173,7 @@ class Analysis:
         return stand(self.posterior, self.kept.flat, densities, soils)
 
     def least_squares(self, standings: Mapping[str, Standing]) -> pd.DataFrame:
-        """The table of point estimates with the share of draws denser than each."""
+        """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
         table = report_table(self.fits, self.study)
-        levels = {method: standing.credible_level for method, standing in standings.items()}
+        levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
         return table.assign(credible_level=table["method"].map(levels))

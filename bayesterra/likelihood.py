@@ -64,7 +64,7 @@ class Likelihood:
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""
-        return self.forward.one_by_one(soil)
+        return self.forward(soil, every_row=True)
 
     @cached_property
     def measured(self) -> FloatArray:

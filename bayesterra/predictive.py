@@ -111,7 +111,7 @@ def predict_curves(
 
 def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, rng: Generator) -> Curves:
     forward = curve_forward(study, wheel)
-    outcomes = forward.one_by_one(posterior.prior.soil_values(draws))
+    outcomes = forward(posterior.prior.soil_values(draws), every_row=True)
     readings = np.full(outcomes.values.shape, np.nan)
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
     known = [noise for noise in posterior.likelihood.noise if noise.channel in forward.outcomes]

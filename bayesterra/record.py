@@ -109,6 +109,7 @@ def of_standing(standing: Standing) -> dict[str, Any]:
         "log_density": standing.log_density if np.isfinite(standing.log_density) else None,
         "word": standing.word,
         "at_bound": list(standing.at_bound),
+        "filled": list(standing.filled),
         "values": dict(standing.values),
     }
 

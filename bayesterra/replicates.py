@@ -26,7 +26,7 @@ from bayesterra.sampling.importance import (
     normalised,
     systematic,
 )
-from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.mixture import ProposalLaw
 
 T = TypeVar("T")
 
@@ -138,7 +138,7 @@ class _Pool:
     outcomes: Outcomes
 
     @classmethod
-    def of(cls, near: Surroundings, mixture: StudentMixture, n: int, rng: Generator) -> _Pool:
+    def of(cls, near: Surroundings, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
         sets = near.propose(mixture, n, rng)
         outcomes = near.posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)

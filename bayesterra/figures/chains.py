@@ -8,7 +8,7 @@ from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.figures.rows import summary_rows
-from bayesterra.figures.style import INK, PRIOR, label, own_axes, styled
+from bayesterra.figures.style import INK, PRIOR, label, one_of, own_axes, styled
 from bayesterra.parameters import PARAMETERS
 from bayesterra.results import Result, field_values
 
@@ -24,7 +24,7 @@ def trace(result: Result, name: str = "lp", ax: Axes | None = None) -> Axes:
     show ensembles that agree.
     """
     ax = own_axes(ax)
-    steps, bands = _bands(result, name)
+    steps, bands = _bands(result, one_of("name", name, ("lp", *result.names)))
     for i, band in enumerate(bands):
         shade = SHADES[i % len(SHADES)]
         ax.plot(steps, band[1], color=shade, linewidth=0.9)
@@ -54,7 +54,7 @@ def ranks(result: Result, name: str, ax: Axes | None = None) -> Axes:
     Grey: where 95 % of the steps lie if they do, for the effective number of draws.
     """
     ax = own_axes(ax)
-    draws = result.draws["posterior"][name].to_numpy()
+    draws = result.draws["posterior"][one_of("name", name, result.names)].to_numpy()
     order = rankdata(draws, axis=None).reshape(draws.shape) / draws.size
     edges = np.linspace(0, 1, RANK_BINS + 1)
     ess = summary_rows(result)[name].ess_bulk

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from bayesterra import adequacy
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.figures.style import DATA, INK, MARKS, POSTERIOR, PRIOR, label, own_axes, styled
+from bayesterra.figures.style import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
 from bayesterra.parameters import CHANNELS
 from bayesterra.results import Result, field_values
 
@@ -25,7 +25,8 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
     not measured; line: median. Error bars: one standard deviation of noise; hollow rows are not in the fit.
     """
     ax = own_axes(ax)
-    wheel = wheel or next(iter(result.study.wheels))
+    wheel = one_of("wheel", wheel or next(iter(result.study.wheels)), result.study.wheels)
+    one_of("channel", channel, result.draws["curves"]["outcome"].to_numpy().tolist())
     curves = result.draws["curves"].sel(wheel=wheel)
     slip = curves["slip"].to_numpy()
     kind = "readings" if channel in result.study.noise else "modelled"
@@ -86,7 +87,7 @@ def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     where they are farther out, beside their row's slip. Grey: ± 2.
     """
     ax = own_axes(ax)
-    column = list(result.study.noise).index(channel)
+    column = list(result.study.noise).index(one_of("channel", channel, result.study.noise))
     slip = result.study.observations.used().slip
     z = adequacy.residuals(result)[:, :, column]
     methods = {name: values[:, column] for name, values in adequacy.method_residuals(result).items()}

@@ -147,9 +147,8 @@ def correlations(result: Result, ax: Axes | None = None) -> Axes:
     shown = np.where(np.tri(len(names), k=-1, dtype=bool), matrix, np.nan)
     ax.pcolormesh(np.ma.masked_invalid(shown), cmap="PuOr_r", vmin=-1.6, vmax=1.6, edgecolors="none")
     for i, j in zip(*np.tril_indices(len(names), -1), strict=True):
-        ax.text(
-            j + 0.5, i + 0.5, f"{matrix[i, j]:.2f}".replace("-", "−"), ha="center", va="center", fontsize=8
-        )
+        text = f"{round(matrix[i, j], 2) + 0.0:.2f}".replace("-", "−")
+        ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8)
     _group_boxes(ax, names)
     ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
     ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayesterra.adequacy import estimates
+from bayesterra.adequacy import estimates, held
 from bayesterra.arrays import FloatArray
 from bayesterra.figures.axis import axis, density
 from bayesterra.figures.rows import summary_rows
@@ -20,8 +20,8 @@ def parameter_strip(result: Result) -> FloatArray:
     """Draw one row per parameter over the range of its prior; returns the array of axes (d,).
 
     Pale: prior after the physical cut. Filled: posterior. Thick line: its 90 % highest-density interval.
-    Tick: posterior mode. Marks: least squares and, hollow, published or true values; arrows point at those
-    outside the range. Prior and posterior are each scaled to the height of the row.
+    Tick: posterior mode. Marks: least squares, hollow where a value was held, and circles for published or
+    true values; arrows point at those outside the range. Prior and posterior are each scaled to the row.
     """
     names = result.names
     figure = new_figure(7.5, 0.62 * len(names) + 0.5)
@@ -44,7 +44,8 @@ def _row(ax: Axes, result: Result, name: str) -> None:
     ax.plot([row.mode] * 2, [-0.3, 1.0], color=POSTERIOR, linewidth=1.2)
     for method, values in estimates(result).items():
         if name in values:
-            _point(ax, method, values[name] / PARAMETERS[name].scale, (along.low, along.high))
+            value = values[name] / PARAMETERS[name].scale
+            _point(ax, method, value, (along.low, along.high), hollow=name in held(result, method))
     ax.set(
         xlim=(along.low, along.high), ylim=(-0.75, 1.05), yticks=[], xscale="log" if along.log else "linear"
     )
@@ -52,12 +53,12 @@ def _row(ax: Axes, result: Result, name: str) -> None:
     ax.set_ylabel(label(PARAMETERS[name]), rotation=0, ha="right", va="center")
 
 
-def _point(ax: Axes, method: str, value: float, limits: tuple[float, float]) -> None:
-    """A mark below the line; an arrow at the end of the axis for a value beyond it."""
+def _point(ax: Axes, method: str, value: float, limits: tuple[float, float], *, hollow: bool) -> None:
+    """A mark below the line; an arrow at the end of the axis for a value beyond it; hollow where held."""
     mark = MARKS[method]
     low, high = limits
     marker = "<" if value < low else ">" if value > high else mark.marker
-    face = "none" if mark.hollow else mark.colour
+    face = "none" if mark.hollow or hollow else mark.colour
     ax.plot(
         [min(max(value, low), high)], [-0.42], marker, color=mark.colour, markerfacecolor=face,
         markersize=8 if mark.hollow else 5.5, clip_on=False, zorder=5,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from bayesterra.parameters import Channel, Parameter
 
@@ -94,6 +96,19 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
+def one_of(kind: str, value: str, known: Iterable[str]) -> str:
+    """The value, if it is one of those known.
+
+    Raises
+    ------
+    ValueError : it is not.
+    """
+    known = list(known)
+    if value not in known:
+        raise ValueError(f"'{kind}' must be one of {', '.join(known)} (got {value!r})")
+    return value
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure (inches) that pyplot does not know of."""
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -117,19 +132,37 @@ def unit_text(unit: str) -> str:
     return unit.replace("m^N", "m$^N$")
 
 
+Drawn: TypeAlias = Axes | NDArray[Any]
+"""What a figure function returns: axes or an array of them."""
+
+
+def figure_of(drawn: Drawn) -> Figure:
+    """The figure that axes belong to."""
+    figure = np.asarray(drawn).ravel()[0].get_figure()
+    if not isinstance(figure, Figure):
+        raise TypeError("axes must belong to a figure")
+    return figure
+
+
+def css_width(drawn: Drawn) -> int:
+    """Width of the figure in CSS pixels, 96 to the inch."""
+    return round(96 * float(figure_of(drawn).get_size_inches()[0]))
+
+
 @styled
-def svg(figure: Figure) -> bytes:
+def svg(drawn: Drawn) -> bytes:
     """The figure as SVG, the same bytes each time."""
-    return _saved(figure, format="svg", metadata={"Date": None, "Creator": None})
+    return _saved(drawn, format="svg", metadata={"Date": None, "Creator": None})
 
 
 @styled
-def png(figure: Figure, dpi: float) -> bytes:
-    """The figure as PNG on a transparent ground, the same bytes each time."""
-    return _saved(figure, format="png", dpi=dpi, metadata={"Software": None})
+def png(drawn: Drawn, width: int) -> bytes:
+    """The figure as PNG, ``width`` dots wide, on a transparent ground, the same bytes each time."""
+    dpi = width / figure_of(drawn).get_size_inches()[0]
+    return _saved(drawn, format="png", dpi=dpi, metadata={"Software": None})
 
 
-def _saved(figure: Figure, **options: Any) -> bytes:
+def _saved(drawn: Drawn, **options: Any) -> bytes:
     buffer = BytesIO()
-    figure.savefig(buffer, **options)
+    figure_of(drawn).savefig(buffer, **options)
     return buffer.getvalue()

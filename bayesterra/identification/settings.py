@@ -49,8 +49,10 @@ class Settings:
 
     def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
         """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
-        span = self.upper - self.lower
-        margin = 1e-4 * np.where(np.isfinite(span), span, 0.0)
+        width = np.subtract(
+            self.upper, self.lower, where=np.isfinite(self.lower), out=np.full_like(theta, np.inf)
+        )
+        margin = 1e-4 * np.where(np.isfinite(width), width, 0.0)
         at = (theta < self.lower + margin) | (theta > self.upper - margin)
         return tuple(SOIL_PARAMETERS[i] for i in columns if at[i])
 

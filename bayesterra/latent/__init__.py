@@ -62,7 +62,7 @@ class LatentLoad(Likelihood):
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn given soil, noise and the readings of each row."""
-        return replace(self.forward, given=self.loads(soil, noise_values, rng)).one_by_one(soil)
+        return replace(self.forward, given=self.loads(soil, noise_values, rng))(soil, every_row=True)
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""

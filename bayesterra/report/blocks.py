@@ -6,12 +6,9 @@ from base64 import b64encode
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
-import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from bayesterra.figures.style import png, svg
+from bayesterra.figures.style import Drawn, css_width, png, svg
 
 Cell: TypeAlias = str | Markup
 
@@ -54,7 +51,6 @@ class Picture:
     data: str
     alt: str
     width: int
-    heading: Cell = ""
 
 
 @dataclass(frozen=True)
@@ -79,30 +75,15 @@ class Section:
     blocks: tuple[Block, ...]
 
 
-def drawing(axes: Axes | np.ndarray, alt: str, heading: Cell = "") -> Picture:
+def drawing(drawn: Drawn, alt: str) -> Picture:
     """A figure of few marks, as SVG."""
-    figure = _figure(axes)
-    return Picture(_address("image/svg+xml", svg(figure)), alt, _width(figure), heading)
+    return Picture(_address("image/svg+xml", svg(drawn)), alt, css_width(drawn))
 
 
-def photograph(axes: Axes | np.ndarray, alt: str, heading: Cell = "", width: int | None = None) -> Picture:
+def photograph(drawn: Drawn, alt: str, width: int | None = None) -> Picture:
     """A figure of many marks, as PNG with two dots per CSS pixel; ``width`` in CSS pixels."""
-    figure = _figure(axes)
-    width = width or _width(figure)
-    return Picture(
-        _address("image/png", png(figure, 2 * width / figure.get_size_inches()[0])), alt, width, heading
-    )
-
-
-def _figure(axes: Axes | np.ndarray) -> Figure:
-    figure = np.asarray(axes).ravel()[0].get_figure()
-    if not isinstance(figure, Figure):
-        raise TypeError("axes must belong to a figure")
-    return figure
-
-
-def _width(figure: Figure) -> int:
-    return round(96 * float(figure.get_size_inches()[0]))
+    width = width or css_width(drawn)
+    return Picture(_address("image/png", png(drawn, 2 * width)), alt, width)
 
 
 def _address(kind: str, content: bytes) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayesterra.adequacy import estimates
+from bayesterra.adequacy import complete, estimates
 from bayesterra.figures.rows import summary_rows
 from bayesterra.figures.style import MARKS
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -75,7 +75,11 @@ def _flag(result: Result, method: str, name: str) -> str:
 def _standing(result: Result) -> Table:
     channels = _judged(result.least_squares)
     standings, fits = result.record["standings"], result.record["fits"]
-    rows = [_standing_row(name, standings, fits, channels) for name in ("mode", *estimates(result))]
+    judged = ("mode", *complete(result))
+    rows = [
+        _standing_row(name, standings[name], fits.get(name), channels, judged=name in judged)
+        for name in ("mode", *estimates(result))
+    ]
     errors = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
     caption = (
         "Where each estimate stands: the share of draws of higher density (small: a typical good fit; near "
@@ -95,22 +99,28 @@ def _judged(table: pd.DataFrame) -> list[str]:
 
 
 def _standing_row(
-    name: str, standings: Mapping[str, Any], fits: Mapping[str, Any], channels: list[str]
+    name: str,
+    standing: Mapping[str, Any],
+    fit: Mapping[str, Any] | None,
+    channels: list[str],
+    *,
+    judged: bool,
 ) -> tuple[Cell, ...]:
-    standing, fit = standings[name], fits.get(name)
-    bounds = (
-        Markup("; at a bound: {}").format(symbols(standing["at_bound"]))
-        if standing["at_bound"]
-        else Markup("")
-    )
-    outside = standing["log_density"] is None
-    word = Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
-    level = NOTHING if outside else share(standing["credible_level"])
     label = MARKS[name].label if name in MARKS else "posterior mode"
+    outside = standing["log_density"] is None
+    level = share(standing["credible_level"]) if judged and not outside else NOTHING
+    word = _standing_word(standing) if judged else Markup("not judged: only some of the parameters")
     if fit is None:
         return label, level, word, NOTHING, NOTHING, *(NOTHING for _ in channels)
     errors = (plain(fit["errors_percent"].get(channel), 2) for channel in channels)
     return label, level, word, "yes" if fit["converged"] else "no", str(fit["passes"]), *errors
+
+
+def _standing_word(standing: Mapping[str, Any]) -> Markup:
+    at = standing["at_bound"]
+    bounds = Markup("; at a bound: {}").format(symbols(at)) if at else Markup("")
+    outside = standing["log_density"] is None
+    return Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
 
 
 def prior_section(result: Result) -> Section:

@@ -96,7 +96,7 @@ def given(value: float) -> str:
     return (MINUS if value < 0 else "") + (text if "e" in text else _grouped(text))
 
 
-def column(values: Iterable[float], digits: int = 6) -> list[str]:
+def column(values: Iterable[float], digits: int = 5) -> list[str]:
     """Given numbers with as many decimals as the longest of them; NaN where there is none.
 
     >>> column([5.0, 7.5, float("nan")])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from bayesterra import figures
+from bayesterra.adequacy import complete_soils
 from bayesterra.figures.posterior import PRIOR_MASS
 from bayesterra.figures.rows import found_rows, summary_rows
 from bayesterra.identifiability import DETERMINED, WEAK
@@ -12,7 +13,7 @@ from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.driving import slip_table
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
-from bayesterra.report.symbols import QUANTITIES, angles, symbol, unit
+from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, unit
 from bayesterra.report.validation import posterior_checks, prior_predictive
 from bayesterra.results import Result
 
@@ -27,9 +28,9 @@ TRACES = (
 )
 CORNER = (
     "All pairs of parameters. Blue contours hold 50 and 90 % of the posterior, the grey area "
-    f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior mode; "
-    "marks: point estimates. Long thin contours are trades between two parameters; where blue fills the grey, "
-    "the data say nothing."
+    f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior "
+    "mode; marks: point estimates. Long thin contours are trades between two parameters; where blue fills "
+    "the grey, the data say nothing."
 )
 CORRELATIONS = Markup(
     "Correlation of every pair in the posterior (orange: rise together, violet: one rises as the other "
@@ -163,12 +164,33 @@ def _bands(result: Result, wheel: str) -> Gallery:
     )
     caption = Markup(
         "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
-        "noise included, and their median; at the median load of the readings, or through the measured "
-        "sinkages where those are given. Broken lines: the least-squares estimates run by the same model, "
-        "IM1 long dashes (vermilion), IM2 dots (green), IM3 dash-dot (purple), joint short dashes (orange); "
-        "they end where an estimate has no answer. About nine readings in ten should lie in the pale band."
-    ).format(wheel)
+        "noise included, and their median, at {}. A channel that was not measured shows the modelled "
+        "values. {} About nine readings in ten should lie in the pale band."
+    ).format(wheel, GIVEN[result.study.drive], _lines(result))
     return Gallery("small", pictures, caption)
+
+
+GIVEN = {
+    "load": "the median load of the readings",
+    "sinkage": "the measured sinkages, joined by straight lines",
+}
+LINES = {
+    "IM1": "long dashes (vermilion)",
+    "IM2": "dots (green)",
+    "IM3": "dash-dot (purple)",
+    "joint": "short dashes (orange)",
+}
+SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
+
+
+def _lines(result: Result) -> Markup:
+    """What the broken lines are, of the methods that gave every parameter."""
+    drawn = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
+    if not drawn:
+        return Markup("")
+    return Markup(
+        "Broken lines: least squares, run by the same model: {}; they end where an estimate has no answer."
+    ).format(drawn)
 
 
 def _residuals(result: Result) -> Gallery:
@@ -176,10 +198,12 @@ def _residuals(result: Result) -> Gallery:
         drawing(figures.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}")
         for name in result.study.noise
     )
+    marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))
+    beside = f"; marks beside them: {marks}, hollow at the edge where they are farther out" if marks else ""
     caption = (
         "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
-        "are their means; marks beside them: IM1 ▲, IM2 ■, IM3 ◆, joint ✖, hollow at the edge where they "
-        "are farther out. A run of one sign over slip would mean that the model has the wrong shape."
+        "are "
+        f"their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
     )
     return Gallery("small", pictures, caption)
 

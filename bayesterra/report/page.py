@@ -56,7 +56,7 @@ def page(result: Result) -> Page:
         title=result.study.title or "Soil parameters from wheel tests",
         kind=result.study.kind,
         facts=_facts(result),
-        warning=_warning(result),
+        warning=warning(result),
         verdicts=verdicts(result, checks),
         strip=strip(result),
         legend=legend(result),
@@ -105,7 +105,8 @@ def _facts(result: Result) -> tuple[str, ...]:
     return tuple(part for part in parts if part)
 
 
-def _warning(result: Result) -> Markup:
+def warning(result: Result) -> Markup:
+    """What to do about a sampling that has not converged; empty where it has."""
     if result.converged:
         return Markup("")
     advice = listed(check["advice"] for check in failed_checks(result))

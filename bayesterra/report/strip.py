@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from bayesterra.adequacy import estimates
+from bayesterra.adequacy import estimates, held
 from bayesterra.arrays import FloatArray
 from bayesterra.figures.axis import Axis, axis, density
 from bayesterra.figures.rows import Row, found_rows, summary_rows
@@ -74,9 +74,14 @@ def legend(result: Result) -> tuple[tuple[Markup, str], ...]:
 
 
 def mode_outside(result: Result) -> tuple[str, ...]:
-    """Parameters whose posterior mode lies outside their own 90 % HDI."""
+    """Parameters whose posterior mode lies outside their 90 % HDI by more than a twentieth of its width."""
     rows = summary_rows(result)
-    return tuple(n for n in result.names if not rows[n].hdi90_lo <= rows[n].mode <= rows[n].hdi90_hi)
+    return tuple(name for name in result.names if _apart(rows[name]))
+
+
+def _apart(row: Row) -> bool:
+    margin = 0.05 * (row.hdi90_hi - row.hdi90_lo)
+    return not row.hdi90_lo - margin <= row.mode <= row.hdi90_hi + margin
 
 
 def _row(result: Result, name: str) -> StripRow:
@@ -86,10 +91,10 @@ def _row(result: Result, name: str) -> StripRow:
     word, remark = _words(result, name)
     return StripRow(
         symbol=symbol(name),
-        description=angles(parameter.description),
+        description=angles(parameter.description + (", log scale" if along.log else "")),
         unit=unit(name),
-        low=_end(along.low),
-        high=_end(along.high),
+        low=_end(along.low, along),
+        high=_end(along.high, along),
         drawing=_drawing(result, name, along),
         median=rounded(row.median, step),
         hdi=interval(*row.hdi),
@@ -100,9 +105,9 @@ def _row(result: Result, name: str) -> StripRow:
     )
 
 
-def _end(value: float) -> str:
+def _end(value: float, along: Axis) -> str:
     """An end of an axis: all digits of a bound that a person gave, three of one that was computed."""
-    return given(float(f"{value:.4g}"))
+    return given(float(f"{value:.6g}")) if value in along.bounds else plain(value)
 
 
 def _words(result: Result, name: str) -> tuple[str, Markup]:
@@ -160,7 +165,7 @@ def _marks(result: Result, name: str, along: Axis) -> tuple[Markup, int]:
     places = [float(_place(along.position(value))) for value in values.values()]
     lanes = _lanes(places)
     drawn = (
-        _mark(method, value, x, lane, along)
+        _mark(method, value, (x, FIRST_LANE + LANE * lane), along, hollow=name in held(result, method))
         for (method, value), x, lane in zip(values.items(), places, lanes, strict=True)
     )
     return Markup("").join(drawn), max(lanes, default=0) + 1
@@ -175,17 +180,16 @@ def _lanes(places: list[float]) -> list[int]:
     return lanes
 
 
-def _mark(method: str, value: float, x: float, lane: int, along: Axis) -> Markup:
+def _mark(method: str, value: float, at: tuple[float, float], along: Axis, *, hollow: bool) -> Markup:
     marker = "<" if value < along.low else ">" if value > along.high else MARKS[method].marker
-    moved = Markup('<g transform="translate({:.1f} {:g})"><title>{}: {}</title>{}</g>')
-    return moved.format(
-        x, FIRST_LANE + LANE * lane, MARKS[method].label, plain(value), _shape(method, marker)
-    )
+    text = f"{MARKS[method].label}: {plain(value)}{', held' if hollow else ''}"
+    moved = Markup('<g transform="translate({:.1f} {:g})"><title>{}</title>{}</g>')
+    return moved.format(*at, text, _shape(method, marker, hollow=hollow))
 
 
-def _shape(method: str, marker: str) -> Markup:
+def _shape(method: str, marker: str, *, hollow: bool = False) -> Markup:
     mark = MARKS[method]
-    fill, stroke = ("none", mark.colour) if mark.hollow else (mark.colour, "none")
+    fill, stroke = ("none", mark.colour) if mark.hollow or hollow else (mark.colour, "none")
     return Markup('<path d="{}" fill="{}" stroke="{}" stroke-width="1.4"/>').format(
         SHAPES[marker], fill, stroke
     )

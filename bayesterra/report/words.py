@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from bayesterra.adequacy import METHODS, REFERENCES
+from bayesterra.adequacy import complete, estimates, held
 from bayesterra.figures.rows import found_rows, summary_rows
 from bayesterra.identifiability import COUPLED, WEAK
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.numbers import MINUS, interval, share
+from bayesterra.report.numbers import MINUS, given, interval, share
 from bayesterra.report.strip import mode_outside
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
 from bayesterra.results import Result
@@ -124,17 +124,39 @@ def about_the_mode(result: Result) -> Markup:
 def about_least_squares(result: Result) -> Markup:
     """Where the point estimates stand in the posterior."""
     standings = result.record["standings"]
-    names = [name for name in (*METHODS, *REFERENCES) if name in standings]
+    names = list(complete(result))
     outside = [name for name in names if standings[name]["log_density"] is None]
     far = [n for n in names if n not in outside and standings[n]["credible_level"] >= FAR]
     near = [name for name in names if name not in (*outside, *far)]
     sentences = [
+        *_held(result),
+        *_open(result, names),
         *_outside(result, outside),
         *_far(result, far),
         *_near(result, near),
         *_at_bounds(result, names),
     ]
     return Markup(" ").join(sentences)
+
+
+def _held(result: Result) -> Iterator[Markup]:
+    """Parameters that methods held, the same value together."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for method, values in estimates(result).items():
+        for name in held(result, method):
+            value = given(float(f"{values[name] / PARAMETERS[name].scale:.6g}"))
+            groups.setdefault((name, value), []).append(method)
+    for (name, value), methods in groups.items():
+        yield Markup("{} held {} at {} (hollow marks).").format(
+            listed(methods), symbol(name), amount(name, value)
+        )
+
+
+def _open(result: Result, judged: list[str]) -> Iterator[Markup]:
+    """Estimates that leave parameters open have no density of their own."""
+    names = [name for name in estimates(result) if name not in judged]
+    if names:
+        yield Markup("{}: only some of the parameters, not judged.").format(_titles(names))
 
 
 def _outside(result: Result, names: list[str]) -> Iterator[Markup]:
@@ -168,7 +190,7 @@ def _near(result: Result, names: list[str]) -> Iterator[Markup]:
     for name in names:
         level = result.record["standings"][name]["credible_level"]
         if level == 0:
-            yield Markup("{} at the mode: no draw is denser.").format(_estimate(name))
+            yield Markup("{} inside, denser than every draw.").format(_estimate(name))
         else:
             yield Markup("{} inside: {} of the draws are denser.").format(_estimate(name), share(level))
 

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture
+from bayesterra.sampling.unbending import Proposal, fit_proposal
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
@@ -56,15 +56,15 @@ class Adaptation:
     u : points spread like the posterior (n, d), the starting points of the walkers.
     temperatures : the inverse temperatures travelled.
     evaluations : parameter sets evaluated.
-    mixture : the frozen proposal.
-    efficiency : effective share of independent draws of the last but one mixture.
+    proposal : the frozen proposal.
+    efficiency : effective share of independent draws of the last but one proposal.
     log_evidence : log of the mean importance weight of those same draws, which no fit had seen before.
     """
 
     u: FloatArray
     temperatures: tuple[float, ...]
     evaluations: int
-    mixture: StudentMixture
+    proposal: Proposal
     efficiency: float
     log_evidence: float
 
@@ -110,10 +110,11 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
         step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
         temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
         particles = particles.resampled(step * particles.log_likelihood, rng)
-        evaluations += _move(particles, densities, temperature, options, rng)
+        evaluations += _move(particles, densities, temperature, start.std(axis=0), options, rng)
         travelled.append(temperature)
-    mixture = fit_mixture(particles.u, np.full(len(start), 1.0), options.components, rng)
-    refined = refine(mixture, particles.u, densities, options, rng)
+    widths = start.std(axis=0)
+    proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
+    refined = refine(proposal, particles.u, widths, densities, options, rng)
     evaluations += len(start) * sum(options.refinements)
     return Adaptation(particles.u, tuple(travelled), evaluations, *refined)
 
@@ -131,16 +132,24 @@ def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
     return float(brentq(excess, 0.0, most, xtol=1e-300, rtol=1e-6, maxiter=1000))  # steps can be very short
 
 
+def _fitted(
+    u: FloatArray, weights: FloatArray, widths: FloatArray, options: AdaptationOptions, rng: Generator
+) -> Proposal:
+    return fit_proposal(u, weights, widths, options.components, options.defence, rng)
+
+
 def _move(
     particles: _Particles,
     densities: Densities,
     temperature: float,
+    widths: FloatArray,
     options: AdaptationOptions,
     rng: Generator,
 ) -> int:
     """Spread resampled points by a fitted independence step and differential evolution; returns the cost."""
     n, d = particles.u.shape
-    guess = fit_mixture(particles.u, np.full(n, 1.0), max(2, options.components // 4), rng, steps=8)
+    components = max(2, options.components // 4)
+    guess = fit_proposal(particles.u, np.full(n, 1.0), widths, components, options.defence, rng)
     for sweep in range(options.sweeps + 2):
         if sweep < 2:
             u = guess.sample(n, rng)
@@ -169,33 +178,36 @@ def _tempered(particles: _Particles, temperature: float) -> FloatArray:
 
 
 def refine(
-    mixture: StudentMixture, u: FloatArray, densities: Densities, options: AdaptationOptions, rng: Generator
-) -> tuple[StudentMixture, float, float]:
-    """Improve a mixture by adaptive multiple importance sampling (Cornuet et al. 2012).
+    proposal: Proposal,
+    u: FloatArray,
+    widths: FloatArray,
+    densities: Densities,
+    options: AdaptationOptions,
+    rng: Generator,
+) -> tuple[Proposal, float, float]:
+    """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
     anew; the points ``u`` (n, d) stay in as an anchor.
 
     Returns
     -------
-    The mixture; effective share and log evidence of the last round's draws alone. (All rounds together
+    The proposal; effective share and log evidence of the last round's draws alone. (All rounds together
     underrate the evidence: the later proposals are dense just where the earlier draws happen to lie.)
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
     efficiency = log_evidence = np.nan
     for draws in options.refinements:
-        efficiency, log_evidence = drawn.extend(mixture, draws * len(u), densities, rng)
+        efficiency, log_evidence = drawn.extend(proposal, draws * len(u), densities, rng)
         log_weights = drawn.log_weights()
         # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
         excess = log_weights - logsumexp(log_weights) + np.log(len(log_weights))
         relative = np.minimum(excess, 0.5 * np.log(len(log_weights)))
-        weights = np.exp(FLATTENING * relative)
-        chosen = _systematic(weights, 5 * len(u), rng)
+        chosen = _systematic(np.exp(FLATTENING * relative), 5 * len(u), rng)
         points = np.concatenate([drawn.u[chosen], u])
-        both = np.concatenate([np.full(len(chosen), 1.0), np.full(len(u), 0.5)])
-        fitted = fit_mixture(points, both, options.components, rng)
-        mixture = defended(fitted, points, both, options.defence)
-    return mixture, efficiency, log_evidence
+        weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(u), 0.5)])
+        proposal = _fitted(points, weights, widths, options, rng)
+    return proposal, efficiency, log_evidence
 
 
 @dataclass
@@ -204,29 +216,27 @@ class _Drawn:
 
     u: FloatArray
     log_target: FloatArray
-    mixtures: list[tuple[StudentMixture, int]]
+    proposals: list[tuple[Proposal, int]]
     log_proposals: list[FloatArray]
 
-    def extend(
-        self, mixture: StudentMixture, n: int, densities: Densities, rng: Generator
-    ) -> tuple[float, float]:
+    def extend(self, proposal: Proposal, n: int, densities: Densities, rng: Generator) -> tuple[float, float]:
         """Draw n points from one more proposal; effective share and log mean weight of these draws alone."""
-        new = mixture.sample(n, rng)
+        new = proposal.sample(n, rng)
         log_prior, log_likelihood = densities(new)
         target = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood)
         self.log_proposals = [
             np.concatenate([old, earlier.log_density(new)])
-            for old, (earlier, _) in zip(self.log_proposals, self.mixtures, strict=True)
+            for old, (earlier, _) in zip(self.log_proposals, self.proposals, strict=True)
         ]
         self.u, self.log_target = np.concatenate([self.u, new]), np.concatenate([self.log_target, target])
-        self.log_proposals.append(mixture.log_density(self.u))
-        self.mixtures.append((mixture, n))
+        self.log_proposals.append(proposal.log_density(self.u))
+        self.proposals.append((proposal, n))
         alone = target - self.log_proposals[-1][-n:]
         share = np.exp(2 * logsumexp(alone) - logsumexp(2 * alone)) / n
         return float(share), float(logsumexp(alone) - np.log(n))
 
     def log_weights(self) -> FloatArray:
         """Log importance weights against the mixture of all proposals."""
-        shares = [np.log(n / len(self.u)) for _, n in self.mixtures]
+        shares = [np.log(n / len(self.u)) for _, n in self.proposals]
         pooled = [share + density for share, density in zip(shares, self.log_proposals, strict=True)]
         return np.asarray(self.log_target - np.logaddexp.reduce(pooled, axis=0))

@@ -10,33 +10,33 @@ import numpy as np
 from numpy.random import MT19937, RandomState, SeedSequence
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.mixture import ProposalLaw
 
 LogDensity = Callable[[FloatArray], FloatArray]
 
 
 class IndependenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee ships no types
-    """Metropolis–Hastings step that proposes every walker afresh from a fixed mixture."""
+    """Metropolis–Hastings step that proposes every walker afresh from a fixed law."""
 
-    def __init__(self, mixture: StudentMixture) -> None:
-        self.mixture = mixture
+    def __init__(self, law: ProposalLaw) -> None:
+        self.law = law
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray[Any, Any]]:
-        """Propose, weigh by mixture densities and accept; emcee's ``Move`` protocol."""
+        """Propose, weigh by the law's densities and accept; emcee's ``Move`` protocol."""
         n = len(state.coords)
-        new = self.mixture.sample(n, model.random)
+        new = self.law.sample(n, model.random)
         log_prob, _ = model.compute_log_prob_fn(new)
-        hastings = self.mixture.log_density(state.coords) - self.mixture.log_density(new)
+        hastings = self.law.log_density(state.coords) - self.law.log_density(new)
         accepted = np.log(model.random.random(n)) < hastings + log_prob - state.log_prob
         return self.update(state, emcee.State(new, log_prob=log_prob), accepted), accepted
 
 
-def frozen_moves(mixture: StudentMixture) -> list[tuple[Any, float]]:
+def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
     """Moves of a production run and their shares: none of them adapts."""
     return [
-        (IndependenceMove(mixture), 0.8),
-        (emcee.moves.DEMove(), 0.1),
-        (emcee.moves.StretchMove(), 0.1),
+        (IndependenceMove(law), 0.6),
+        (emcee.moves.DEMove(), 0.2),
+        (emcee.moves.StretchMove(), 0.2),
     ]
 
 
@@ -47,15 +47,15 @@ class Ensemble:
     ----------
     log_density : log target (n,) of coordinates (n, d).
     start : starting walkers (walkers, d), all with finite density.
-    mixture : the frozen proposal.
+    law : the frozen proposal.
     seed : stream of this ensemble.
     """
 
     def __init__(
-        self, log_density: LogDensity, start: FloatArray, mixture: StudentMixture, seed: SeedSequence
+        self, log_density: LogDensity, start: FloatArray, law: ProposalLaw, seed: SeedSequence
     ) -> None:
         self._sampler = emcee.EnsembleSampler(
-            *start.shape, log_density, vectorize=True, moves=frozen_moves(mixture)
+            *start.shape, log_density, vectorize=True, moves=frozen_moves(law)
         )
         self._state = emcee.State(start.copy(), random_state=RandomState(MT19937(seed)).get_state())
 

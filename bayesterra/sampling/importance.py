@@ -12,7 +12,8 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.posteriors import Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
-from bayesterra.sampling.mixture import StudentMixture, fit_mixture
+from bayesterra.sampling.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
+from bayesterra.sampling.unbending import fit_proposal
 
 COMPONENTS = 12
 FITTED = 4096
@@ -68,13 +69,13 @@ class Surroundings:
         factor: FloatArray = np.asarray(np.linalg.cholesky(steadied), dtype=np.float64)
         return StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
 
-    def afresh(self, densities: Densities, rng: Generator) -> StudentMixture:
+    def afresh(self, densities: Densities, rng: Generator) -> ProposalLaw:
         """A proposal for another target over the same parameters, found all the way from the prior."""
         plan = AdaptationOptions()
         start = self.coordinates.from_physical(draw_cut_prior(self.posterior, plan.particles, rng).x)
-        return adapt(densities, start, plan, rng).mixture
+        return adapt(densities, start, plan, rng).proposal
 
-    def propose(self, mixture: StudentMixture, n: int, rng: Generator) -> Proposed:
+    def propose(self, mixture: ProposalLaw, n: int, rng: Generator) -> Proposed:
         """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
         u = mixture.sample(n, rng)
         x, log_jacobian = self.coordinates.to_physical(u)
@@ -87,21 +88,23 @@ def around(u: FloatArray, rng: Generator) -> StudentMixture:
     return fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
 
 
-def refined(start: FloatArray, densities: Densities, rng: Generator) -> StudentMixture:
+def refined(start: FloatArray, densities: Densities, rng: Generator) -> ProposalLaw:
     """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
-    return refine(around(start, rng), start, densities, REFINEMENT, rng)[0]
+    widths, plan = start.std(axis=0), REFINEMENT
+    first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defence, rng)
+    return refine(first, start, widths, densities, plan, rng)[0]
 
 
 @dataclass(frozen=True)
 class Pair:
     """Two proposals in equal shares: where the one is thin, the other may not be."""
 
-    first: StudentMixture
-    second: StudentMixture
+    first: ProposalLaw
+    second: ProposalLaw
 
-    def sample(self, n: int, rng: Generator) -> FloatArray:
+    def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n points (n, d)."""
-        return np.concatenate([self.first.sample(n // 2, rng), self.second.sample(n - n // 2, rng)])
+        return np.concatenate([self.first.sample(n // 2, random), self.second.sample(n - n // 2, random)])
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""

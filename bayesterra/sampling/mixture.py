@@ -26,6 +26,16 @@ class RandomSource(Protocol):
         """Chi-square draws."""
 
 
+class ProposalLaw(Protocol):
+    """A law that proposals are drawn from, independently of where a walker stands."""
+
+    def sample(self, n: int, random: RandomSource) -> FloatArray:
+        """Draw n independent points (n, d)."""
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density (n,) at points (n, d)."""
+
+
 @dataclass(frozen=True)
 class StudentMixture:
     """A mixture of k Student-t laws in d dimensions with common degrees of freedom.

@@ -79,9 +79,21 @@ class Target:
         prior, likelihood = self.densities(u)
         return np.where(np.isneginf(prior), -np.inf, prior + likelihood)
 
-    def physical(self, u: FloatArray) -> FloatArray:
-        """Physical parameters of any (..., d) array of coordinates."""
-        return self.coordinates.to_physical(u.reshape(-1, u.shape[-1]))[0].reshape(u.shape)
+
+@dataclass(frozen=True)
+class Walk:
+    """One ensemble, which moves in its own straightened coordinates, and how it got there."""
+
+    target: Target
+    adaptation: Adaptation
+    ensemble: Ensemble
+
+    @property
+    def chain(self) -> FloatArray:
+        """Kept draws in physical parameters, (steps, walkers, d)."""
+        chain = self.ensemble.chain
+        u = self.adaptation.proposal.unbending.bend(chain.reshape(-1, chain.shape[-1]))
+        return self.target.coordinates.to_physical(u)[0].reshape(chain.shape)
 
 
 def sample(
@@ -117,46 +129,46 @@ def sample(
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
         started = time.perf_counter()
         report(Progress("adapting", 0.0))
-        adapted = list(pool.map(lambda stream: _prepare(target, options, stream, plan), streams))
-        ensembles = [ensemble for ensemble, _ in adapted]
+        walks = list(pool.map(lambda stream: _prepare(target, options, stream, plan), streams))
         adapting = time.perf_counter() - started
-        chains, diagnosis = _produce(target, ensembles, options, pool, report)
-    acceptance = np.array([ensemble.acceptance for ensemble in ensembles])
+        chains, diagnosis = _produce(walks, options, pool, report)
+    acceptance = np.array([walk.ensemble.acceptance for walk in walks])
     seconds = {"adaptation": adapting, "production": time.perf_counter() - started - adapting}
-    adaptations = tuple(adaptation for _, adaptation in adapted)
+    adaptations = tuple(walk.adaptation for walk in walks)
     return Samples(posterior.names, chains, acceptance, diagnosis, adaptations, target.coordinates, seconds)
 
 
-def _prepare(
-    target: Target, options: SamplingOptions, stream: SeedSequence, plan: AdaptationOptions
-) -> tuple[Ensemble, Adaptation]:
+def _prepare(target: Target, options: SamplingOptions, stream: SeedSequence, plan: AdaptationOptions) -> Walk:
     """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
     adapting, walking = stream.spawn(2)
     rng = default_rng(adapting)
     prior = draw_cut_prior(target.posterior, max(plan.particles, options.walkers), rng)
     adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng)
     chosen = rng.choice(len(adapted.u), size=options.walkers, replace=False)
-    ensemble = Ensemble(target.log_density, adapted.u[chosen], adapted.mixture, walking)
+    straight = adapted.proposal.unbending
+
+    def log_density(v: FloatArray) -> FloatArray:
+        return target.log_density(straight.bend(v))
+
+    start = straight.straighten(adapted.u[chosen])
+    ensemble = Ensemble(log_density, start, adapted.proposal.mixture, walking)
     ensemble.advance(WARM_UP_STEPS, keep=False)
-    return ensemble, adapted
+    return Walk(target, adapted, ensemble)
 
 
 def _produce(
-    target: Target,
-    ensembles: list[Ensemble],
-    options: SamplingOptions,
-    pool: Executor,
-    report: Callable[[Progress], None],
+    walks: list[Walk], options: SamplingOptions, pool: Executor, report: Callable[[Progress], None]
 ) -> tuple[FloatArray, Diagnosis]:
     """Advance all ensembles round by round until the diagnosis passes or the steps run out."""
     started, steps = time.perf_counter(), 0
+    ensembles, names = [walk.ensemble for walk in walks], walks[0].target.posterior.names
     while True:
         length = min(ROUND_STEPS, options.max_steps - steps)
         list(pool.map(Ensemble.advance, ensembles, repeat(length)))
         steps += length
-        chains = target.physical(np.array([ensemble.chain for ensemble in ensembles]))
+        chains = np.array([walk.chain for walk in walks])
         acceptance = np.array([ensemble.acceptance for ensemble in ensembles])
-        diagnosis = diagnose(target.posterior.names, chains, acceptance, options.target_ess)
+        diagnosis = diagnose(names, chains, acceptance, options.target_ess)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - started
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))

@@ -22,7 +22,7 @@ def log_integrand(
     names = ("slip", "radius", "width", "lug_height", "shearing_radius")
     many = Conditions(*(np.repeat(getattr(forward.conditions, name), k) for name in names))
     held = Forward(forward.model, "both", many, loads, as_read=True)
-    values = np.concatenate([held.one_by_one(soil).values] if k < 2 else [_values(held, soil)], axis=1)
+    values = np.concatenate([held(soil, every_row=True).values] if k < 2 else [_values(held, soil)], axis=1)
     rows = whole.observations.take(np.arange(len(whole.observations)) == row)
     rows = replace(
         rows,

@@ -188,5 +188,5 @@ def test_no_answer_in_one_row_is_no_likelihood(make_study: MakeStudy) -> None:
     outcomes = density.likelihood.forward(soil)
     assert outcomes.status[0] != 0
     assert np.isneginf(density.likelihood.log_density(outcomes, np.empty((1, 0))))[0]
-    alone = density.likelihood.forward.one_by_one(soil).values[0, :, 1]
+    alone = density.likelihood.forward(soil, every_row=True).values[0, :, 1]
     assert np.isfinite(alone).tolist() == [True, True, False, False, False, False]

@@ -124,7 +124,8 @@ def evidence_by_hand(study: Study, wheel: Wheel, truth: Mapping[str, float]) -> 
     """Log evidence by quadrature on a grid of c and φ, from the models and scipy.stats alone."""
     c, phi = np.linspace(0.0, 2000.0, 161), np.linspace(0.2, 0.9, 281)
     cc, pp = (grid.ravel() for grid in np.meshgrid(c, phi, indexing="ij"))
-    soil = Soil(**{**truth, "c": cc[:, None], "phi": pp[:, None]})
+    held = {name: value for name, value in truth.items() if name not in ("c", "phi")}
+    soil = Soil(c=cc[:, None], phi=pp[:, None], **held)
     rows, model = study.observations, MODELS["M2"]()
     z = model.sinkage(soil, wheel, rows.slip, rows.load)
     forces = model.forces(soil, wheel, rows.slip, z)

@@ -40,7 +40,7 @@ def tempered_draws(density: Posterior, rng: Generator, n: int = 2000) -> FloatAr
     target = Target(density, coordinates(density))
     plan = AdaptationOptions(particles=512, components=8, refinements=(4, 4))
     start = target.coordinates.from_physical(draw_cut_prior(density, plan.particles, rng).x)
-    mixture = adapt(target.densities, start, plan, rng).mixture
+    mixture = adapt(target.densities, start, plan, rng).proposal
     u = mixture.sample(2 * n, rng)
     weights = normalised(target.log_density(u) - mixture.log_density(u))
     return target.coordinates.to_physical(u[systematic(weights, n, rng)])[0]

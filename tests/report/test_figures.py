@@ -1,0 +1,106 @@
+"""Every figure can be drawn alone, on given axes or its own, and leaves no state behind."""
+
+from collections.abc import Callable
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayesterra import figures
+from bayesterra.figures.axis import Axis, density
+from bayesterra.figures.style import png, svg
+from bayesterra.results import Result
+
+SINGLE: dict[str, Callable[[Result, Axes | None], Axes]] = {
+    "predictive": lambda r, ax: figures.predictive(r, "drawbar_pull", ax),
+    "residuals": lambda r, ax: figures.residuals(r, "sinkage", ax),
+    "trace of the log density": lambda r, ax: figures.trace(r, ax=ax),
+    "trace": lambda r, ax: figures.trace(r, "phi", ax),
+    "ranks": lambda r, ax: figures.ranks(r, "K", ax),
+    "correlations": figures.correlations,
+    "contraction": figures.contraction,
+    "combinations": figures.combinations,
+}
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_figures_draw_on_given_axes_and_return_them(name: str, small_result: Result) -> None:
+    """A notebook's own axes come back with marks on them."""
+    ax = Figure().subplots()
+    assert SINGLE[name](small_result, ax) is ax
+    assert ax.has_data()
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_figures_make_their_own_axes_outside_pyplot(name: str, small_result: Result) -> None:
+    """Without axes a new figure is made that pyplot does not keep, and settings are as before."""
+    before = dict(mpl.rcParams)
+    ax = SINGLE[name](small_result, None)
+    assert isinstance(ax, Axes)
+    assert pyplot.get_fignums() == []
+    assert dict(mpl.rcParams) == before
+
+
+def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
+    """The corner plot returns an array of axes with a row and a column per parameter."""
+    axes = figures.corner(small_result)
+    count = len(small_result.names)
+    assert axes.shape == (count, count)
+    assert axes[-1, 0].get_xlim() == axes[0, 0].get_xlim()
+
+
+def test_strip_has_a_row_per_parameter(small_result: Result) -> None:
+    """The parameter strip has axes over each prior's range."""
+    axes = figures.parameter_strip(small_result)
+    assert axes.shape == (len(small_result.names),)
+    assert axes[list(small_result.names).index("phi")].get_xlim() == pytest.approx((0.0, 50.0))
+
+
+def test_the_same_figure_gives_the_same_bytes(small_result: Result) -> None:
+    """No date, no random id: a figure drawn twice is the same file."""
+    first, second = (figures.predictive(small_result, "sinkage") for _ in range(2))
+    assert svg(first) == svg(second)
+    assert png(first, 400) == png(second, 400)
+
+
+def test_axes_carry_symbol_and_unit(small_result: Result) -> None:
+    """Every quantity with a unit says it."""
+    ax = figures.predictive(small_result, "resistance_moment")
+    assert "[N m]" in ax.get_ylabel()
+    assert "slip" in ax.get_xlabel()
+
+
+def test_unknown_names_are_refused(small_result: Result) -> None:
+    """A wheel, channel or parameter that the result does not hold is named, beside those that it does."""
+    with pytest.raises(ValueError, match=r"'wheel' must be one of Wh32 \(got 'Wh99'\)"):
+        figures.predictive(small_result, "sinkage", wheel="Wh99")
+    with pytest.raises(ValueError, match="'channel' must be one of sinkage, drawbar_pull, resistance_moment"):
+        figures.residuals(small_result, "normal_force")
+    with pytest.raises(ValueError, match="'name' must be one of lp, Ks, n0"):
+        figures.trace(small_result, "c3")
+
+
+def test_density_follows_the_draws_up_to_the_ends_of_the_axis() -> None:
+    """A flat law keeps its height at both ends, where an unmirrored kernel would lose half of it."""
+    draws = np.random.default_rng(1).uniform(0, 1, 50_000)
+    heights = density(draws, Axis(0.0, 1.0, log=False, bounds=(0.0, 1.0)))
+    assert heights.min() > 0.85
+    assert heights.max() == 1.0
+
+
+def test_density_of_a_normal_law_has_its_shape() -> None:
+    """The density of normal draws is the bell curve within a few per cent of its top."""
+    draws = np.random.default_rng(2).normal(5, 0.7, 50_000)
+    along = Axis(0.0, 10.0, log=False, bounds=(0.0, 10.0))
+    expected = np.exp(-0.5 * ((along.grid(200) - 5) / 0.7) ** 2)
+    assert np.abs(density(draws, along) - expected).max() < 0.08
+
+
+def test_logarithmic_axes_place_by_ratio() -> None:
+    """Half-way between 100 and 10 000 on a logarithmic axis is 1000."""
+    along = Axis(100.0, 10_000.0, log=True, bounds=(100.0, 10_000.0))
+    assert along.position(1000.0) == pytest.approx(0.5)
+    assert along.position(50.0) < 0

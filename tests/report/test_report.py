@@ -1,0 +1,281 @@
+"""The report is one self-contained, escaped, reproducible file whose words follow the figures."""
+
+import copy
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markupsafe import escape
+
+from bayesterra import report
+from bayesterra.adequacy import FitCheck
+from bayesterra.figures.rows import summary_rows
+from bayesterra.report import symbols, verdicts, words
+from bayesterra.report.blocks import Gallery, Table
+from bayesterra.report.driving import driving
+from bayesterra.report.inputs import data_section
+from bayesterra.report.page import Page, page, render, warning
+from bayesterra.report.strip import _lanes, mode_outside
+from bayesterra.results import Result
+
+NASTY = '<script>alert(1)</script> & "it" $x_1$'
+
+
+@pytest.fixture(scope="module")
+def content(small_result: Result) -> Page:
+    """What the report of the small result shows."""
+    return page(small_result)
+
+
+@pytest.fixture(scope="module")
+def html(content: Page) -> str:
+    """The report of the small result."""
+    return render(content)
+
+
+class _Reader(HTMLParser):
+    """Collects tags, attributes and text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.unbalanced: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep every tag; void ones are not closed."""
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img", "link", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep tags that close themselves."""
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        """Note what does not close what was opened last."""
+        if not self.open or self.open.pop() != tag:
+            self.unbalanced.append(tag)
+
+
+def _changed(result: Result, **verdict: object) -> Result:
+    record = copy.deepcopy(result.record)
+    record["verdict"].update(verdict)
+    return replace(result, record=record)
+
+
+def _plain(text: object) -> str:
+    return re.sub(r"<[^>]+>", "", str(text))
+
+
+def test_report_is_one_file_that_fetches_nothing(html: str) -> None:
+    """No script, no link to another file, no address but data and anchors; below 5 MB."""
+    tags = _Reader(html).tags
+    assert not [tag for tag, _ in tags if tag in ("script", "link", "iframe", "object")]
+    addresses = [value for _, attrs in tags for key, value in attrs.items() if key in ("src", "href")]
+    assert addresses
+    assert all((a or "").startswith(("data:image/", "#")) for a in addresses)
+    assert "url(" not in html
+    assert "@import" not in html
+    assert len(html.encode()) < 5_000_000
+
+
+def test_report_is_well_formed(html: str) -> None:
+    """Every tag is closed in order, and every picture has words for those who do not see it."""
+    reader = _Reader(html)
+    assert reader.unbalanced == []
+    assert reader.open == []
+    pictures = [attrs for tag, attrs in reader.tags if tag == "img"]
+    assert len(pictures) > 20
+    assert all(attrs.get("alt") for attrs in pictures)
+
+
+def test_text_from_the_user_is_escaped(content: Page) -> None:
+    """Markup in a title is shown, not obeyed."""
+    html = render(replace(content, title=NASTY, facts=(NASTY,)))
+    assert "<script" not in html
+    assert html.count("&lt;script&gt;alert(1)&lt;/script&gt; &amp; &#34;it&#34;") >= 3
+
+
+def test_names_of_a_study_are_escaped_in_every_block(small_result: Result) -> None:
+    """Title, source and wheel of a study pass through tables and captions without becoming markup."""
+    study = copy.copy(small_result.study)
+    for name, value in (("title", NASTY), ("source", NASTY), ("notes", (NASTY,))):
+        object.__setattr__(study, name, value)
+    section = data_section(replace(small_result, study=study))
+    cells = [
+        escape(b.caption if isinstance(b, Table) else b.text)
+        for b in section.blocks
+        if not isinstance(b, Gallery)
+    ]
+    assert sum("&lt;script&gt;" in cell for cell in cells) == 2
+    assert not any("<script" in cell for cell in cells)
+
+
+def test_the_page_says_what_it_is_about(content: Page) -> None:
+    """Title, wheel and the kind of data stand at the top."""
+    assert content.title == "HIT wheel Wh32 on HIT-LSS1"
+    assert content.kind == "digitised"
+    assert content.facts[0] == "wheel Wh32"
+
+
+def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
+    """Data first, reproduction last."""
+    expected = ["data", "sampling", "posterior", "checks", "identifiability", "methods", "prior", "reproduce"]
+    assert re.findall(r'<section id="(\w+)"', html) == expected
+
+
+def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: Path, html: str) -> None:
+    """Drawing and writing the report of a result once more changes nothing."""
+    report.write(small_result, tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == html
+
+
+def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> None:
+    """With all checks passed the verdict is good and there is no warning."""
+    sound = _changed(small_result, converged=True)
+    assert verdicts.sampling_verdict(sound).word == "converged"
+    assert warning(sound) == ""
+
+
+def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Result, content: Page) -> None:
+    """The warning names what to do, and the verdict the check that failed."""
+    check = {
+        "name": "effective draws",
+        "value": 80.0,
+        "threshold": 400.0,
+        "passed": False,
+        "advice": "run longer",
+    }
+    failed = _changed(small_result, converged=False, checks=[check])
+    assert verdicts.sampling_verdict(failed).grade == "poor"
+    assert "Failed: effective draws" in _plain(verdicts.sampling_verdict(failed).sentence)
+    found = verdicts.verdicts(failed, _checks(0.5, 0.5, 0.5))
+    html = render(replace(content, warning=warning(failed), verdicts=found))
+    assert html.index("not converged") < html.index("Model fit")
+    assert "run longer" in html[: html.index("Model fit")]
+
+
+def _checks(*p: float) -> tuple[FitCheck, ...]:
+    names = ("sinkage", "drawbar_pull", "resistance_moment")
+    return tuple(FitCheck(name, 5, value, estimated=False) for name, value in zip(names, p, strict=True))
+
+
+def test_fit_verdict_follows_the_worst_channel(small_result: Result) -> None:
+    """One channel below 0.05 makes the fit inadequate and is named."""
+    found = verdicts.fit_verdict(small_result, _checks(0.5, 0.01, 0.5))
+    assert (found.word, found.grade) == ("not adequate", "poor")
+    assert "misses FDP" in _plain(found.sentence)
+
+
+def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> None:
+    """P above 0.99 leaves the fit adequate."""
+    found = verdicts.fit_verdict(small_result, _checks(0.5, 0.5, 0.999))
+    assert found.word == "adequate"
+    assert "Noise of MDR looks overstated" in _plain(found.sentence)
+
+
+def test_identifiability_verdict_counts_directions(small_result: Result) -> None:
+    """The word is the number of determined directions of all."""
+    record = {**small_result.record, "directions": {"determined": 3, "of": 8}}
+    found = verdicts.identifiability_verdict(replace(small_result, record=record))
+    assert (found.word, found.grade) == ("3 of 8 determined", "fair")
+
+
+def test_every_grade_has_its_own_sign() -> None:
+    """Verdicts can be told apart without colour."""
+    assert len(set(verdicts.SIGNS.values())) == 3
+
+
+def test_words_name_the_strongest_trade(small_result: Result) -> None:
+    """Cohesion and friction angle of one load are traded, and a second load is what would part them."""
+    assert {"c", "phi"} in [{a, b} for a, b, _ in words.coupled_pairs(small_result)]
+    assert "second load" in _plain(words.next_measurement(small_result))
+
+
+def test_words_say_where_the_mode_leaves_the_bulk(small_result: Result) -> None:
+    """The mode of the HIT posterior lies in a corner of the ridge of K_s and n0."""
+    assert "Ks" in mode_outside(small_result)
+    assert "narrow corner" in _plain(words.about_the_mode(small_result))
+
+
+def test_words_say_that_a_parameter_was_held(small_result: Result) -> None:
+    """The shipped study holds K_s in least squares, as the paper's solver did."""
+    assert "held Ks at" in _plain(words.about_least_squares(small_result))
+
+
+def test_words_on_standings_follow_the_record(small_result: Result) -> None:
+    """Outside, improbable and inside have their own words."""
+    record = copy.deepcopy(small_result.record)
+    record["standings"]["IM1"].update(log_density=None, word="outside the prior: θm outside (θ2, θ1)")
+    record["standings"]["IM2"].update(log_density=-50.0, credible_level=1.0)
+    record["standings"]["IM3"].update(log_density=-3.0, credible_level=0.42)
+    text = _plain(words.about_least_squares(replace(small_result, record=record)))
+    assert "IM1 lies outside the prior (θm outside (θ2, θ1))" in text
+    assert "IM2" in text.split("improbable")[0]
+    assert "IM3 lies inside: 42 % of the draws are denser" in text
+
+
+def test_bounds_that_cut_an_interval_are_named(small_result: Result) -> None:
+    """The prior's upper bound of K_s cuts the HIT posterior."""
+    assert ("Ks", "upper") in words.bounded(small_result)
+
+
+def test_driving_table_gives_pull_and_sinkage_at_driven_slips(small_result: Result) -> None:
+    """Three of the driven slips, the lowest and the highest among them."""
+    found = driving(small_result)
+    assert found.heading == "Wheel Wh32 under 80 N"
+    assert [row[0] for row in found.slip_rows] == ["0.1", "0.3", "0.6"]
+    assert "extrapolated" in found.remark
+
+
+def test_marks_that_would_overlap_take_different_lanes() -> None:
+    """Marks nearer than their width go under one another, others stay in the first lane."""
+    assert _lanes([10.0, 12.0, 14.0, 60.0]) == [0, 1, 2, 0]
+
+
+def test_strip_shows_every_parameter_with_its_estimates(small_result: Result, content: Page) -> None:
+    """Each row draws the four methods and the published value."""
+    rows = content.strip
+    assert len(rows) == len(small_result.names)
+    assert all(str(row.drawing).count("<title>") == 5 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Ks", "<i>K</i><sub>s</sub>"),
+        ("n0", "<i>n</i><sub>0</sub>"),
+        ("phi", "<i>φ</i>"),
+        ("drawbar_pull", "<i>F</i><sub>DP</sub>"),
+        ("noise_sinkage", "<i>σ</i>(<i>z</i>)"),
+    ],
+)
+def test_symbols_are_set_as_in_the_literature(name: str, expected: str) -> None:
+    """Letters in italics, subscripts upright."""
+    assert str(symbols.symbol(name)) == expected
+
+
+def test_lists_read_as_sentences_and_stay_escaped() -> None:
+    """Commas, one 'and', and no markup from names."""
+    assert str(symbols.listed(["a", "b", "<c>"])) == "a, b and &lt;c&gt;"
+
+
+def _numbers(html: str) -> Iterator[float]:
+    for text in re.findall(r'class="number"[^>]*>(−?\d[\d\u202f.]*)<', html):
+        yield float(text.replace("\u202f", "").replace("−", "-"))
+
+
+def test_medians_of_the_strip_are_those_of_the_summary(html: str, small_result: Result) -> None:
+    """What is printed is what was computed, to the digits shown."""
+    shown = list(_numbers(html))
+    rows = summary_rows(small_result)
+    assert len(shown) >= len(small_result.names)
+    for name in small_result.names:
+        low, high = rows[name].hdi
+        assert np.min(np.abs(np.array(shown) - rows[name].median)) < 0.051 * (high - low)

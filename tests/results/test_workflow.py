@@ -1,0 +1,133 @@
+"""A run into a folder: what stands in it, what a poller sees on the way, what a failure leaves."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bayesterra.diagnostics import Diagnosis
+from bayesterra.errors import ResultError, SupportError
+from bayesterra.results import Result
+from bayesterra.sampling.sampler import Progress
+from bayesterra.study import Study
+from bayesterra.workflow import load_result, run_study
+
+FILES = {
+    "report.html", "draws.nc", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv",
+    "run.json", "study.toml", "measurements.csv",
+}  # fmt: skip
+
+
+def diagnosis(ess: float, r_hat: float) -> Diagnosis:
+    """A diagnosis of one parameter."""
+    one = np.ones(1)
+    return Diagnosis(("phi",), ess * one, ess * one, r_hat * one, 5 * one, 0.5, 200, ())
+
+
+@pytest.fixture
+def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report of one line, for tests that are not about it."""
+    monkeypatch.setattr("bayesterra.report.write", lambda result, path: path.write_text("report\n"))
+
+
+@pytest.fixture
+def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Runs that report their progress and hand over the small result at once; the seeds asked for."""
+    seeds: list[Any] = []
+
+    def run(study: Study, *, seed: int, report: Callable[[Progress], None]) -> Result:
+        seeds.append(seed)
+        report(Progress("adapting", 0.0))
+        report(Progress("sampling", 0.4, diagnosis(40.0, 1.02), 12.5))
+        return small_result
+
+    monkeypatch.setattr("bayesterra.inference.run", run)
+    return seeds
+
+
+def test_a_run_ends_with_a_whole_folder(quick: list[int], small_result: Result, tmp_path: Path) -> None:
+    """All promised files and nothing else; the folder reads back as the result; the seed is passed on."""
+    result = run_study(small_result.study, out=tmp_path / "out", seed=5, quiet=True)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
+    assert quick == [5]
+    again = load_result(tmp_path / "out")
+    np.testing.assert_array_equal(again.values(), result.values())
+    assert again.converged == result.converged
+
+
+@pytest.mark.usefixtures("plain_report")
+def test_a_poller_sees_complete_status_files(
+    small_result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At every moment of a run status.json is strict JSON with stage, share done and, later, figures."""
+    status, seen = tmp_path / "out.part" / "status.json", []
+
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is no JSON")
+
+    def run(study: Study, *, seed: int, report: Callable[[Progress], None]) -> Result:
+        for progress in (
+            Progress("adapting", 0.0),
+            Progress("sampling", 0.0, diagnosis(np.nan, np.nan), np.inf),
+            Progress("sampling", 0.5, diagnosis(50.0, 1.1), 3.0),
+        ):
+            report(progress)
+            seen.append(json.loads(status.read_text(encoding="utf-8"), parse_constant=refuse))
+        assert not (tmp_path / "out").exists()
+        return small_result
+
+    monkeypatch.setattr("bayesterra.inference.run", run)
+    run_study(small_result.study, out=tmp_path / "out", quiet=True)
+    assert [s["stage"] for s in seen] == ["adapting", "sampling", "sampling"]
+    assert seen[1]["r_hat"] is None
+    assert seen[2] == {"stage": "sampling", "done": 0.5, "seconds_left": 3.0, "ess": 50.0, "r_hat": 1.1}
+    assert not (tmp_path / "out" / "status.json").exists()
+
+
+@pytest.mark.usefixtures("plain_report")
+def test_an_existing_result_is_not_touched_without_leave(
+    quick: list[int], small_result: Result, tmp_path: Path
+) -> None:
+    """The error comes before any sampling; with --overwrite the new result takes the place."""
+    out = tmp_path / "out"
+    run_study(small_result.study, out=out, quiet=True)
+    (out / "run.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ResultError, match="exists already: add --overwrite"):
+        run_study(small_result.study, out=out, quiet=True)
+    assert (out / "run.json").read_text(encoding="utf-8") == "{}"
+    assert len(quick) == 1
+    run_study(small_result.study, out=out, overwrite=True, quiet=True)
+    assert load_result(out).converged == small_result.converged
+
+
+def test_a_run_without_support_leaves_no_folder(
+    small_result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When the prior turns out to have no support, nothing is left behind, not even the beginnings."""
+
+    def run(study: Study, *, seed: int, report: Callable[[Progress], None]) -> Result:
+        report(Progress("adapting", 0.0))
+        raise SupportError("no parameter set fits")
+
+    monkeypatch.setattr("bayesterra.inference.run", run)
+    with pytest.raises(SupportError, match="no parameter set fits"):
+        run_study(small_result.study, out=tmp_path / "out", quiet=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("plain_report")
+def test_saving_a_loaded_result_gives_the_same_folder(
+    quick: list[int], small_result: Result, tmp_path: Path
+) -> None:
+    """A result saved, read and saved again has the same tables, record and study, byte for byte."""
+    run_study(small_result.study, out=tmp_path / "a", quiet=True)
+    report = load_result(tmp_path / "a").save(tmp_path / "b")
+    assert report == tmp_path / "b" / "report.html"
+    for name in FILES - {"draws.nc"}:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    with pytest.raises(ResultError, match="exists already"):
+        load_result(tmp_path / "a").save(tmp_path / "b")

@@ -1,0 +1,159 @@
+"""From prior to proposal: the evidence, two modes, and what happens when one is missed."""
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence, default_rng
+from scipy.stats import multivariate_normal
+
+from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import diagnose
+from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, _next_step, adapt
+from bayesterra.sampling.ensemble import Ensemble
+
+OPTIONS = AdaptationOptions(particles=512, components=6)
+MANY = AdaptationOptions(particles=256, components=12)  # enough to fit the mixture to its own draws
+
+
+def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, float]:
+    """Standard normal prior, normal likelihood about ``centre``; and the log evidence."""
+    prior = multivariate_normal(np.zeros(d), np.eye(d))
+    likelihood = multivariate_normal(np.full(d, centre), sd**2 * np.eye(d))
+    evidence = multivariate_normal(np.zeros(d), (1 + sd**2) * np.eye(d)).logpdf(np.full(d, centre))
+    return lambda u: (np.atleast_1d(prior.logpdf(u)), np.atleast_1d(likelihood.logpdf(u))), float(evidence)
+
+
+FAR = 20.0
+
+
+def two_modes(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A wide normal prior and two narrow likelihood peaks, 80 standard deviations apart, 3 to 1."""
+    prior = multivariate_normal(np.zeros(3), FAR**2 * np.eye(3)).logpdf(u)
+    left = multivariate_normal([-FAR, 0.0, 0.0], 0.25 * np.eye(3)).logpdf(u)
+    right = multivariate_normal([FAR, 0.0, 0.0], 0.25 * np.eye(3)).logpdf(u)
+    return prior, np.logaddexp(np.log(0.75) + left, np.log(0.25) + right)
+
+
+def wide_starts() -> list[FloatArray]:
+    """Draws of the prior for each of four ensembles."""
+    return [FAR * default_rng(k).standard_normal((512, 3)) for k in range(4)]
+
+
+def adapted(
+    densities: Densities, start: FloatArray, seed: int, options: AdaptationOptions = OPTIONS
+) -> Adaptation:
+    """The adaptation of one ensemble."""
+    return adapt(densities, start, options, default_rng(seed))
+
+
+@pytest.mark.parametrize(("d", "sd"), [(1, 0.01), (2, 1.0), (4, 0.1), (6, 0.3)])
+def test_evidence_of_normal_problems(d: int, sd: float) -> None:
+    """The evidence is that of the closed form within 4 errors, and the points have its posterior's spread."""
+    densities, expected = normal_problem(d, sd)
+    found = [adapted(densities, default_rng(k).standard_normal((256, d)), k, MANY) for k in range(4)]
+    draws = 256 * MANY.refinements[-1]
+    errors = np.array([np.sqrt((1 / a.efficiency - 1) / draws) for a in found])
+    deviations = np.array([a.log_evidence for a in found]) - expected
+    assert np.abs(deviations / errors).max() < 4
+    assert abs(deviations.mean()) < 4 * np.sqrt((errors**2).sum()) / 4
+    assert found[0].efficiency > 0.5
+    u = np.concatenate([a.u for a in found])
+    sharp = 1 / (1 + 1 / sd**2)
+    np.testing.assert_allclose(u.mean(axis=0), 1 / (1 + sd**2), atol=5 * np.sqrt(sharp / 250))
+    np.testing.assert_allclose(u.var(axis=0), sharp, rtol=0.25)
+
+
+def test_temperatures_rise_to_one() -> None:
+    """The way from prior to posterior is strictly upwards and ends at 1; evaluations are counted."""
+    densities, _ = normal_problem(3, 0.05)
+    calls: list[int] = []
+
+    def counted(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        calls.append(len(u))
+        return densities(u)
+
+    found = adapted(counted, default_rng(1).standard_normal((512, 3)), 1)
+    assert found.temperatures[0] == 0.0
+    assert found.temperatures[-1] == 1.0
+    assert (np.diff(found.temperatures) > 0).all()
+    assert len(found.temperatures) > 3
+    assert found.evaluations == sum(calls)
+
+
+@pytest.mark.parametrize("height", [1.0, 1e4, 1e16])
+def test_steps_keep_the_share_asked_for(height: float) -> None:
+    """However high the likelihood towers, a step leaves half of the points effective."""
+    log_likelihood = -height * np.linspace(0.0, 5.0, 1000)
+    step = _next_step(log_likelihood, 1.0, 0.5)
+    weights = np.exp(step * (log_likelihood - log_likelihood.max()))
+    share = weights.sum() ** 2 / (weights**2).sum() / len(weights)
+    assert share == pytest.approx(0.5, abs=1e-3) or (step == 1.0 and share >= 0.5)
+
+
+def test_two_modes_are_both_found() -> None:
+    """From prior draws both modes are found with their shares, and the evidence counts both."""
+    found = adapted(two_modes, wide_starts()[1], 1)
+    fresh = found.proposal.sample(4000, default_rng(2))
+    assert np.mean(fresh[:, 0] < 0) == pytest.approx(0.75, abs=0.15)
+    evidence = multivariate_normal(np.zeros(3), (FAR**2 + 0.25) * np.eye(3)).logpdf([FAR, 0.0, 0.0])
+    assert found.log_evidence == pytest.approx(evidence, abs=0.1)
+
+
+def produce(densities: Densities, starts: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Chains and acceptance of ensembles that adapt alone, each from its own start."""
+    ensembles = []
+    for k, start in enumerate(starts):
+        found = adapted(densities, start, k)
+        walkers = Ensemble(
+            lambda u: np.sum(densities(u), axis=0), found.u[:64], found.proposal, SeedSequence(k)
+        )
+        walkers.advance(300)
+        ensembles.append(walkers)
+    return np.array([e.chain for e in ensembles]), np.array([e.acceptance for e in ensembles])
+
+
+@pytest.mark.parametrize("blind", [1, 2, 3])
+def test_a_mode_that_some_ensembles_miss_is_no_confident_answer(blind: int) -> None:
+    """Ensembles that start, and stay, in one mode only are found out by the others: not converged."""
+    starts = wide_starts()
+    for k in range(blind):
+        starts[k] = np.array([-FAR, 0.0, 0.0]) + 0.3 * default_rng(k).standard_normal((512, 3))
+    chains, accepted = produce(two_modes, starts)
+    seen = (chains[..., 0] > 0).mean(axis=(1, 2))
+    assert (seen[:blind] < 0.01).all()
+    assert (seen[blind:] > 0.1).all()
+    diagnosis = diagnose(("a", "b", "c"), chains, accepted, 1000)
+    assert not diagnosis.converged
+    assert "R-hat across ensembles" in [check.name for check in diagnosis.checks if not check.passed]
+
+
+def test_all_ensembles_that_see_both_modes_agree() -> None:
+    """The same target converges where every ensemble starts from the prior: the alarm is no false one."""
+    chains, accepted = produce(two_modes, wide_starts())
+    diagnosis = diagnose(("a", "b", "c"), chains, accepted, 1000)
+    assert diagnosis.converged
+    assert (chains[..., 0] < 0).mean() == pytest.approx(0.75, abs=0.02)
+
+
+def test_hard_edges_are_kept() -> None:
+    """Points outside the support are never taken, and the evidence is that of the part inside."""
+
+    def half(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        densities, _ = normal_problem(2, 0.5, centre=0.0)
+        prior, likelihood = densities(u)
+        outside = u[:, 0] < 0
+        return np.where(outside, -np.inf, prior), np.where(outside, -np.inf, likelihood)
+
+    start = np.abs(default_rng(1).standard_normal((512, 2)))
+    found = adapted(half, start, 1)
+    _, whole = normal_problem(2, 0.5, centre=0.0)
+    assert (found.u[:, 0] >= 0).all()
+    assert found.log_evidence == pytest.approx(whole + np.log(0.5), abs=0.06)
+
+
+def test_adaptation_depends_on_its_stream_only() -> None:
+    """The same start and stream give the same points and mixture."""
+    densities, _ = normal_problem(2, 0.3)
+    start = default_rng(1).standard_normal((512, 2))
+    first, again = (adapted(densities, start, 5) for _ in range(2))
+    np.testing.assert_array_equal(first.u, again.u)
+    np.testing.assert_array_equal(first.proposal.mixture.means, again.proposal.mixture.means)

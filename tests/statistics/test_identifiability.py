@@ -1,0 +1,92 @@
+"""Words for contraction and coupling, on draws made up to have them."""
+
+import numpy as np
+import pytest
+
+from bayesterra.arrays import FloatArray
+from bayesterra.identifiability import COUPLED, DETERMINED, WEAK, identifiability, verdict
+
+N = 40_000
+
+
+def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
+    """Draws with exactly this covariance."""
+    z = np.random.default_rng(seed).standard_normal((N, len(covariance)))
+    z -= z.mean(axis=0)
+    z = z @ np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(z.T)))).T
+    return np.asarray(z @ np.linalg.cholesky(covariance).T)
+
+
+@pytest.mark.parametrize(
+    ("contraction", "correlation", "word"),
+    [
+        (DETERMINED, 0.0, "determined"),
+        (DETERMINED, 0.99, "determined"),
+        (DETERMINED - 1e-9, 0.0, "weakly"),
+        (DETERMINED - 1e-9, COUPLED, "coupled"),
+        (0.1, -COUPLED, "coupled"),
+        (0.1, COUPLED - 1e-9, "repeats its prior"),
+        (WEAK, 0.0, "weakly"),
+        (WEAK - 1e-9, 0.0, "repeats its prior"),
+        (-0.2, 0.0, "repeats its prior"),
+    ],
+)
+def test_words_change_at_their_thresholds(contraction: float, correlation: float, word: str) -> None:
+    """A determined parameter is so whatever it couples to; coupling comes before weakness."""
+    assert verdict(contraction, correlation) == word
+
+
+def test_contraction_is_the_loss_of_variance() -> None:
+    """Contraction, partner, correlation and spreads are those of the draws, scale and order kept."""
+    prior = normal(np.diag([4.0, 1e-6, 100.0]))
+    posterior = normal(np.array([[0.04, 0.0, 0.0], [0.0, 0.8e-6, 0.85 * np.sqrt(0.8e-6 * 36)],
+                                 [0.0, 0.85 * np.sqrt(0.8e-6 * 36), 36.0]]), seed=2)  # fmt: skip
+    table = identifiability(("a", "b", "c"), prior, posterior).table.set_index("parameter")
+    np.testing.assert_allclose(table["contraction"], [0.99, 0.2, 0.64], atol=1e-3)
+    assert table["verdict"].tolist() == ["determined", "coupled", "coupled"]
+    assert table["partner"][["b", "c"]].tolist() == ["c", "b"]
+    np.testing.assert_allclose(table["correlation"][["b", "c"]], 0.85, atol=1e-6)
+    np.testing.assert_allclose(table["prior_sd"], [2.0, 1e-3, 10.0], rtol=1e-3)
+    np.testing.assert_allclose(table["posterior_sd"], [0.2, np.sqrt(0.8e-6), 6.0], rtol=1e-3)
+
+
+def test_determined_directions_are_counted() -> None:
+    """Two parameters of which only the sum is known: one direction determined, none of the parameters."""
+    prior = normal(np.eye(2))
+    known, unknown = 0.01, 0.9
+    rotation = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    posterior = normal(rotation @ np.diag([known, unknown]) @ rotation.T, seed=2)
+    found = identifiability(("a", "b"), prior, posterior)
+    assert found.determined == 1
+    np.testing.assert_allclose(found.contractions, [1 - known, 1 - unknown], atol=1e-6)
+    best = found.directions[:, 0] / np.linalg.norm(found.directions[:, 0])
+    np.testing.assert_allclose(np.abs(best), np.sqrt(0.5), atol=1e-4)
+    assert best[0] * best[1] > 0
+    assert found.table["verdict"].tolist() == ["coupled", "coupled"]
+
+
+def test_directions_allow_for_the_correlation_of_the_prior() -> None:
+    """What the prior already ties together does not count as learnt from the data."""
+    tied = np.array([[1.0, 0.95], [0.95, 1.0]])
+    found = identifiability(("a", "b"), normal(tied), normal(tied, seed=2))
+    np.testing.assert_allclose(found.contractions, 0.0, atol=1e-6)
+    assert found.determined == 0
+
+
+def test_directions_have_unit_spread_under_the_prior() -> None:
+    """Seen along the directions the prior is uncorrelated with spread 1, and the posterior as contracted."""
+    tied = np.array([[4.0, 1.8], [1.8, 1.0]])
+    prior, posterior = normal(tied), normal(np.array([[0.4, -0.05], [-0.05, 0.3]]), seed=2)
+    found = identifiability(("a", "b"), prior, posterior)
+    along = prior / prior.std(axis=0) @ found.directions
+    np.testing.assert_allclose(np.cov(along.T), np.eye(2), atol=1e-3)
+    along = posterior / prior.std(axis=0) @ found.directions
+    np.testing.assert_allclose(np.cov(along.T), np.diag(1 - found.contractions), atol=1e-3)
+
+
+def test_one_parameter_has_no_partner_to_couple_with() -> None:
+    """A single parameter is judged by its contraction alone."""
+    found = identifiability(("a",), normal(np.eye(1)), normal(0.5 * np.eye(1), seed=2))
+    assert found.table["verdict"].tolist() == ["weakly"]
+    assert found.table["correlation"][0] == 0.0
+    np.testing.assert_allclose(found.contractions, [0.5], atol=1e-6)
