@@ -61,7 +61,7 @@ def read_result(folder: Path) -> Result:
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     try:
-        tables = {name: pd.read_csv(folder / f"{name}.csv", float_precision="round_trip") for name in TABLES}
+        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
         draws.close()
