@@ -44,6 +44,7 @@ def _usage(error: Exception) -> str:
     """Click's message, with the nearest command or option where it names an unknown one."""
     format_message = getattr(error, "format_message", error.__str__)
     message = re.sub(r"\(Possible options: (.*)\)", r"(did you mean \1?)", str(format_message()))
+    message = re.sub(r"(No such option: \S+) Did you mean (.*)\?$", r"\1 (did you mean \2?)", message)
     unknown = re.match(r"No such command '(.*?)'\.?$", message)
     if unknown is None:
         return message
