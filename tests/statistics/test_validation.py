@@ -37,7 +37,7 @@ def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: obje
     """What run.json says after saving and loading is what was found."""
     folder = f"{tmp_path}/out"
     RunResult.of(result).save(folder)
-    before, after = (Validation.from_record(one.record) for one in (result, load_result(folder)))
+    before, after = Validation.from_record(result.record), load_result(folder).validation
     assert after.checks == before.checks
     assert after.prior == before.prior
     assert after.loo.elpd == pytest.approx(before.loo.elpd)
