@@ -90,25 +90,30 @@ class Forward:
         """Names along the last axis of the outcomes."""
         return DRIVE_OUTCOMES[self.drive]
 
-    def __call__(self, soil: FloatArray) -> Outcomes:
-        """Model all rows for soil arrays (n, 9 or 12)."""
+    def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
+        """Model all rows for soil arrays (n, 9 or 12).
+
+        A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
+        with ``every_row`` each row that has an answer gets it.
+        """
         offset = offset_of(soil) if self.as_read else 0.0
         given = self.given - offset if self.drive == "sinkage" and self.as_read else self.given
-        values, status = self._answers(soil, given)
+        values, status = self._answers(soil, given, every_row)
         if self.drive != "sinkage":
             values[:, :, 0] += offset
         return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
 
-    def _answers(self, soil: FloatArray, given: FloatArray) -> tuple[FloatArray, Codes]:
+    def _answers(self, soil: FloatArray, given: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
         """What the model says (n, m, 3), and its status (n, m)."""
         run = self.model.forces_at if self.drive == "sinkage" else self.model.response_at
         groups = list(by_wheel(soil, self.conditions))
         if len(groups) == 1:
-            return run(groups[0][1], self.conditions, given)
+            return run(groups[0][1], self.conditions, given, every_row=every_row)
         values = np.empty((len(soil), len(self.conditions.slip), 3))
         status = np.empty(values.shape[:2], dtype=np.int8)
         for rows, theta in groups:
-            values[:, rows], status[:, rows] = run(theta, take(self.conditions, rows), given[..., rows])
+            part = take(self.conditions, rows)
+            values[:, rows], status[:, rows] = run(theta, part, given[..., rows], every_row=every_row)
         return values, status
 
     def _with_normal_force(self, values: FloatArray) -> FloatArray:
@@ -120,11 +125,7 @@ class Forward:
 
     def one_by_one(self, soil: FloatArray) -> Outcomes:
         """As a call, but a row without an answer leaves the answers of the others standing."""
-        single = (self.row(i)(soil) for i in range(self.given.shape[-1]))
-        parts = [(outcomes.values, outcomes.status) for outcomes in single]
-        return Outcomes(
-            np.concatenate([values for values, _ in parts], axis=1), np.max([s for _, s in parts], axis=0)
-        )
+        return self(soil, every_row=True)
 
     def row(self, i: int) -> Forward:
         """The same model at row ``i`` only."""

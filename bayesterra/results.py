@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood import Likelihood
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.posteriors import Posterior
@@ -136,8 +136,9 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
 
     A term is a channel, or ``row`` where a latent load joins the readings of a row.
     """
-    silent = np.isnan(likelihood.measured)
-    silent = silent if likelihood.terms == likelihood.channels else silent.all(axis=1, keepdims=True)
+    silent: BoolArray = np.isnan(likelihood.measured)
+    if likelihood.terms != likelihood.channels:
+        silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
     dims = ("chain", "draw", "used_row")
     dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})

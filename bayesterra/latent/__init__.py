@@ -113,5 +113,5 @@ def _chosen(data: Data, rows: BoolArray) -> Data:
     """The data of some rows."""
     if rows.all():
         return data
-    readings, floor, fraction, *rest = data
-    return (readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], *rest)
+    readings, floor, fraction, dof, shift, loads = data
+    return readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], dof, shift, loads
