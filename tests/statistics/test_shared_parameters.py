@@ -205,7 +205,7 @@ def test_joint_finds_the_modulus_that_the_moduli_make(
 
 
 def test_predictions_of_rows_have_latent_loads(make_study: MakeStudy, make_table: MakeTable) -> None:
-    """Predicted readings of the drive both hold all four channels, the force scattered about the reading."""
+    """Rows of the drive both have loads near their readings, before these all over the range; force scatters."""
     table = make_table("M2")
     table["normal_force [N]"] = table.pop("load [N]")
     study = make_study(data=table, drive="both")
@@ -213,6 +213,10 @@ def test_predictions_of_rows_have_latent_loads(make_study: MakeStudy, make_table
     x = np.tile(draw_cut_prior(density, 1, np.random.default_rng(4)).x, (4000, 1))
     rows = predict_rows(study, density, x, np.random.default_rng(2))
     assert rows.channels == ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
+    before = predict_rows(study, density, x, np.random.default_rng(2), before=True).modelled[:, :, 1]
+    low, high = study.load_range or (0.0, 0.0)
+    assert before.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.05)
+    assert rows.modelled[:, :, 1].std() < 0.5 * before.std()
     noise = (rows.readings - rows.modelled)[:, :, 1]
     assert noise.std() == pytest.approx(2.0, rel=0.05)
     assert np.isfinite(rows.modelled).all()
