@@ -205,7 +205,7 @@ def test_joint_finds_the_modulus_that_the_moduli_make(
 
 
 def test_predictions_of_rows_have_latent_loads(make_study: MakeStudy, make_table: MakeTable) -> None:
-    """Rows of the drive both have loads near their readings, before these all over the range; force scatters."""
+    """Loads are drawn near the readings of a row, and before these all over the range; forces scatter."""
     table = make_table("M2")
     table["normal_force [N]"] = table.pop("load [N]")
     study = make_study(data=table, drive="both")
@@ -216,7 +216,7 @@ def test_predictions_of_rows_have_latent_loads(make_study: MakeStudy, make_table
     before = predict_rows(study, density, x, np.random.default_rng(2), before=True).modelled[:, :, 1]
     low, high = study.load_range or (0.0, 0.0)
     assert before.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.05)
-    assert rows.modelled[:, :, 1].std() < 0.5 * before.std()
+    assert rows.modelled[:, :, 1].std(axis=0).max() < 0.5 * before.std()
     noise = (rows.readings - rows.modelled)[:, :, 1]
     assert noise.std() == pytest.approx(2.0, rel=0.05)
     assert np.isfinite(rows.modelled).all()
