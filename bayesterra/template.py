@@ -51,10 +51,9 @@ transition_slips = [0.15, 0.5]  # between these slips, shearing moves from the l
 # constant_exponent = true      # N = n0, n1 is held at 0
 
 [noise]                         # one standard deviation per measured channel
-sinkage = "1 mm"
+sinkage = "1 mm"                # or { sd = "1 mm", dof = 4 }: Student-t, as single readings may be far out
 drawbar_pull = { estimate = { dist = "halfnorm", scale = "2 N", lower = "0.2 N" } }
 resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
-# drawbar_pull = { sd = "1.5 N", dof = 4 }   # Student-t: single readings may be far out
 
 [priors]
 set = "paper-box"               # flat within the paper's bounds; or "planetary": informative, from the Moon,
