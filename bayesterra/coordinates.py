@@ -4,6 +4,7 @@ A wheel feels the stress under it, not the parameters of the stress. So the samp
 
 ====================  =======================================================================================
 K_s, n0, n1           normal score of K_s under its prior; log of the stress under the wheel at two slips
+k_c, k_φ              normal score of k_c under its prior; log of K_s = k_c/b + k_φ in the place of K_s
 c1, c2                probit of θm/θ1, counted from θ2/θ1, at the lowest and the highest slip
 c, φ, K               log of the shear stress mobilised at a typical displacement; probit of its frictional
                       share; log of K
@@ -103,7 +104,7 @@ class Stress:
 
     Attributes
     ----------
-    score : of K_s.
+    score : map of K_s.
     slips : where the stress is taken, (k − 1,).
     entrance : entrance angle θ1 there, (k − 1,).
     radius : wheel radius, m.
@@ -111,7 +112,7 @@ class Stress:
         as in M2 and M3, about two thirds in M1.
     """
 
-    score: NormalScore
+    score: Block
     slips: FloatArray
     entrance: FloatArray
     radius: float
@@ -205,6 +206,37 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Moduli:
+    """k_c, k_φ and what goes with K_s in a block: K_s = k_c/b + k_φ stands in the place of k_φ there.
+
+    Attributes
+    ----------
+    score : of k_c.
+    width : wheel width b, m.
+    inner : block of K_s and the others.
+    """
+
+    score: NormalScore
+    width: float
+    inner: Block
+
+    def from_physical(self, x: FloatArray) -> FloatArray:
+        """See :class:`Block`."""
+        Ks = x[:, :1] / self.width + x[:, 1:2]
+        return np.column_stack(
+            [self.score.from_physical(x[:, :1]), self.inner.from_physical(np.column_stack([Ks, x[:, 2:]]))]
+        )
+
+    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Block`."""
+        kc, cohesive_term = self.score.to_physical(u[:, :1])
+        others, inner_term = self.inner.to_physical(u[:, 1:])
+        return np.column_stack(
+            [kc, others[:, :1] - kc / self.width, others[:, 1:]]
+        ), cohesive_term + inner_term
+
+
+@dataclass(frozen=True)
 class Strength:
     """c, φ and, if free, K, as the log of the mobilised stress, probit of its frictional share, and log K.
 
@@ -278,16 +310,21 @@ def coordinates(posterior: Posterior) -> Coordinates:
     """Choose the map for a study: which parameters are free, and what is typical of its rows."""
     names, laws, fixed = posterior.names, posterior.prior.laws, posterior.prior.fixed
     rows = _Typical.of(posterior)
-    bearing = tuple(name for name in ("Ks", "n0", "n1") if {"Ks", "n0"} <= set(names) and name in names)
+    stiffness = "kphi" if {"kc", "kphi"} <= set(names) else "Ks"
+    wanted = (stiffness, "n0", "n1")
+    bearing = tuple(name for name in wanted if {stiffness, "n0"} <= set(names) and name in names)
     limited = fixed.get("c3", 1.0) < 1.0 and _several_slips(posterior)
     angles = ("c1", "c2") if {"c1", "c2"} <= set(names) and limited else ()
     shear = tuple(name for name in ("c", "phi", "K") if {"c", "phi"} <= set(names) and name in names)
     choices: list[tuple[tuple[str, ...], Block]] = []
-    if bearing and angles:
-        stress = rows.stress_block(NormalScore(laws["Ks"]), len(bearing) - 1)
-        choices.append((bearing + angles, Contact(stress, Angles(rows.slips, fixed["c3"]))))
-    elif bearing:
-        choices.append((bearing, Bearing(rows.stress_block(NormalScore(laws["Ks"]), len(bearing) - 1))))
+    if bearing:
+        score: Block = NormalScore(laws["Ks"]) if stiffness == "Ks" else Logarithm()
+        stress = rows.stress_block(score, len(bearing) - 1)
+        block: Block = Contact(stress, Angles(rows.slips, fixed["c3"])) if angles else Bearing(stress)
+        if stiffness == "kphi":
+            bearing = ("kc", *bearing)
+            block = Moduli(NormalScore(laws["kc"]), posterior.prior.width, block)
+        choices.append((bearing + angles, block))
     elif angles:
         choices.append((angles, Angles(rows.slips, fixed["c3"])))
     if shear:
@@ -351,7 +388,7 @@ class _Typical:
             share=2 / 3 if posterior.likelihood.forward.model.name == "M1" else 1.0,
         )
 
-    def stress_block(self, score: NormalScore, slips: int) -> Stress:
+    def stress_block(self, score: Block, slips: int) -> Stress:
         """The stress at the first ``slips`` of the two slips."""
         return Stress(score, np.array(self.slips[:slips]), self.entrance[:slips], self.radius, self.share)
 

@@ -112,8 +112,8 @@ class Forward:
         values = np.empty((len(soil), len(self.conditions.slip), 3))
         status = np.empty(values.shape[:2], dtype=np.int8)
         for rows, theta in groups:
-            answers = run(theta, take(self.conditions, rows), given[..., rows], every_row=every_row)
-            values[:, rows], status[:, rows] = answers
+            part = take(self.conditions, rows)
+            values[:, rows], status[:, rows] = run(theta, part, given[..., rows], every_row=every_row)
         return values, status
 
     def _with_normal_force(self, values: FloatArray) -> FloatArray:

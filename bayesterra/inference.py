@@ -117,7 +117,7 @@ class Analysis:
     def result(self, seed: int, rng: Generator, validating: SeedSequence, started: float) -> Result:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then."""
         rows = predict_rows(self.study, self.posterior, self.kept.flat, rng)
-        before = predict_rows(self.study, self.posterior, self.prior.x, rng)
+        before = predict_rows(self.study, self.posterior, self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
         standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
         found = identifiability(self.posterior.names, self.prior.x, self.kept.flat)

@@ -66,6 +66,10 @@ class Likelihood:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""
         return self.forward(soil, every_row=True)
 
+    def imagined(self, soil: FloatArray, rng: np.random.Generator) -> Outcomes:
+        """Outcomes row by row before any reading; as :meth:`explained` where the load is known."""
+        return self.forward(soil, every_row=True)
+
     @cached_property
     def measured(self) -> FloatArray:
         """Readings (m, channels), NaN where not measured."""

@@ -35,15 +35,19 @@ class RowPredictions:
     readings: FloatArray
 
 
-def predict_rows(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> RowPredictions:
+def predict_rows(
+    study: Study, posterior: Posterior, draws: FloatArray, rng: Generator, *, before: bool = False
+) -> RowPredictions:
     """Model all rows of the table for parameter sets (n, d) and draw a reading for each.
 
     Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it. A latent
-    load is drawn given the parameter set and the row's readings.
+    load is drawn given the parameter set and the row's readings, or from its prior where these predictions
+    are made ``before`` the readings.
     """
     likelihood = likelihood_of(study, study.observations)
     noise = posterior.noise_values(draws)
-    outcomes = likelihood.explained(posterior.prior.soil_values(draws), noise, rng)
+    soil = posterior.prior.soil_values(draws)
+    outcomes = likelihood.imagined(soil, rng) if before else likelihood.explained(soil, noise, rng)
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
     )

@@ -136,8 +136,9 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
 
     A term is a channel, or ``row`` where a latent load joins the readings of a row.
     """
-    silent: BoolArray = np.asarray(np.isnan(likelihood.measured))
-    silent = silent if likelihood.terms == likelihood.channels else np.asarray(silent.all(axis=1, keepdims=True))
+    silent: BoolArray = np.isnan(likelihood.measured)
+    if likelihood.terms != likelihood.channels:
+        silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
     dims = ("chain", "draw", "used_row")
     dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})

@@ -24,7 +24,10 @@ TEMPLATE = """\
 title = "My wheel on my soil"
 soil = ""
 model = "M1"                    # "M1" integral; "M2", "M3" closed forms
-drive = "load"                  # "load": slip and load given; "sinkage": slip and sinkage given
+drive = "load"                  # "load": slip and load given; "sinkage": slip and sinkage given;
+                                # "both": slip given, load and sinkage both read with errors
+# load_range = ["10 N", "40 N"] # flat prior of every load in the drive "both"; left out: the normal
+                                # forces and six standard deviations beyond
 
 [data]
 file = "measurements.csv"       # columns, any of: slip, load [N], normal_force [N], sinkage [mm],
@@ -48,7 +51,7 @@ transition_slips = [0.15, 0.5]  # between these slips, shearing moves from the l
 # constant_exponent = true      # N = n0, n1 is held at 0
 
 [noise]                         # one standard deviation per measured channel
-sinkage = "1 mm"
+sinkage = "1 mm"                # or { sd = "1 mm", dof = 4 }: Student-t, as single readings may be far out
 drawbar_pull = { estimate = { dist = "halfnorm", scale = "2 N", lower = "0.2 N" } }
 resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
 
@@ -58,6 +61,10 @@ set = "paper-box"               # flat within the paper's bounds; or "planetary"
 # phi = { dist = "norm", loc = "32 deg", scale = "4 deg", lower = "20 deg", upper = "50 deg" }
 # K = { dist = "uniform", lower = "2 mm", upper = "50 mm" }
 # c3 = 0.0                      # a number or quantity fixes a parameter
+# c2 = "c1"                     # the name of another parameter ties the two
+# kc = "15 kPa m"               # with kphi in place of Ks: K_s = kc/b + kphi for a wheel of width b
+# kphi = { dist = "uniform", lower = "100 kPa", upper = "10000 kPa" }
+# sinkage_offset = { dist = "norm", scale = "1 mm" }   # zero error common to all sinkage readings
 
 [least_squares]
 # hold = { Ks = "2500 kPa" }    # also start, lower, upper

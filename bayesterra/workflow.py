@@ -18,6 +18,7 @@ from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.storage import read_result, write_result
 from bayesterra.study import Study
+from bayesterra.validation import Validation
 
 __all__ = ["RunResult", "load_result", "run", "run_prior", "run_prior_study", "run_study"]
 
@@ -40,6 +41,11 @@ class RunResult(Result):
         with whole_folder(Path(folder), overwrite=overwrite) as part:
             self._write(part)
         return Path(folder) / "report.html"
+
+    @property
+    def validation(self) -> Validation:
+        """Predictive checks under posterior and prior, and leave-one-out by row."""
+        return Validation.from_record(self.record)
 
     def _repr_html_(self) -> str:
         return result_table(self)

@@ -43,8 +43,8 @@ def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
 def trace(desk: Lanes, model: int, rough: bool) -> int:
     """Fill the curve: polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
 
-    The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the lowest,
-    lie at or below the highest one where F_N is not positive.
+    The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the
+    lowest, lie at or below the highest one where F_N is not positive.
     """
     for i in range(at.LANES):
         desk[at.Z + i] = exp(desk[MIDDLE] + desk[HALF] * POINTS[i])

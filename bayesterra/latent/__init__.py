@@ -64,6 +64,11 @@ class LatentLoad(Likelihood):
         """Outcomes at loads drawn given soil, noise and the readings of each row."""
         return replace(self.forward, given=self.loads(soil, noise_values, rng))(soil, every_row=True)
 
+    def imagined(self, soil: FloatArray, rng: Generator) -> Outcomes:
+        """Outcomes at loads drawn from their flat prior."""
+        loads = rng.uniform(*self.load_range, size=(len(soil), len(self.observations)))
+        return replace(self.forward, given=loads)(soil, every_row=True)
+
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
         from bayesterra.latent import _rows as kernel  # numba is heavy: only where it is needed
@@ -113,5 +118,5 @@ def _chosen(data: Data, rows: BoolArray) -> Data:
     """The data of some rows."""
     if rows.all():
         return data
-    readings, floor, fraction, *rest = data
-    return (readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], *rest)
+    readings, floor, fraction, dof, shift, loads = data
+    return readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], dof, shift, loads

@@ -208,7 +208,7 @@ def add_up(desk: Lanes, count: int, top: float) -> float:
 def doubt(desk: Lanes, t: float) -> float:
     """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
     growth, rise = tail(desk, at.LOG_NORMAL), max(slope(desk, t), _FLAT)
-    total = 49.0 * growth / (desk[at.HALF] * rise)
+    total = 16.0 * growth / (desk[at.HALF] * rise)
     for channel in range(CHANNELS):
         if not is_read(desk, channel):
             continue
@@ -223,11 +223,12 @@ def doubt(desk: Lanes, t: float) -> float:
 
 @compiled
 def tail(desk: Lanes, first: int) -> float:
-    """Estimate what a polynomial leaves out: last Chebyshev coefficients times the rate of their decay."""
+    """Estimate what a polynomial leaves out, from how fast its Chebyshev coefficients decay."""
     a7, a6 = desk[first + 7] / 64.0, desk[first + 6] / 32.0
     a5, a4 = (desk[first + 5] + 112.0 * a7) / 16.0, (desk[first + 4] + 48.0 * a6) / 8.0
     last, before = max(abs(a7), abs(a6)), max(abs(a5), abs(a4))
-    return float(last * min(1.0, last / max(before, 1e-300)))
+    rate = np.sqrt(min(last / max(before, 1e-300), 0.8))
+    return float(2.0 * last * rate / (1.0 - rate))
 
 
 @compiled

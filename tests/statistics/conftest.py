@@ -78,7 +78,9 @@ def make_study() -> MakeStudy:
         noise: Mapping[str, float | Noise] | None = None,
         **options: Any,
     ) -> Study:
+        moduli = any(name in (priors or {}) for name in ("kc", "kphi"))
         held = {name: value for name, value in TRUTH.items() if name not in free}
+        held = {name: value for name, value in held.items() if not (moduli and name == "Ks")}
         return Study(
             _table(model, slips) if data is None else data,
             {"Wh32": WHEEL},

@@ -36,6 +36,10 @@ OTHER_LAWS: Mapping[str, Law] = {
     "c1": Law("norm", {"loc": 0.4, "scale": 0.1}),
     "c2": Law("cauchy", {"scale": 0.1}),
 }
+MODULI: Mapping[str, Law] = {
+    "kc": Law("uniform", lower=0.0, upper=50e3),
+    "kphi": Law("uniform", lower=0.2e6, upper=5e6),
+}
 CASES: Mapping[str, Mapping[str, Any]] = {
     "all free": {},
     "sinkage drive": {"drive": "sinkage"},
@@ -60,6 +64,13 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "one slip": {"slips": (0.3,)},
     "nearly one slip": {"slips": (0.3, 0.3004)},
     "one parameter": {"free": ("phi",)},
+    "moduli": {"free": ALL[1:], "priors": MODULI},
+    "moduli without angles": {"free": ("n0", "n1"), "priors": MODULI},
+    "kphi free": {"free": ALL[1:], "priors": {**MODULI, "kc": 15e3}},
+    "tied angles": {"priors": {"c2": "c1"}},
+    "c3 tied": {"free": ALL[:7], "priors": {"c3": "c2", "c2": 0.0}},
+    "offset": {"priors": {"sinkage_offset": Law("norm", {"scale": 1e-3})}},
+    "both": {"drive": "both", "priors": {"sinkage_offset": Law("norm", {"scale": 1e-3})}},
 }
 
 each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)

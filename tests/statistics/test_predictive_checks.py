@@ -132,6 +132,25 @@ def test_planted_misfits_are_found(
         assert found.checks[0].finding == "is shifted as a whole"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [0.0, 5.0])
+def test_latent_loads_are_checked_alike(offset: float, make_study: MakeStudy, make_table: MakeTable) -> None:
+    """With drive both, data of the model raise no alarm, and an offset in pull raises it in its channel."""
+    tables = [make_table("M2", slips=(0.05, 0.2, 0.35, 0.6), load=load) for load in (50.0, 90.0)]
+    table, rng = pd.concat(tables, ignore_index=True), default_rng(7)
+    table = table.rename(columns={"load [N]": "normal_force [N]"})
+    noise = {"normal_force [N]": 2.0, "drawbar_pull [N]": 1.0, "resistance_moment [N m]": 0.2}
+    for name, sd in {"sinkage [m]": 1e-3, **noise}.items():
+        table[name] += sd * rng.standard_normal(len(table))
+    table["drawbar_pull [N]"] += offset
+    free = ("n0", "c", "phi", "c1")
+    study = make_study(data=table, drive="both", load_range=[20.0, 130.0], free=free, noise=NOISE)
+    found = checked(study, 7)
+    assert found.alarm == (offset > 0)
+    if offset:
+        assert (found.checks[0].channel, found.checks[0].statistic) == ("drawbar_pull", "level")
+
+
 def _without_lugs(study: Study, table: pd.DataFrame) -> Study:
     """The study of a user who measures slip on the rim and takes the wheel for a smooth one."""
     lugged = study.wheels["Wh32"]

@@ -1,0 +1,78 @@
+"""Validation in a result: its record, its sections in the report, and the verdict that it decides."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesterra import figures, report
+from bayesterra.adequacy import fit_checks
+from bayesterra.inference import run
+from bayesterra.report.verdicts import fit_verdict
+from bayesterra.results import Result
+from bayesterra.schema import SamplingOptions
+from bayesterra.study import Study
+from bayesterra.uniformity import ecdf_band
+from bayesterra.validation import Validation
+from bayesterra.workflow import RunResult, load_result
+
+MakeStudy = Callable[..., Study]
+MakeTable = Callable[..., pd.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def result(make_study: MakeStudy, make_table: MakeTable) -> Result:
+    """A short run on twenty rows of the model, c and φ free."""
+    table, rng = make_table(slips=tuple(np.linspace(0.05, 0.6, 20))), np.random.default_rng(1)
+    for name, sd in (("sinkage [m]", 1e-3), ("drawbar_pull [N]", 1.5), ("resistance_moment [N m]", 0.3)):
+        table[name] += sd * rng.standard_normal(len(table))
+    options = SamplingOptions(target_ess=200, walkers=32)
+    return run(make_study(data=table, free=("c", "phi"), sampling=options), seed=1)
+
+
+def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: object) -> None:
+    """What run.json says after saving and loading is what was found."""
+    folder = f"{tmp_path}/out"
+    RunResult.of(result).save(folder)
+    before, after = Validation.from_record(result.record), load_result(folder).validation
+    assert after.checks == before.checks
+    assert after.prior == before.prior
+    assert after.loo.elpd == pytest.approx(before.loo.elpd)
+    assert json.loads(json.dumps(before.record()["predictive_checks"]))["alarm"] is False
+
+
+def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result) -> None:
+    """Every used row and channel has a PIT value, and the report draws them."""
+    loo = Validation.from_record(result.record).loo
+    assert [row.row for row in loo.rows] == list(range(1, 21))
+    assert not all(row.refitted for row in loo.rows)
+    assert set(loo.pit) == {"sinkage", "drawbar_pull", "resistance_moment"}
+    axes = figures.loo_pit(result, "sinkage")
+    curve = axes.lines[1].get_ydata()
+    low, _ = ecdf_band(20)
+    assert len(np.asarray(curve)) == len(low)
+    page = report.html(result)
+    for text in (
+        "Cross-validation",
+        "LOO-PIT",
+        "Prior-predictive check",
+        "curvature over slip",
+        "not distinguish",
+    ):
+        assert text in page
+
+
+def test_the_alarm_decides_the_verdict(result: Result) -> None:
+    """Without an alarm the fit is adequate; with one it names the channel and what is wrong."""
+    quiet = fit_verdict(result, fit_checks(result))
+    assert (quiet.word, quiet.grade) == ("adequate", "good")
+    checks = result.record["predictive_checks"]
+    strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
+    loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
+    alarmed = replace(result, record={**result.record, "predictive_checks": loud})
+    verdict = fit_verdict(alarmed, fit_checks(alarmed))
+    assert (verdict.word, verdict.grade) == ("not adequate", "poor")
+    assert "<i>F</i><sub>DP</sub> is shifted as a whole" in str(verdict.sentence)
