@@ -30,8 +30,8 @@ from bayesterra.sampling.mixture import ProposalLaw
 
 T = TypeVar("T")
 
-LOAD_STEP = 1e-3
-"""Relative step of the load for the slopes of outcomes."""
+LOAD_STEP = -1e-3
+"""Relative step of the load for the slopes of outcomes; a lower load is carried wherever a higher one is."""
 
 
 @dataclass(frozen=True)

@@ -172,6 +172,7 @@ def _bands(result: Result, wheel: str) -> Gallery:
 
 GIVEN = {
     "load": "the median load of the readings",
+    "both": "the median normal force of the readings",
     "sinkage": "the measured sinkages, joined by straight lines",
 }
 LINES = {

@@ -79,8 +79,10 @@ class Surroundings:
         """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
         u = mixture.sample(n, rng)
         x, log_jacobian = self.coordinates.to_physical(u)
-        base = self.posterior.log_prior(x) + log_jacobian - mixture.log_density(u)
-        return Proposed(u, x, base, n).take(np.flatnonzero(np.isfinite(base)))
+        log_prior = self.posterior.log_prior(x)
+        inside = np.flatnonzero(np.isfinite(log_prior) & np.isfinite(log_jacobian))
+        base = log_prior[inside] + log_jacobian[inside] - mixture.log_density(u[inside])
+        return Proposed(u[inside], x[inside], base, n)
 
 
 def around(u: FloatArray, rng: Generator) -> StudentMixture:
