@@ -19,6 +19,8 @@ WEAK = 0.3
 """Contraction below which a parameter repeats its prior."""
 COUPLED = 0.8
 """Absolute correlation from which two parameters are coupled."""
+BOUNDS = ("none", "lower", "upper", "both")
+"""Which bounds of its prior a parameter leans on."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,8 @@ class Identifiability:
 
     Attributes
     ----------
-    table : one row per parameter: parameter, verdict, contraction, partner, correlation, prior_sd,
-        posterior_sd (SI).
+    table : one row per parameter: parameter, verdict, contraction, partner, correlation, bound (one of
+        ``BOUNDS``), prior_sd, posterior_sd (SI).
     contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
     directions : those directions in units of the prior's standard deviations, columns (d, d).
     """
@@ -43,20 +45,24 @@ class Identifiability:
         return int((self.contractions >= DETERMINED).sum())
 
 
-def identifiability(names: Sequence[str], prior: FloatArray, draws: FloatArray) -> Identifiability:
-    """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior."""
+def identifiability(
+    names: Sequence[str], ranges: Sequence[tuple[float, float]], prior: FloatArray, draws: FloatArray
+) -> Identifiability:
+    """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior; its laws have ``ranges``."""
     prior_sd, sd = prior.std(axis=0), draws.std(axis=0)
     correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
     coupling = correlation[np.arange(len(names)), partners]
+    bounds = [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)]
     table = pd.DataFrame(
         {
             "parameter": list(names),
-            "verdict": [verdict(c, r) for c, r in zip(contraction, coupling, strict=True)],
+            "verdict": [verdict(*each) for each in zip(contraction, coupling, bounds, strict=True)],
             "contraction": contraction,
             "partner": [names[i] for i in partners],
             "correlation": coupling,
+            "bound": bounds,
             "prior_sd": prior_sd,
             "posterior_sd": sd,
         }
@@ -65,10 +71,22 @@ def identifiability(names: Sequence[str], prior: FloatArray, draws: FloatArray) 
     return Identifiability(table, shares, directions)
 
 
-def verdict(contraction: float, correlation: float) -> str:
-    """The word for a parameter with this contraction and this strongest correlation."""
+def bound(draws: FloatArray, low: float, high: float) -> str:
+    """Which bounds of its prior the draws (n,) of a parameter lean on, one of ``BOUNDS``.
+
+    They lean on a bound if the outermost twentieth of them is at least half as dense, up to there, as the
+    nine tenths in the middle: without the bound the law would go on beyond it.
+    """
+    inner = np.quantile(draws, [0.05, 0.95])
+    typical = 0.9 / max(inner[1] - inner[0], 1e-300)
+    leans = [0.05 / max(gap, 1e-300) >= 0.5 * typical for gap in (inner[0] - low, high - inner[1])]
+    return BOUNDS[leans[0] + 2 * leans[1]]
+
+
+def verdict(contraction: float, correlation: float, bound: str) -> str:
+    """The word for a parameter with this contraction, strongest correlation and bound that it leans on."""
     if contraction >= DETERMINED:
-        return "determined"
+        return "determined" if bound == "none" else "one-sided"
     if abs(correlation) >= COUPLED:
         return "coupled"
     return "weakly" if contraction >= WEAK else "repeats its prior"

@@ -120,7 +120,8 @@ class Analysis:
         before = predict_rows(self.study, self.posterior, self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
         standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
-        found = identifiability(self.posterior.names, self.prior.x, self.kept.flat)
+        ranges = [self.study.prior.laws[name].range for name in self.posterior.names]
+        found = identifiability(self.posterior.names, ranges, self.prior.x, self.kept.flat)
         findings = {
             "verdict": record.of_diagnosis(self.samples.diagnosis),
             "sampling": record.of_samples(self.samples, self.kept.every),

@@ -56,7 +56,8 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
 
 
 def _information(result: Result) -> Identifiability:
-    return identifiability(result.names, result.values("prior"), result.values())
+    ranges = [result.study.prior.laws[name].range for name in result.names]
+    return identifiability(result.names, ranges, result.values("prior"), result.values())
 
 
 def _weights(found: Identifiability) -> FloatArray:

@@ -42,6 +42,7 @@ class Found:
     contraction: float
     partner: str
     correlation: float
+    bound: str
 
 
 def summary_rows(result: Result) -> dict[str, Row]:
@@ -54,7 +55,11 @@ def found_rows(result: Result) -> dict[str, Found]:
     """Rows of the identifiability table by parameter, in its order."""
     return {
         name: Found(
-            str(row["verdict"]), float(row["contraction"]), str(row["partner"]), float(row["correlation"])
+            str(row["verdict"]),
+            float(row["contraction"]),
+            str(row["partner"]),
+            float(row["correlation"]),
+            str(row["bound"]),
         )
         for name, row in _records(result.identifiability)
     }

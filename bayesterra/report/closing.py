@@ -128,11 +128,11 @@ def prior_section(result: Result) -> Section:
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
     text = (
         Markup(
-            "The prior's bounds cut the 90 % HDI of {}: there the interval is as much the prior's as the "
+            "A bound of the prior cuts off {}: there the interval is as much the prior's as the "
             "data's, and a wider prior would move it."
         ).format(ends)
         if ends
-        else Markup("No 90 % HDI ends at a bound of the prior.")
+        else Markup("No parameter leans on a bound of its prior.")
     )  # fmt: skip
     advice = (
         "No second prior was run for this report. To see what another one does, change [priors] in the "

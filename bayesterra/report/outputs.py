@@ -217,8 +217,9 @@ def identifiability_section(result: Result) -> Section:
     )
     text = Markup(
         "A parameter is <b>determined</b> where its variance shrinks by {:.0f} % or more (sd below a third "
-        "of the prior's), <b>coupled</b> where it is not but its correlation with another is 0.8 or "
-        "stronger, <b>weakly</b> determined from {:.0f} % on, and otherwise <b>repeats its prior</b>."
+        "of the prior's), but <b>one-sided</b> where it then leans on a bound of its prior: that end is not "
+        "from the data. Otherwise it is <b>coupled</b> where its correlation with another is 0.8 or "
+        "stronger, <b>weakly</b> determined from {:.0f} % on, or else <b>repeats its prior</b>."
     ).format(100 * DETERMINED, 100 * WEAK)
     caption = Markup(
         "Left: contraction 1 − var(posterior)/var(prior) of each parameter, with the limits {:.1f} and "

@@ -114,6 +114,8 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     """The identifiability word and what stands beside it in small print."""
     row = found_rows(result)[name]
     word = {"weakly": "weakly determined"}.get(row.verdict, row.verdict)
+    if word == "one-sided":
+        return word, Markup("at its {} bound").format(row.bound)
     if word != "coupled":
         return word, Markup("")
     alone = ", alone like its prior" if row.contraction < WEAK else ""

@@ -81,7 +81,7 @@ def _signed(correlation: float) -> str:
 
 
 def from_the_prior(result: Result) -> Markup:
-    """Parameters that the data hardly narrow, and intervals that the prior's bounds cut off."""
+    """Parameters that the data hardly narrow, and those that lean on a bound of the prior."""
     names = [name for name, row in found_rows(result).items() if row.contraction < WEAK]
     first = (
         Markup(
@@ -93,21 +93,15 @@ def from_the_prior(result: Result) -> Markup:
     ends = Markup("; ").join(
         Markup("{} at its {} bound").format(symbol(n), end) for n, end in bounded(result)
     )
-    second = Markup("Intervals cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
+    second = Markup("Cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
     return Markup(" ").join(part for part in (first, second) if part)
 
 
 def bounded(result: Result) -> list[tuple[str, str]]:
-    """Parameters whose 90 % HDI ends within a hundredth of the prior's range of a bound; which."""
-    rows, found = summary_rows(result), []
-    for name in result.names:
-        low, high = (end / PARAMETERS[name].scale for end in result.study.prior.laws[name].range)
-        near = 0.01 * (high - low)
-        if np.isfinite(near) and rows[name].hdi90_lo <= low + near:
-            found.append((name, "lower"))
-        if np.isfinite(near) and rows[name].hdi90_hi >= high - near:
-            found.append((name, "upper"))
-    return found
+    """Parameters that lean on a bound of their prior, and on which: ``lower``, ``upper`` or both in turn."""
+    ends = {"none": (), "both": ("lower", "upper")}
+    rows = found_rows(result).items()
+    return [(name, end) for name, row in rows for end in ends.get(row.bound, (row.bound,))]
 
 
 def about_the_mode(result: Result) -> Markup:

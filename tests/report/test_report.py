@@ -126,8 +126,8 @@ def test_the_page_says_what_it_is_about(content: Page) -> None:
 
 def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
     """Data first, reproduction last."""
-    expected = ["data", "sampling", "posterior", "checks", "identifiability", "methods", "prior", "reproduce"]
-    assert re.findall(r'<section id="(\w+)"', html) == expected
+    expected = "data sampling posterior checks loo identifiability methods prior reproduce"
+    assert re.findall(r'<section id="(\w+)"', html) == expected.split()
 
 
 def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: Path, html: str) -> None:
@@ -164,13 +164,6 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
 def _checks(*p: float) -> tuple[FitCheck, ...]:
     names = ("sinkage", "drawbar_pull", "resistance_moment")
     return tuple(FitCheck(name, 5, value, estimated=False) for name, value in zip(names, p, strict=True))
-
-
-def test_fit_verdict_follows_the_worst_channel(small_result: Result) -> None:
-    """One channel below 0.05 makes the fit inadequate and is named."""
-    found = verdicts.fit_verdict(small_result, _checks(0.5, 0.01, 0.5))
-    assert (found.word, found.grade) == ("not adequate", "poor")
-    assert "misses FDP" in _plain(found.sentence)
 
 
 def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> None:

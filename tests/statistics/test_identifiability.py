@@ -1,12 +1,15 @@
 """Words for contraction and coupling, on draws made up to have them."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability import COUPLED, DETERMINED, WEAK, identifiability, verdict
+from bayesterra.identifiability import COUPLED, DETERMINED, WEAK, bound, identifiability, verdict
 
 N = 40_000
+ANYWHERE = (-np.inf, np.inf)
 
 
 def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
@@ -18,22 +21,47 @@ def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
 
 
 @pytest.mark.parametrize(
-    ("contraction", "correlation", "word"),
+    ("contraction", "correlation", "leans", "word"),
     [
-        (DETERMINED, 0.0, "determined"),
-        (DETERMINED, 0.99, "determined"),
-        (DETERMINED - 1e-9, 0.0, "weakly"),
-        (DETERMINED - 1e-9, COUPLED, "coupled"),
-        (0.1, -COUPLED, "coupled"),
-        (0.1, COUPLED - 1e-9, "repeats its prior"),
-        (WEAK, 0.0, "weakly"),
-        (WEAK - 1e-9, 0.0, "repeats its prior"),
-        (-0.2, 0.0, "repeats its prior"),
+        (DETERMINED, 0.0, "none", "determined"),
+        (DETERMINED, 0.99, "none", "determined"),
+        (DETERMINED, 0.0, "upper", "one-sided"),
+        (DETERMINED - 1e-9, 0.0, "none", "weakly"),
+        (DETERMINED - 1e-9, 0.0, "lower", "weakly"),
+        (DETERMINED - 1e-9, COUPLED, "none", "coupled"),
+        (0.1, -COUPLED, "none", "coupled"),
+        (0.1, COUPLED - 1e-9, "none", "repeats its prior"),
+        (WEAK, 0.0, "none", "weakly"),
+        (WEAK - 1e-9, 0.0, "none", "repeats its prior"),
+        (-0.2, 0.0, "none", "repeats its prior"),
     ],
 )
-def test_words_change_at_their_thresholds(contraction: float, correlation: float, word: str) -> None:
+def test_words_change_at_their_thresholds(
+    contraction: float, correlation: float, leans: str, word: str
+) -> None:
     """A determined parameter is so whatever it couples to; coupling comes before weakness."""
-    assert verdict(contraction, correlation) == word
+    assert verdict(contraction, correlation, leans) == word
+
+
+@pytest.mark.parametrize(
+    ("draws", "leans"),
+    [
+        (lambda z: z, "none"),
+        (lambda z: z[z > -2.0], "none"),
+        (lambda z: z[z > -1.0], "lower"),
+        (lambda z: -z[z > 0.0], "upper"),
+        (lambda z: np.linspace(-4, 4, len(z)), "both"),
+    ],
+)
+def test_a_law_that_a_bound_cuts_off_leans_on_it(
+    draws: Callable[[FloatArray], FloatArray], leans: str
+) -> None:
+    """Half a normal law leans on its end, a whole one does not, however far the bound."""
+    values = draws(np.random.default_rng(3).standard_normal(N))
+    ends = (float(values.min()), float(values.max()))
+    assert bound(values, *ends) == leans
+    assert bound(1e6 * values, 1e6 * ends[0], 1e6 * ends[1]) == leans
+    assert bound(values, *ANYWHERE) == "none"
 
 
 def test_contraction_is_the_loss_of_variance() -> None:
@@ -41,7 +69,7 @@ def test_contraction_is_the_loss_of_variance() -> None:
     prior = normal(np.diag([4.0, 1e-6, 100.0]))
     posterior = normal(np.array([[0.04, 0.0, 0.0], [0.0, 0.8e-6, 0.85 * np.sqrt(0.8e-6 * 36)],
                                  [0.0, 0.85 * np.sqrt(0.8e-6 * 36), 36.0]]), seed=2)  # fmt: skip
-    table = identifiability(("a", "b", "c"), prior, posterior).table.set_index("parameter")
+    table = identifiability(("a", "b", "c"), [ANYWHERE] * 3, prior, posterior).table.set_index("parameter")
     np.testing.assert_allclose(table["contraction"], [0.99, 0.2, 0.64], atol=1e-3)
     assert table["verdict"].tolist() == ["determined", "coupled", "coupled"]
     assert table["partner"][["b", "c"]].tolist() == ["c", "b"]
@@ -56,7 +84,7 @@ def test_determined_directions_are_counted() -> None:
     known, unknown = 0.01, 0.9
     rotation = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
     posterior = normal(rotation @ np.diag([known, unknown]) @ rotation.T, seed=2)
-    found = identifiability(("a", "b"), prior, posterior)
+    found = identifiability(("a", "b"), [ANYWHERE] * 2, prior, posterior)
     assert found.determined == 1
     np.testing.assert_allclose(found.contractions, [1 - known, 1 - unknown], atol=1e-6)
     best = found.directions[:, 0] / np.linalg.norm(found.directions[:, 0])
@@ -68,7 +96,7 @@ def test_determined_directions_are_counted() -> None:
 def test_directions_allow_for_the_correlation_of_the_prior() -> None:
     """What the prior already ties together does not count as learnt from the data."""
     tied = np.array([[1.0, 0.95], [0.95, 1.0]])
-    found = identifiability(("a", "b"), normal(tied), normal(tied, seed=2))
+    found = identifiability(("a", "b"), [ANYWHERE] * 2, normal(tied), normal(tied, seed=2))
     np.testing.assert_allclose(found.contractions, 0.0, atol=1e-6)
     assert found.determined == 0
 
@@ -77,7 +105,7 @@ def test_directions_have_unit_spread_under_the_prior() -> None:
     """Seen along the directions the prior is uncorrelated with spread 1, and the posterior as contracted."""
     tied = np.array([[4.0, 1.8], [1.8, 1.0]])
     prior, posterior = normal(tied), normal(np.array([[0.4, -0.05], [-0.05, 0.3]]), seed=2)
-    found = identifiability(("a", "b"), prior, posterior)
+    found = identifiability(("a", "b"), [ANYWHERE] * 2, prior, posterior)
     along = prior / prior.std(axis=0) @ found.directions
     np.testing.assert_allclose(np.cov(along.T), np.eye(2), atol=1e-3)
     along = posterior / prior.std(axis=0) @ found.directions
@@ -86,7 +114,7 @@ def test_directions_have_unit_spread_under_the_prior() -> None:
 
 def test_one_parameter_has_no_partner_to_couple_with() -> None:
     """A single parameter is judged by its contraction alone."""
-    found = identifiability(("a",), normal(np.eye(1)), normal(0.5 * np.eye(1), seed=2))
+    found = identifiability(("a",), [ANYWHERE] * 1, normal(np.eye(1)), normal(0.5 * np.eye(1), seed=2))
     assert found.table["verdict"].tolist() == ["weakly"]
     assert found.table["correlation"][0] == 0.0
     np.testing.assert_allclose(found.contractions, [0.5], atol=1e-6)

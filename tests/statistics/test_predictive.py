@@ -130,7 +130,7 @@ def soils(truth: Mapping[str, float], **changes: float) -> np.ndarray[tuple[int,
 
 
 def test_derived_quantities_by_hand(make_study: MakeStudy, truth: Mapping[str, float], wheel: Wheel) -> None:
-    """Pressure K_s z^n0, strength c + σ tan φ, and the greatest pull are what the definitions give."""
+    """Pressure K_s z^n0, strength c + σ tan φ, and the greatest pull, on or between grid slips, are right."""
     study, soil = make_study(free=("c", "phi")), soils(truth)
     found = derive(study, soil)
     assert set(found) == set(DERIVED)
@@ -140,8 +140,10 @@ def test_derived_quantities_by_hand(make_study: MakeStudy, truth: Mapping[str, f
     model, true_soil = M2(), Soil(**truth)
     z = model.sinkage(true_soil, wheel, SLIP_GRID, 80.0)
     pull = np.asarray(model.forces(true_soil, wheel, SLIP_GRID, z).drawbar_pull)
-    assert found["peak_pull"][0] == pytest.approx(pull.max(), rel=1e-8)
-    assert found["peak_pull_slip"][0] == pytest.approx(SLIP_GRID[pull.argmax()])
+    assert pull.max() <= found["peak_pull"][0] == pytest.approx(pull.max(), rel=1e-3)
+    assert found["peak_pull_slip"][0] == pytest.approx(
+        SLIP_GRID[pull.argmax()], abs=SLIP_GRID[1] - SLIP_GRID[0]
+    )
 
 
 def test_a_soil_that_carries_nowhere_has_no_peak(make_study: MakeStudy, truth: Mapping[str, float]) -> None:
