@@ -16,6 +16,7 @@ REACH = 1.0  # half-width of the rough panels in log z
 CELLS, MOST_CELLS = 16, 1024  # of a scan
 SEEN = 4.0  # how far the integrand may rise between places of a scan that shows all there is
 MOST = 400  # panels in one direction
+BELOW, ABOVE = -1, -2  # the range of the loads
 
 # what a search knows: highest level, and how much higher it may be; interval of weight; ends of the range of
 # the load in log N; highest log z; sum of weights, scaled by a level
@@ -126,13 +127,14 @@ def settle(
 ) -> tuple[float, float, int]:
     """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
-    The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range.
-    Ends of that range are only looked for where there is weight near them.
+    The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range,
+    and in place of the cells whether the panel lies ``BELOW`` or ``ABOVE`` it. Ends of that range are only
+    looked for where there is weight near them.
     """
     _aim(desk, left, right)
     idle = at.trace(desk, model, how[0])
     if idle > at.DEGREE:
-        return 0.0, 0.0, 0
+        return 0.0, 0.0, BELOW
     if idle > 0:
         ends = 0.5 * (left + right) + 0.5 * (right - left) * at.POINTS[idle - 1 : idle + 1]
         left = at.carrying_from(desk, model, ends[0], ends[1], np.exp(desk[LOAD_LOW]))
@@ -144,11 +146,10 @@ def settle(
         if high < 1.0:
             desk[TOP] = min(desk[TOP], desk[at.MIDDLE] + desk[at.HALF] * high)
     lowest, highest = desk[LOAD_LOW], desk[LOAD_HIGH]
-    if (
-        lv.polynomial(desk, at.LOG_NORMAL, -1.0) >= highest
-        or lv.polynomial(desk, at.LOG_NORMAL, high) <= lowest
-    ):
-        return 0.0, 0.0, 0
+    if lv.polynomial(desk, at.LOG_NORMAL, -1.0) >= highest:
+        return 0.0, 0.0, ABOVE
+    if lv.polynomial(desk, at.LOG_NORMAL, high) <= lowest:
+        return 0.0, 0.0, BELOW
     cells = scan(desk, -1.0, high)
     first, last, slack = weighty(desk, highest_level(desk, cells + 1) - DEPTH, cells)
     margin = 1 if slack > 1.0 else 0

@@ -36,6 +36,7 @@ ERROR = 5e-4  # of the log integrand, left by the polynomials: a guess on the hi
 FILLED = 6  # cells that a part must fill to be summed as it is
 MOST = 2000  # panels before a row is taken as it stands
 NARROW, WIDEST = 1e-9, 2.0
+CLOSE, CLOSE_PANELS = 0.25, 8  # width in log z of panels that look for a crest, and their number
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS = 16
@@ -51,9 +52,19 @@ def log_integral(desk: Lanes, model: int, falls: bool, left: float, right: float
     if _at_once(desk, model, falls, left, right):
         return float(desk[SUM_TOP] + np.log(desk[SUM]))
     pn.locate(desk, model, falls, 0.5 * (left + right))
+    _sum_panels(desk, model, falls)
+    if desk[SUM] <= 0.0:
+        _look_closely(desk, model, falls)
+        _sum_panels(desk, model, falls)
+    return float(desk[SUM_TOP] + np.log(desk[SUM])) if desk[SUM] > 0.0 else -np.inf
+
+
+@compiled
+def _sum_panels(desk: Lanes, model: int, falls: bool) -> None:
+    """Sum over the interval that was found, and over more of it as its ends turn out to be weighty."""
     _clear(desk)
     if desk[BEST] <= lv.NOTHING:
-        return -np.inf
+        return
     desk[BEST] = lv.NOTHING  # the rough one may be far too high where noise is small
     todo = _push(desk, 0, desk[LOW], desk[HIGH])
     for _ in range(MOST):
@@ -62,7 +73,17 @@ def log_integral(desk: Lanes, model: int, falls: bool, left: float, right: float
         if todo == 0:
             break
         todo = _do_panel(desk, model, falls, todo - 1)
-    return float(desk[SUM_TOP] + np.log(desk[SUM])) if desk[SUM] > 0.0 else -np.inf
+
+
+@compiled
+def _look_closely(desk: Lanes, model: int, falls: bool) -> None:
+    """Look once more, with full accuracy, for soils that hardly carry more than the lowest load."""
+    desk[TOP] = at.highest(desk)
+    pn.forget(desk)
+    right = desk[TOP]
+    for _ in range(CLOSE_PANELS if falls else 1):
+        pn.look(desk, model, (False, falls), right - CLOSE, right)
+        right -= CLOSE
 
 
 @compiled
@@ -118,8 +139,9 @@ def _widen(desk: Lanes) -> int:
 def _do_panel(desk: Lanes, model: int, falls: bool, todo: int) -> int:
     """Sum a panel from the stack, or split it if eight points do not describe it; return what is to do."""
     left, right = desk[STACK + 2 * todo], desk[STACK + 2 * todo + 1]
-    low, high, _ = pn.settle(desk, model, (False, falls), left, right)
+    low, high, cells = pn.settle(desk, model, (False, falls), left, right)
     if high <= low:
+        _note_miss(desk, left, right, cells)
         return todo
     ready = _find_parts(desk, low, high)
     wide = right - left > WIDEST or _most_doubt(desk, ready) > ERROR
@@ -129,6 +151,15 @@ def _do_panel(desk: Lanes, model: int, falls: bool, todo: int) -> int:
     _add_parts(desk, ready)
     _note_ends(desk, left, right, low, high)
     return todo
+
+
+@inlined
+def _note_miss(desk: Lanes, left: float, right: float, where: int) -> None:
+    """Ask for panels beyond an end where a panel lies short of the loads' range: the rough forces were off."""
+    if where == pn.BELOW and right >= desk[HIGH] and right < desk[TOP]:
+        desk[RIGHT] = np.inf
+    if where == pn.ABOVE and left <= desk[LOW]:
+        desk[LEFT] = np.inf
 
 
 @compiled

@@ -122,9 +122,11 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
     """Largest temperature step that keeps the wanted share of effective points."""
 
+    alive = log_likelihood > -np.inf  # a draw of the prior may round to just outside
+
     def excess(step: float) -> float:
-        log_weights = step * log_likelihood
-        log_share = 2 * logsumexp(log_weights) - logsumexp(2 * log_weights) - np.log(len(log_weights))
+        log_weights = step * log_likelihood[alive]
+        log_share = 2 * logsumexp(log_weights) - logsumexp(2 * log_weights) - np.log(len(alive))
         return float(np.exp(log_share) - keep)
 
     if excess(most) >= 0:
