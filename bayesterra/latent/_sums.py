@@ -155,7 +155,7 @@ def _do_panel(desk: Lanes, model: int, falls: bool, todo: int) -> int:
 
 @inlined
 def _note_miss(desk: Lanes, left: float, right: float, where: int) -> None:
-    """Ask for panels beyond an end where a panel lies short of the loads' range: the rough forces were off."""
+    """Ask for panels beyond an end where the rough forces put a panel short of the loads' range."""
     if where == pn.BELOW and right >= desk[HIGH] and right < desk[TOP]:
         desk[RIGHT] = np.inf
     if where == pn.ABOVE and left <= desk[LOW]:

@@ -121,7 +121,6 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
 
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
     """Largest temperature step that keeps the wanted share of effective points."""
-
     alive = log_likelihood > -np.inf  # a draw of the prior may round to just outside
 
     def excess(step: float) -> float:

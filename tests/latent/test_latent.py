@@ -110,22 +110,22 @@ def test_rows_agree_with_brute_force_over_the_prior(case: Mapping[str, Any], bru
             assert found[k, row] == pytest.approx(expected, abs=1e-3, rel=1e-8)
 
 
-@pytest.mark.parametrize("model", ["M1", "M2"])
-@pytest.mark.parametrize("share", [0.9, 0.99, 0.999])
-def test_soils_that_hardly_carry_the_lowest_load(share: float, model: str, brute_force: RowLevel) -> None:
-    """Where the wheel sinks to its axle under a load just above the lowest, rows still agree."""
-    _, whole, _, soil = settled(latent_study(model=model, data=TABLE.iloc[[0, 4]]), 20)
-    deep = np.full(2, 0.99999 * WHEEL.radius)
-    carried = whole.forward.model.forces_at(soil, whole.forward.conditions, deep)[0][:, :, 0]
+@pytest.mark.parametrize("share", [0.95, 0.999, 0.9999])
+def test_soils_that_hardly_carry_the_lowest_load(share: float, brute_force: RowLevel) -> None:
+    """Where the wheel sinks to its axle under a load just above the lowest, rows still have a likelihood."""
+    _, whole, _, soil = settled(latent_study(data=TABLE.iloc[[0, 4]]), 400)
+    deep, none = np.full(2, 0.99999 * WHEEL.radius), np.empty((1, 0))
+    carried = whole.forward.model.forces_at(soil, whole.forward.conditions, deep)[0][:, :, 0].min(axis=1)
     compared = 0
-    for k in np.flatnonzero((carried > 0.1).all(axis=1))[:5]:
-        low = share * float(carried[k].min())
-        edge, one, none = replace(whole, load_range=(low, 4 * low)), soil[k : k + 1], np.empty((1, 0))
-        for row in range(2):
-            expected = brute_force(edge, one, none, row)
-            assert edge.log_terms(one, none)[0, row, 0] == pytest.approx(expected, abs=1e-3, rel=1e-8)
-            compared += bool(np.isfinite(expected))
-    assert compared >= 8
+    for k in np.flatnonzero(carried > 0.1):
+        low = share * float(carried[k])
+        edge, one = replace(whole, load_range=(low, 4 * low)), soil[k : k + 1]
+        found = edge.log_terms(one, none)[0, :, 0]
+        assert np.isfinite(found).all()
+        for row in range(2 if compared < 2 else 0):
+            assert found[row] == pytest.approx(brute_force(edge, one, none, row), abs=1e-3, rel=1e-8)
+            compared += 1
+    assert compared == 2
 
 
 def test_load_likelihood_is_the_limit_of_little_force_noise() -> None:

@@ -157,3 +157,16 @@ def test_adaptation_depends_on_its_stream_only() -> None:
     first, again = (adapted(densities, start, 5) for _ in range(2))
     np.testing.assert_array_equal(first.u, again.u)
     np.testing.assert_array_equal(first.proposal.mixture.means, again.proposal.mixture.means)
+
+
+def test_starts_without_a_likelihood_die_out() -> None:
+    """Points that the likelihood excludes do not stop the journey and are gone at its end."""
+
+    def half(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        prior = np.atleast_1d(multivariate_normal(np.zeros(2), np.eye(2)).logpdf(u))
+        return prior, np.where(u[:, 0] > -1.0, -0.5 * (u[:, 0] / 0.1) ** 2, -np.inf)
+
+    found = adapted(half, default_rng(1).standard_normal((512, 2)), 1)
+    assert (found.u[:, 0] > -1.0).all()
+    expected = np.log(np.sqrt(2 * np.pi) * 0.1 / np.sqrt(1.01) / np.sqrt(2 * np.pi))
+    assert found.log_evidence == pytest.approx(expected, abs=0.1)
