@@ -15,11 +15,9 @@ from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.derived import DERIVED, derive
 from bayesterra.diagnostics import hdi
-from bayesterra.errors import StudyError
-from bayesterra.likelihood import Forward, Likelihood
 from bayesterra.parameters import PARAMETERS, Parameter
-from bayesterra.posteriors import Posterior, draw_cut_prior
-from bayesterra.predictive import RowPredictions, predict_curves, predictive_table
+from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.predictive import predict_curves, predict_rows, predictive_table
 from bayesterra.results import conditions_dataset, curves_dataset, parameter_dataset, predictions_dataset
 from bayesterra.study import Study
 
@@ -57,22 +55,6 @@ class PriorResult:
         return np.column_stack([self.draws["prior"][name].to_numpy().ravel() for name in self.names])
 
 
-def before_readings(study: Study) -> Posterior:
-    """The posterior of a study for its slips and given loads or sinkages alone.
-
-    With drive ``both`` the load of a row is the given one, or what its normal force reads.
-
-    Raises
-    ------
-    StudyError : no load is known.
-    """
-    used = study.observations.used()
-    forward = Forward.of(study.model, study.drive, used, dict(study.wheels))
-    if np.isnan(forward.given).any():
-        raise StudyError("the prior's predictions need a load in every row, in 'load' or 'normal_force'")
-    return Posterior(study.prior, Likelihood(forward, used, tuple(study.noise.values())))
-
-
 def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     """Draw from the prior cut to the physical support and predict the rows of the table.
 
@@ -86,18 +68,9 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     SupportError : the prior leaves no parameter set that fits the conditions of the table.
     """
     drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
-    target = before_readings(study)
+    target = posterior(study)
     cut = draw_cut_prior(target, DRAWS, drawing)
-    rows = Likelihood(
-        Forward.of(study.model, study.drive, study.observations, dict(study.wheels)),
-        study.observations,
-        target.likelihood.noise,
-    )
-    noise = target.noise_values(cut.x)
-    outcomes = rows.explained(study.prior.soil_values(cut.x), noise, predicting)
-    predictions = RowPredictions(
-        rows.channels, rows.predicted(outcomes), rows.draw(outcomes, noise, predicting)
-    )
+    predictions = predict_rows(study, target, cut.x, predicting, before=True)
     curves = predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting)
     groups = {
         "prior": parameter_dataset(target.names, cut.x[None]),

@@ -1,6 +1,9 @@
 """A real result, small enough to make once for all tests that need one."""
 
+import importlib.util
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -8,7 +11,23 @@ from bayesterra.inference import run
 from bayesterra.results import Result
 from bayesterra.study import load_study
 
-HIT = Path(__file__).parent.parent / "studies" / "hit-wh32"
+STUDIES = Path(__file__).parent.parent / "studies"
+HIT = STUDIES / "hit-wh32"
+
+
+@pytest.fixture(scope="session")
+def study_script() -> Callable[[str], ModuleType]:
+    """Import the script of a study by the name of its folder."""
+
+    def load(name: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name.replace("-", "_"), STUDIES / name / "run.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    return load
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,8 @@
 """The three drives on one wheel: a short run now, the stored study checked."""
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -15,14 +16,9 @@ from bayesterra.study import SamplingOptions
 STUDY = Path(__file__).parents[2] / "studies" / "drives"
 
 
-def test_a_short_run_agrees_with_the_stored_study() -> None:
+def test_a_short_run_agrees_with_the_stored_study(study_script: Callable[[str], ModuleType]) -> None:
     """Posterior medians of drive ``both`` are the stored ones within their Monte Carlo errors."""
-    spec = importlib.util.spec_from_file_location("drives", STUDY / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    density = posterior(script.study("both"))
+    density = posterior(study_script("drives").study("both"))
     options = SamplingOptions(walkers=32, target_ess=400)
     draws = sample(density, options, SeedSequence(5)).chains.reshape(-1, len(density.names))
     table = pd.read_csv(STUDY / "drives.csv").set_index(["drive", "parameter"]).loc["both"]

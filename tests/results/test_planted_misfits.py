@@ -1,6 +1,6 @@
 """Planted misfits: two runs now, the stored study checked."""
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -11,14 +11,9 @@ STUDY = Path(__file__).parents[2] / "studies" / "planted-misfits"
 
 
 @pytest.fixture(scope="module")
-def script() -> ModuleType:
+def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    spec = importlib.util.spec_from_file_location("planted_misfits", STUDY / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return study_script("planted-misfits")
 
 
 def test_the_first_runs_are_remade(script: ModuleType) -> None:

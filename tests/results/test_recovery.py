@@ -1,6 +1,6 @@
 """Recovery of known soils: a quick case now, the stored study checked."""
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -11,14 +11,9 @@ STUDY = Path(__file__).parents[2] / "studies" / "recovery"
 
 
 @pytest.fixture(scope="module")
-def script() -> ModuleType:
+def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    spec = importlib.util.spec_from_file_location("recovery", STUDY / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return study_script("recovery")
 
 
 def test_one_case_is_remade(script: ModuleType) -> None:
