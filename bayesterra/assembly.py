@@ -126,12 +126,14 @@ def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
     return replace(wheel, shearing_radius_coefficient=coefficient)
 
 
-def conditioned(observations: Observations, drive: str) -> tuple[Observations, list[str]]:
+def conditioned(
+    observations: Observations, drive: str, *, expected: bool = False
+) -> tuple[Observations, list[str]]:
     """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
 
     With drive ``load`` and no load, the normal force is the load; with drive ``sinkage`` and no normal
     force, the load is the measured normal force; with drive ``both`` likewise, and nothing is conditioned on
-    but slip.
+    but slip. Where readings are only ``expected``, a row needs none.
     """
     notes: list[str] = []
     has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
@@ -145,7 +147,9 @@ def conditioned(observations: Observations, drive: str) -> tuple[Observations, l
         notes.append("no normal_force column: the load is the measured normal force")
     elif drive == "both" and has_load:
         notes.append("load is not used, as the drive 'both' infers it from the readings")
-    return _with_readings(observations) if drive == "both" else _with_condition(observations, drive), notes
+    if drive != "both":
+        return _with_condition(observations, drive), notes
+    return observations if expected else _with_readings(observations), notes
 
 
 def _with_normal_force(observations: Observations) -> Observations:
@@ -193,10 +197,10 @@ def load_range(
         return None, idle
     if given is not None:
         return given, []
-    if "normal_force" not in noise:
-        raise StudyError("the drive 'both' needs 'load_range' or readings of 'normal_force'")
     used = observations.used()
-    force = used.values["normal_force"]
+    force = used.values.get("normal_force", np.full(len(used), np.nan))
+    if "normal_force" not in noise or np.isnan(force).all():
+        raise StudyError("the drive 'both' needs 'load_range' or readings of 'normal_force'")
     margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
     low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
     high = float(np.nanmax(force + margin))

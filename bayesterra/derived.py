@@ -37,11 +37,14 @@ class Drive:
 
 
 def reference_load(study: Study) -> float:
-    """Median load (N) of the rows in the fit, of the normal force where no load was given; else NaN."""
+    """Median load (N) of the rows in the fit, of the normal force where no load was given.
+
+    Else the middle of the latent loads' range; NaN where there is none.
+    """
     observations = study.observations.used()
     force = observations.values.get("normal_force", observations.load)
     loads = np.where(np.isnan(observations.load), force, observations.load)
-    return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
+    return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else study.middle_load
 
 
 def drive(study: Study, soil: FloatArray) -> Drive:

@@ -135,7 +135,8 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     slip = np.linspace(min(0.02, slips.min()), min(0.95, slips.max() + 0.05), GRID)
     drive = "sinkage" if study.drive == "sinkage" else "load"
     if drive == "load":
-        given = np.full(GRID, np.median(known_loads(observations)[mine]))
+        load = float(np.median(known_loads(observations)[mine]))
+        given = np.full(GRID, study.middle_load if np.isnan(load) else load)
     else:
         order = np.argsort(slips, kind="stable")
         slip = np.linspace(slips.min(), slips.max(), GRID)

@@ -108,6 +108,11 @@ class Study:
         """Name the study in a line."""
         return f"<Study {self.title!r}: {self.model.name}, drive {self.drive}, {len(self.observations)} rows>"
 
+    @property
+    def middle_load(self) -> float:
+        """Middle (N) of the range of latent loads; NaN where loads are given."""
+        return float(np.mean(self.load_range)) if self.load_range else np.nan
+
     def with_data(self, values: Mapping[str, FloatArray]) -> Study:
         """The same study with other outcomes: simulated ones, say.
 
@@ -175,7 +180,9 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     soil, prior_notes = assembly.soil_prior(given.priors, constant_exponent=model.constant_exponent)
     wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil["phi"])
     with errors_in(given.data.file):
-        rows, row_notes = assembly.conditioned(_rows(data, wheels, given.data), given.drive)
+        rows, row_notes = assembly.conditioned(
+            _rows(data, wheels, given.data), given.drive, expected=expected
+        )
     rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)

@@ -135,3 +135,17 @@ def test_python_needs_no_readings_either(write: Write) -> None:
     study = Study(table, wheels, slip_reference="shearing", noise={"sinkage": 1e-3}, prior_only=True)
     assert np.isnan(study.observations.values["sinkage"]).all()
     assert run_prior(study).names == study.prior.names
+
+
+def test_latent_loads_need_no_reading_before_the_test(write: Write) -> None:
+    """With a stated range of the loads, slips alone are a plan; without one it is asked for."""
+    both = ("[data]", 'drive = "both"\nload_range = ["60 N", "100 N"]\n[data]')
+    noise = ("[priors]", 'normal_force = "2 N"\n[priors]')
+    found = result_of(write(both, noise, table="slip\n0.1\n0.3\n"))
+    pull = found.summary.set_index("parameter").loc["peak_pull"]
+    assert np.isfinite(pull["prior_median"])
+    force = found.predictive[found.predictive["channel"] == "normal_force"]
+    np.testing.assert_allclose(force["q50"], 80.0, atol=2.0)
+    unknown = write((both[0], 'drive = "both"\n[data]'), noise, table="slip\n0.1\n0.3\n")
+    with pytest.raises(StudyError, match="the drive 'both' needs 'load_range' or readings of 'normal_force'"):
+        load_study(unknown, prior_only=True)
