@@ -12,13 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from arviz_stats.base.array import array_stats
-from scipy.special import ndtri
+from scipy.special import chdtrc, ndtri
 from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray
 
 R_HAT_LIMIT = 1.01
 STEPS_PER_TAU = 50
+DISAGREEMENT = 1e-3
+"""p value, over all parameters, below which halves of ensembles differ by more than Monte Carlo error."""
 TAILS = (0.05, 0.95)
 
 
@@ -56,15 +58,38 @@ def effective_size(chains: FloatArray) -> float:
     return 0.0 if np.isnan(times).any() else float(chains.size / times.mean())
 
 
+def rank_scores(chains: FloatArray) -> FloatArray:
+    """Rank-normalised draws, of which mean and autocorrelation always exist (Vehtari et al. 2021)."""
+    ranks = rankdata(chains, axis=None).reshape(chains.shape)
+    return np.asarray(ndtri((ranks - 0.375) / (chains.size + 0.25)))
+
+
+def tail_indicators(chains: FloatArray) -> tuple[FloatArray, ...]:
+    """Whether draws lie at or below the 5 and the 95 % quantile."""
+    return tuple((chains <= q).astype(float) for q in np.quantile(chains, TAILS))
+
+
 def bulk_size(chains: FloatArray) -> float:
     """Effective number of draws for the centre: that of the rank-normalised draws (Vehtari et al. 2021)."""
-    ranks = rankdata(chains, axis=None).reshape(chains.shape)
-    return effective_size(ndtri((ranks - 0.375) / (chains.size + 0.25)))
+    return effective_size(rank_scores(chains))
 
 
 def tail_size(chains: FloatArray) -> float:
     """Effective number of draws for the tails: the smaller one of the 5 and 95 % indicators."""
-    return min(effective_size((chains <= q).astype(float)) for q in np.quantile(chains, TAILS))
+    return min(effective_size(inside) for inside in tail_indicators(chains))
+
+
+def disagreement(values: FloatArray, size: float) -> float:
+    """P value of the means of both halves of every ensemble being those of one law.
+
+    R-hat below its limit allows ensembles to differ by some hundredths of a standard deviation however many
+    draws there are; this allows what Monte Carlo error does. ``values`` (ensembles, steps, walkers) have
+    ``size`` effective draws.
+    """
+    half = values.shape[1] // 2
+    means = np.concatenate([values[:, :half].mean(axis=(1, 2)), values[:, -half:].mean(axis=(1, 2))])
+    error = values.var() * len(means) / max(size, 1e-300)
+    return float(chdtrc(len(means) - 1, ((means - means.mean()) ** 2).sum() / max(error, 1e-300)))
 
 
 def r_hat(chains: FloatArray) -> float:
@@ -190,39 +215,56 @@ def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, tar
     target_ess : effective draws asked for.
     """
     columns = np.ascontiguousarray(np.moveaxis(chains, -1, 0))
-    bulk = np.array([bulk_size(column) for column in columns])
-    tail = np.array([tail_size(column) for column in columns])
+    sizes, differing = np.array([_sizes(column) for column in columns]).transpose(1, 0, 2)
     hats = np.array([r_hat(column) for column in columns])
     with np.errstate(divide="ignore"):
         tau = columns[0].size / np.array([effective_size(column) for column in columns])
-    checks = _checks(names, bulk, tail, hats, tau, chains.shape[1], accepted, target_ess)
+    measured = _Measured(sizes.min(axis=1), hats, tau, differing.min(axis=1) * differing.size)
+    checks = (*_on_draws(names, measured, chains.shape[1], target_ess), *_on_walkers(accepted))
+    bulk, tail = sizes[:, 0], sizes[:, 1:].min(axis=1)
     return Diagnosis(
         tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks
     )
 
 
-def _checks(
-    names: Sequence[str],
-    bulk: FloatArray,
-    tail: FloatArray,
-    hats: FloatArray,
-    tau: FloatArray,
-    steps: int,
-    accepted: FloatArray,
-    target_ess: float,
-) -> tuple[Check, ...]:
-    ess, hat = np.minimum(bulk, tail), np.nan_to_num(hats, nan=np.inf)
-    needed = STEPS_PER_TAU * float(np.nan_to_num(tau, nan=np.inf).max())
+def _sizes(column: FloatArray) -> tuple[list[float], list[float]]:
+    """Effective sizes and p values of disagreement for the centre and both tails of a parameter."""
+    parts = (rank_scores(column), *tail_indicators(column))
+    sizes = [effective_size(part) for part in parts]
+    return sizes, [disagreement(part, size) for part, size in zip(parts, sizes, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Per parameter (d,): smallest effective size, R-hat, τ, and p of disagreement times their number."""
+
+    ess: FloatArray
+    r_hat: FloatArray
+    tau: FloatArray
+    differing: FloatArray
+
+
+def _on_draws(names: Sequence[str], found: _Measured, steps: int, target_ess: float) -> tuple[Check, ...]:
+    ess, hat = found.ess, np.nan_to_num(found.r_hat, nan=np.inf)
+    needed = STEPS_PER_TAU * float(np.nan_to_num(found.tau, nan=np.inf).max())
     slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
-    frozen = int((accepted == 0).sum())
-    slow = float(accepted.min() / max(np.median(accepted), 1e-300))
+    apart, p = names[int(found.differing.argmin())], min(1.0, float(found.differing.min()))
     return (
         Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
               f"run longer: {slowest} is the slowest"),
         Check("R-hat across ensembles", float(hat.max()), R_HAT_LIMIT, bool(hat.max() < R_HAT_LIMIT),
               f"the ensembles disagree on {worst}: run longer, or look for a second mode"),
+        Check("agreement of ensembles and halves (p)", p, DISAGREEMENT, p >= DISAGREEMENT,
+              f"means or tails of {apart} differ by more than chance: run longer, or look for a second mode"),
         Check("steps for a reliable autocorrelation time", float(steps), needed, steps >= needed,
               f"run at least {STEPS_PER_TAU} autocorrelation times"),
+    )  # fmt: skip
+
+
+def _on_walkers(accepted: FloatArray) -> tuple[Check, ...]:
+    frozen = int((accepted == 0).sum())
+    slow = float(accepted.min() / max(np.median(accepted), 1e-300))
+    return (
         Check("walkers that never moved", float(frozen), 0.0, frozen == 0,
               "a walker is stuck where the proposals do not reach"),
         Check("slowest walker's acceptance over the median", slow, 0.2, slow >= 0.2,

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import kstest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import (
@@ -11,6 +12,7 @@ from bayesterra.diagnostics import (
     autocorrelation_time,
     bulk_size,
     diagnose,
+    disagreement,
     effective_size,
     hdi,
     monte_carlo_error,
@@ -99,6 +101,29 @@ def test_r_hat_sees_drift() -> None:
     """Ensembles that drift together disagree between their early and their late halves."""
     drift = np.linspace(-1, 1, 2000)[:, None]
     assert r_hat(walks(0.5) + drift) > 1.01
+
+
+@pytest.mark.parametrize("shift", [0.02, 0.05])
+def test_agreement_sees_what_many_draws_show_and_r_hat_lets_pass(shift: float) -> None:
+    """An ensemble off by some hundredths of a standard deviation, or drifting by that, is no chance."""
+    chains = walks(0.5, steps=8000, walkers=64)
+    assert check(diagnose(("a",), chains[..., None], np.full((4, 64), 0.5), 1000), "agreement")
+    off, drifting = chains.copy(), chains + shift * np.linspace(-1, 1, 8000)[:, None]
+    off[2] += shift
+    for wrong in (off, drifting):
+        found = diagnose(("a",), wrong[..., None], np.full((4, 64), 0.5), 1000)
+        assert check(found, "R-hat")
+        assert not check(found, "agreement")
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_agreement_is_a_fair_test(correlation: float) -> None:
+    """On sound ensembles the p value is uniform, whatever their autocorrelation."""
+    p = []
+    for seed in range(200):
+        chains = walks(correlation, steps=600, walkers=16, seed=seed)
+        p.append(disagreement(chains, effective_size(chains)))
+    assert kstest(p, "uniform").pvalue > 1e-3
 
 
 def test_good_chains_pass_every_check() -> None:
