@@ -22,7 +22,8 @@ from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.predictive import RowPredictions, predict_curves, predict_rows, predictive_table
 from bayesterra.results import Result, curves_dataset, draws_tree
-from bayesterra.sampling.sampler import Progress, Samples, sample
+from bayesterra.sampling.evidence import Evidence, evidence
+from bayesterra.sampling.sampler import Progress, Samples, Target, sample
 from bayesterra.study import Study
 from bayesterra.summary import summary_table
 from bayesterra.validation import validate
@@ -89,14 +90,19 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     """
     started = time.perf_counter()
     target = posterior(study)
-    sampling, prior_stream, predicting, validating = SeedSequence(seed).spawn(4)
+    sampling, prior_stream, predicting, validating, weighing = SeedSequence(seed).spawn(5)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report)
     report(Progress("comparing", 1.0))
     kept = keep(samples.chains)
     fits, refused = fit_all(study)
     mode = find_mode(target, kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()])
-    analysis = Analysis(study, target, prior, samples, kept, mode, fits, refused)
+    integral = evidence(
+        Target(target, samples.coordinates).densities,
+        [adaptation.proposal for adaptation in samples.adaptations],
+        default_rng(weighing),
+    )
+    analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused)
     report(Progress("checking", 1.0))
     return analysis.result(seed, default_rng(predicting), validating, started)
 
@@ -111,6 +117,7 @@ class Analysis:
     samples: Samples
     kept: Kept
     mode: Mode
+    evidence: Evidence
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
 
@@ -125,6 +132,7 @@ class Analysis:
         findings = {
             "verdict": record.of_diagnosis(self.samples.diagnosis),
             "sampling": record.of_samples(self.samples, self.kept.every),
+            "evidence": record.of_evidence(self.evidence, self.prior),
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
             "mode": {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing},
             "fits": {name: record.of_fit(fitted) for name, fitted in self.fits.items()},

@@ -14,6 +14,8 @@ from bayesterra.comparison import Standing
 from bayesterra.diagnostics import Diagnosis
 from bayesterra.identifiability import Identifiability
 from bayesterra.identification import Fit
+from bayesterra.posteriors import INSIDE, REASONS, PriorDraws
+from bayesterra.sampling.evidence import Evidence
 from bayesterra.sampling.sampler import Samples
 from bayesterra.study import Study
 
@@ -87,6 +89,13 @@ def of_samples(samples: Samples, every: int) -> dict[str, Any]:
         "proposal_efficiency": [adaptation.efficiency for adaptation in adaptations],
         "log_evidence": [adaptation.log_evidence for adaptation in adaptations],
     }
+
+
+def of_evidence(found: Evidence, prior: PriorDraws) -> dict[str, Any]:
+    """Log evidence under the stated prior, and the log share of that prior which physics leaves."""
+    share = prior.shares[REASONS[INSIDE]]
+    error = np.sqrt((1.0 - share) / (share * prior.tried))
+    return {**asdict(found), "reliable": found.reliable, "log_share": np.log(share), "log_share_error": error}
 
 
 def of_fit(fitted: Fit) -> dict[str, Any]:

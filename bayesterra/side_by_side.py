@@ -10,7 +10,6 @@ from itertools import chain
 
 import numpy as np
 import pandas as pd
-from scipy.special import logsumexp
 
 from bayesterra.crossvalidation import CrossValidation, Difference, difference
 from bayesterra.derived import DERIVED, reference_load
@@ -26,7 +25,6 @@ BARE = 1.0
 """Difference of log evidence that is not worth more than a bare mention (Kass and Raftery 1995)."""
 STRENGTHS = ((3.0, "positive"), (5.0, "strong"), (np.inf, "very strong"))
 """Their words for greater differences, by upper limit."""
-INSIDE = "inside the support"
 MOVED = 1.0
 """Shift of a mean, in standard deviations of the first result, from which a parameter has moved."""
 
@@ -38,7 +36,7 @@ class Evidence:
     Attributes
     ----------
     value : log of the density of the readings, averaged over the prior that is cut to the physical support.
-    error : its standard error, from the spread of the ensembles and the count behind the cut.
+    error : its standard error, from the importance weights and the count behind the cut.
     outcomes : fingerprint of the readings it is the density of; only equal ones compare.
     """
 
@@ -226,23 +224,12 @@ def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
 
 
 def log_evidence(result: Result) -> Evidence:
-    """Log evidence of a result under its cut prior.
-
-    The sampler's estimates, one per ensemble, hold for the stated prior, whose density is not renormalised by
-    the physical cut: the share of the stated prior inside the support is divided out.
-    """
-    values = [
-        v for v in result.record["sampling"].get("log_evidence", []) if v is not None and np.isfinite(v)
-    ]
-    support = result.record["prior_support"]
-    share = float(support["shares"].get(INSIDE, 1.0))
-    cut = np.sqrt((1.0 - share) / (share * support["tried"]))
-    if len(values) < 2:
+    """Log evidence of a result under its cut prior: the share of the stated one in it is divided out."""
+    found = result.record.get("evidence")
+    if found is None:
         return Evidence(np.nan, np.nan, outcomes_of(result))
-    weights = np.exp(np.array(values) - max(values))
-    spread = weights.std(ddof=1) / (weights.mean() * np.sqrt(len(weights)))
-    value = float(logsumexp(values) - np.log(len(values)) - np.log(share))
-    return Evidence(value, float(np.hypot(spread, cut)), outcomes_of(result))
+    error = float(np.hypot(found["error"], found["log_share_error"]))
+    return Evidence(found["log_z"] - found["log_share"], error, outcomes_of(result))
 
 
 def outcomes_of(result: Result) -> str:

@@ -167,7 +167,6 @@ def reproduce_section(result: Result) -> Section:
         ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
         ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
         ("seconds", _pairs({name: plain(value) for name, value in record["seconds"].items()})),
-        ("log evidence by ensemble", _evidence(record)),
     )
     caption = (
         "The same study, data, seed and versions give the same draws on one machine, whatever the number of "
@@ -178,11 +177,6 @@ def reproduce_section(result: Result) -> Section:
 
 def _pairs(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{str(name).replace('_', ' ')} {value}" for name, value in values.items())
-
-
-def _evidence(record: Mapping[str, Any]) -> str:
-    values = record["sampling"].get("log_evidence", [])
-    return ", ".join(rounded(value, 0.01) for value in values) or NOTHING
 
 
 def _checklist() -> Table:

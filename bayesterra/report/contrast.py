@@ -14,10 +14,9 @@ from bayesterra.report.contrast_parts import (
     parameters_section,
     predictions_section,
     signed,
-    with_error,
 )
 from bayesterra.report.contrast_studies import compared_section, judged_section, repeat_section
-from bayesterra.report.numbers import given, rounded
+from bayesterra.report.numbers import given, rounded, with_error
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.report.verdicts import Verdict
 from bayesterra.side_by_side import BARE, MOVED, Comparison

@@ -42,13 +42,6 @@ def signed(value: float) -> str:
     return "0.0" if text in ("+0.0", "−0.0") else text
 
 
-def with_error(value: float, error: float) -> tuple[str, str]:
-    """A value and its standard error, to a hundredth at the finest."""
-    step = resolution(0.0, error) if error > 0 else 0.01
-    step = max(step, 0.01)
-    return rounded(value, step), rounded(max(error, step), step)
-
-
 def parameters_section(comparison: Comparison) -> Section:
     """Densities, intervals and shifts of parameters and derived quantities."""
     rows = [_row(comparison, name) for name in _free(comparison)]

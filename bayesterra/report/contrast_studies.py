@@ -15,9 +15,9 @@ from bayesterra.models import Wheel
 from bayesterra.parameters import PARAMETERS
 from bayesterra.priors import Law, Tie
 from bayesterra.report.blocks import Cell, Section, Table
-from bayesterra.report.contrast_parts import coloured, keys, with_error
+from bayesterra.report.contrast_parts import coloured, keys
 from bayesterra.report.inputs import noise_text
-from bayesterra.report.numbers import NOTHING, given, plain, probability
+from bayesterra.report.numbers import NOTHING, given, plain, probability, with_error
 from bayesterra.report.symbols import amount, law_text, symbol
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison

@@ -132,3 +132,10 @@ def share(level: float | None) -> str:
     if level > 0.999 or level < 0.001:
         return "> 99.9 %" if level > 0.5 else "< 0.1 %"
     return f"{100 * level:.1f} %" if level > 0.99 or level < 0.1 else f"{100 * level:.0f} %"
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """A value and its standard error, to a hundredth at the finest."""
+    step = resolution(0.0, error) if error > 0 else 0.01
+    step = max(step, 0.01)
+    return rounded(value, step), rounded(max(error, step), step)

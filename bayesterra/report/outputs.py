@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from markupsafe import Markup
 
 from bayesterra import figures
@@ -12,7 +15,7 @@ from bayesterra.identifiability import DETERMINED, WEAK
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.driving import slip_table
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded, with_error
 from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, unit
 from bayesterra.report.validation import posterior_checks, prior_predictive
 from bayesterra.results import Result
@@ -54,11 +57,27 @@ def sampling_section(result: Result) -> Section:
         "Sampling quality",
         (
             _checks(result),
+            Text(_evidence(result.record["evidence"])),
             _chains(result),
             Gallery("tiny", ranks, RANKS),
             Gallery("tiny", traces, TRACES),
         ),
     )
+
+
+def _evidence(found: Mapping[str, Any]) -> Markup:
+    """The log evidence in a sentence, and how far to trust it."""
+    z, error = with_error(found["log_z"], found["error"])
+    share, share_error = with_error(found["log_share"], found["log_share_error"])
+    doubt = "" if found["reliable"] else " The weights have a heavy tail: the true error may be much larger."
+    return Markup(
+        "Log evidence {} ± {} for these readings under the stated prior, which is not renormalised after the "
+        "physical cut (log share left by it: {} ± {}). From {} draws of the pooled proposals, {:.0f} % "
+        "effective, Pareto k̂ {:.2f} (reliable to {:.2f}).{}"
+    ).format(
+        z, error, share, share_error, found["draws"], 100 * found["efficiency"], found["k_hat"],
+        found["limit"], doubt,
+    )  # fmt: skip
 
 
 def _spoken(name: str) -> str:

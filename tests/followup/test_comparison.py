@@ -27,17 +27,15 @@ def both(wide: RunResult, narrow: RunResult) -> ComparisonPage:
 
 def test_evidence_is_that_of_the_cut_prior(wide: RunResult) -> None:
     """The share of the stated prior outside the physics is no guess that failed: it is divided out."""
-    support = {"tried": 10_000, "shares": {"inside the support": 0.25, "outside the prior": 0.75}}
-    record = {**wide.record, "prior_support": support, "sampling": {"log_evidence": [2.0, 2.1, 1.9, 2.0]}}
-    found = log_evidence(replace(wide, record=record))
-    stated = np.log(np.mean(np.exp([2.0, 2.1, 1.9, 2.0])))
-    assert found.value == pytest.approx(stated + np.log(4))
-    assert 0.04 < found.error < 0.06
+    known = {"log_z": 2.0, "error": 0.03, "log_share": np.log(0.25), "log_share_error": 0.04}
+    found = log_evidence(replace(wide, record={**wide.record, "evidence": known}))
+    assert found.value == pytest.approx(2.0 + np.log(4))
+    assert found.error == pytest.approx(0.05)
 
 
 def test_unknown_evidence_is_no_number(wide: RunResult) -> None:
     """Without estimates there is nothing to say, and nothing fails."""
-    broken = replace(wide, record={**wide.record, "sampling": {"log_evidence": [None, None]}})
+    broken = replace(wide, record={key: value for key, value in wide.record.items() if key != "evidence"})
     assert np.isnan(log_evidence(broken).value)
     assert bt.compare({"a": wide, "b": broken}).word("a", "b") == "not known"
 

@@ -1,0 +1,111 @@
+"""Log evidence from pooled proposals: against closed forms, the prior, more draws and missed modes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence, default_rng
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from bayesterra.arrays import FloatArray
+from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.evidence import Evidence, evidence
+from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.sampler import Target, sample
+from bayesterra.study import SamplingOptions, Study
+
+MakeStudy = Callable[..., Study]
+
+
+def ball(centre: FloatArray, sd: float) -> StudentMixture:
+    """One Student-t law about a centre."""
+    return StudentMixture(np.ones(1), centre[None], sd * np.eye(len(centre))[None], 4.0)
+
+
+def normal(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard normal prior in five dimensions and a normal likelihood of sd 0.1 about 1."""
+    prior = multivariate_normal(np.zeros(5), np.eye(5)).logpdf(u)
+    return np.atleast_1d(prior), np.atleast_1d(multivariate_normal(np.ones(5), 0.01 * np.eye(5)).logpdf(u))
+
+
+CENTRE = np.full(5, 1 / 1.01)
+LOOSE = {"sinkage": 5e-3, "drawbar_pull": 8.0, "resistance_moment": 1.5, "normal_force": 10.0}
+KNOWN = float(multivariate_normal(np.zeros(5), 1.01 * np.eye(5)).logpdf(np.ones(5)))
+
+
+def test_evidence_of_a_normal_problem_and_its_error() -> None:
+    """Over repetitions the estimates scatter about the closed form as the stated error says."""
+    proposals = [ball(CENTRE + shift, 0.12) for shift in (-0.02, 0.02)]
+    found = [evidence(normal, proposals, default_rng(k), draws=2000) for k in range(60)]
+    z = np.array([(one.log_z - KNOWN) / one.error for one in found])
+    assert abs(z.mean()) < 4 / np.sqrt(len(z))
+    assert 0.75 < z.std() < 1.3
+    assert all(one.reliable and one.efficiency > 0.3 for one in found)
+
+
+def test_ten_times_the_draws_agree() -> None:
+    """More draws give the same value with an error smaller by √10."""
+    few, many = (evidence(normal, [ball(CENTRE, 0.12)], default_rng(1), draws=n) for n in (4000, 40_000))
+    assert abs(few.log_z - many.log_z) < 4 * np.hypot(few.error, many.error)
+    assert many.error == pytest.approx(few.error / np.sqrt(10), rel=0.2)
+
+
+def test_a_mode_that_one_proposal_misses_is_counted_by_the_others() -> None:
+    """Two modes, one proposal on each: neither alone finds the evidence, together they do."""
+    left, right = np.full(2, -5.0), np.full(2, 5.0)
+
+    def two(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        parts = [multivariate_normal(at, 0.25 * np.eye(2)).logpdf(u) for at in (left, right)]
+        return np.zeros(len(u)), logsumexp([np.log(0.7) + parts[0], np.log(0.3) + parts[1]], axis=0)
+
+    pooled = evidence(two, [ball(left, 0.5), ball(right, 0.5)], default_rng(2), draws=8000)
+    assert abs(pooled.log_z) < 4 * pooled.error
+    assert evidence(two, [ball(right, 0.5)], default_rng(2)).log_z == pytest.approx(np.log(0.3), abs=0.05)
+
+
+def test_weights_that_cannot_be_relied_on_are_named() -> None:
+    """A proposal much narrower than its target gives a heavy tail of weights, and the result says so."""
+    narrow = StudentMixture(np.ones(1), CENTRE[None], 0.05 * np.eye(5)[None], 200.0)
+    assert not evidence(normal, [narrow], default_rng(3)).reliable
+
+
+def test_points_outside_the_support_weigh_nothing() -> None:
+    """Half of the prior cut away halves the evidence."""
+
+    def half(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        prior, likelihood = normal(u)
+        return np.where(u[:, 0] > CENTRE[0], prior, -np.inf), likelihood
+
+    found = evidence(half, [ball(CENTRE, 0.12)], default_rng(4))
+    assert abs(found.log_z - KNOWN - np.log(0.5)) < 4 * found.error
+
+
+def from_the_prior(study: Study, n: int) -> tuple[float, float]:
+    """Log evidence under the stated prior by plain averaging over prior draws, and its error."""
+    density = posterior(study)
+    drawn = draw_cut_prior(density, n, default_rng(8))
+    level = density.log_terms(drawn.x).sum(axis=(1, 2))
+    weights = np.exp(level - level.max())
+    error = np.hypot(weights.std() / weights.mean() / np.sqrt(n), 1 / np.sqrt(drawn.tried))
+    return float(level.max() + np.log(weights.mean() * drawn.shares["inside the support"])), float(error)
+
+
+@pytest.mark.parametrize("free", [("c", "phi", "K"), ("n0", "c", "phi", "K")], ids=len)
+@pytest.mark.parametrize("drive", ["load", "sinkage"])
+def test_evidence_of_small_studies_is_that_of_the_prior(
+    free: tuple[str, ...], drive: str, make_study: MakeStudy
+) -> None:
+    """Three and four parameters through M2: plain averages over the prior agree within 4 errors."""
+    study = make_study(free=free, drive=drive, noise=LOOSE)
+    plan = AdaptationOptions(particles=512, components=8)
+    samples = sample(
+        posterior(study), SamplingOptions(walkers=32, target_ess=200), SeedSequence(3), adaptation=plan
+    )
+    target = Target(posterior(study), samples.coordinates)
+    found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
+    expected, error = from_the_prior(study, 50_000)
+    assert isinstance(found, Evidence)
+    assert error < 0.2
+    assert abs(found.log_z - expected) < 4 * np.hypot(found.error, error)
