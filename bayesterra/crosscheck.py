@@ -1,0 +1,164 @@
+"""The posterior once more by nested sampling, at two settings: agreement or not, without saying who is wrong.
+
+The only module that imports dynesty, an optional extra. Nested samplers err on ridges without a warning, so
+that two settings are run: where they differ from each other they are no judge.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.random import SeedSequence, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
+from bayesterra.posteriors import Posterior
+
+LIVE = (500, 1500)
+"""Live points of the two settings."""
+QUANTILES = (0.05, 0.5, 0.95)
+APART = 4.0
+"""Standard errors from which two samplers disagree."""
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Weighted draws and log evidence of one sampler.
+
+    Attributes
+    ----------
+    name : what a reader calls it.
+    x : parameter sets (n, d).
+    weights : (n,), summing to one.
+    size : effective draws behind them.
+    log_z, error : log evidence under the stated prior.
+    """
+
+    name: str
+    x: FloatArray
+    weights: FloatArray
+    size: float
+    log_z: float
+    error: float
+
+    @classmethod
+    def equal(cls, name: str, x: FloatArray, log_z: float, error: float) -> Weighted:
+        """Near-independent draws of equal weight."""
+        return cls(name, x, np.full(len(x), 1 / len(x)), float(len(x)), log_z, error)
+
+    def share_below(self, i: int, value: float) -> float:
+        """Probability that parameter ``i`` lies at or below a value."""
+        return float(self.weights[self.x[:, i] <= value].sum())
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """Statistics of several samplers side by side.
+
+    Attributes
+    ----------
+    table : one row per pair of samplers and statistic: ``one, other, parameter, statistic, z``; z is their
+        difference in standard errors.
+    samplers : names, ours first.
+    """
+
+    table: pd.DataFrame
+    samplers: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """``agree``, ``disagree``, or ``nested sampling disagrees with itself``."""
+        apart = self.table["z"].abs() > APART
+        ours = (self.table["one"] == self.samplers[0]) | (self.table["other"] == self.samplers[0])
+        if (apart & ~ours).any():
+            return "nested sampling disagrees with itself"
+        return "disagree" if apart.any() else "agree"
+
+    @property
+    def worst(self) -> str:
+        """The statistic that differs most, in words."""
+        row = self.table.iloc[int(self.table["z"].abs().argmax())]
+        where = f"{row['statistic']} of {row['parameter']}" if row["parameter"] else row["statistic"]
+        return f"{where}: {abs(row['z']):.1f} errors between {row['one']} and {row['other']}"
+
+
+def compare(samplers: tuple[Weighted, ...], names: tuple[str, ...]) -> CrossCheck:
+    """Set every pair of samplers side by side."""
+    rows = []
+    for k, one in enumerate(samplers):
+        for other in samplers[k + 1 :]:
+            z = {("", "log evidence"): (other.log_z - one.log_z) / np.hypot(one.error, other.error)}
+            for i, name in enumerate(names):
+                z |= {(name, what): value for what, value in _differences(one, other, i).items()}
+            pair = {"one": one.name, "other": other.name}
+            rows += [{**pair, "parameter": p, "statistic": what, "z": v} for (p, what), v in z.items()]
+    return CrossCheck(pd.DataFrame(rows), tuple(sampler.name for sampler in samplers))
+
+
+def _differences(one: Weighted, other: Weighted, i: int) -> dict[str, float]:
+    """Differences of a parameter's mean and of the probability below quantiles, in standard errors."""
+    (m, sd), (n, other_sd) = _moments(one, i), _moments(other, i)
+    found = {"mean": (n - m) / np.hypot(sd / np.sqrt(one.size), other_sd / np.sqrt(other.size))}
+    order = np.argsort(one.x[:, i])
+    steps = np.cumsum(one.weights[order])
+    for q in QUANTILES:
+        value = one.x[order[min(np.searchsorted(steps, q), len(order) - 1)], i]
+        error = np.sqrt(q * (1 - q) * (1 / one.size + 1 / other.size))
+        found[f"{100 * q:.0f} % quantile"] = (other.share_below(i, float(value)) - q) / error
+    return {name: float(value) for name, value in found.items()}
+
+
+def _moments(sampler: Weighted, i: int) -> tuple[float, float]:
+    mean = float(sampler.weights @ sampler.x[:, i])
+    return mean, float(np.sqrt(sampler.weights @ (sampler.x[:, i] - mean) ** 2))
+
+
+def crosscheck(
+    posterior: Posterior,
+    ours: Weighted,
+    seed: SeedSequence,
+    live: tuple[int, ...] = LIVE,
+    report: Callable[[str], None] = lambda stage: None,
+) -> CrossCheck:
+    """Sample a posterior by nested sampling at every number of live points and compare with our draws.
+
+    Raises
+    ------
+    StudyError : dynesty is not installed.
+    """
+    found = [ours]
+    for points, stream in zip(live, seed.spawn(len(live)), strict=True):
+        report(f"nested sampling, {points} live points")
+        found.append(nested(posterior, points, stream))
+    return compare(tuple(found), posterior.names)
+
+
+def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
+    """Static nested sampling from the unit cube of the stated prior, by dynesty."""
+    try:
+        from dynesty import NestedSampler
+    except ImportError as error:
+        raise StudyError("'--crosscheck' needs dynesty: pip install 'bayesterra[crosscheck]'") from error
+    laws = [posterior.prior.laws[name] for name in posterior.names]
+
+    def physical(cube: FloatArray) -> FloatArray:
+        return np.array([float(law.quantile(np.array(u))) for law, u in zip(laws, cube, strict=True)])
+
+    def log_likelihood(x: FloatArray) -> float:
+        return float(posterior.log_prior_and_likelihood(x[None])[1][0])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its remarks on progress and plateaus
+        sampler = NestedSampler(
+            log_likelihood, physical, len(laws), nlive=live, sample="rslice", rstate=default_rng(seed)
+        )
+        sampler.run_nested(print_progress=False, dlogz=0.01)
+        found = sampler.results
+    weights = np.asarray(found.importance_weights())
+    weights /= weights.sum()
+    size, name = float(1.0 / (weights**2).sum()), f"nested ({live})"
+    return Weighted(name, found.samples, weights, size, float(found.logz[-1]), float(found.logzerr[-1]))

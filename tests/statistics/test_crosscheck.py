@@ -1,0 +1,69 @@
+"""Agreement between samplers: what counts as one, and who is not called wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.crosscheck import CrossCheck, Weighted, compare
+
+NAMES = ("a", "b")
+N = 4000
+
+
+def draws(seed: int, shift: float = 0.0, scale: float = 1.0) -> FloatArray:
+    """Normal draws (N, 2), the second parameter moved or stretched."""
+    x = default_rng(seed).standard_normal((N, 2))
+    x[:, 1] = shift + scale * x[:, 1]
+    return x
+
+
+def three(one: FloatArray, other: FloatArray, third: FloatArray, log_z: float = 0.0) -> CrossCheck:
+    """Ours and two nested runs; the evidence of the last is ``log_z``."""
+    ours = Weighted.equal("ours", one, 0.0, 0.02)
+    first = Weighted.equal("nested (500)", other, 0.01, 0.1)
+    return compare((ours, first, Weighted.equal("nested (1500)", third, log_z, 0.06)), NAMES)
+
+
+def test_samplers_of_one_law_agree() -> None:
+    """Draws of the same law agree on every statistic; of many repetitions few come near 4 errors."""
+    worst = [
+        three(draws(3 * k), draws(3 * k + 1), draws(3 * k + 2)).table["z"].abs().max() for k in range(40)
+    ]
+    assert np.mean(np.array(worst) > 4.0) < 0.05
+    assert np.median(worst) > 1.5
+
+
+@pytest.mark.parametrize("wrong", [{"shift": 0.15}, {"scale": 1.2}])
+def test_a_difference_is_found_without_saying_who_errs(wrong: dict[str, float]) -> None:
+    """Shifted or stretched draws disagree, named by parameter; both nested runs stand against ours."""
+    found = three(draws(1), draws(2, **wrong), draws(3, **wrong))
+    assert found.verdict == "disagree"
+    assert "of b" in found.worst
+    assert "errors between" in found.worst
+
+
+def test_nested_runs_that_differ_are_no_judge() -> None:
+    """Where the two settings of nested sampling differ from each other, that is the verdict."""
+    assert three(draws(1), draws(2), draws(3, shift=0.3)).verdict == "nested sampling disagrees with itself"
+
+
+def test_the_evidence_is_compared_too() -> None:
+    """An evidence off by ten errors is a disagreement even where all draws agree."""
+    found = three(draws(1), draws(2), draws(3), log_z=1.2)
+    assert found.worst.startswith("log evidence")
+    assert found.verdict != "agree"
+
+
+def test_weights_count() -> None:
+    """Draws of a wide law weighed to a narrow one agree with draws of the narrow one."""
+    wide = 2.0 * draws(5)
+    log_weights = -0.5 * (wide**2).sum(axis=1) * (1 - 1 / 4)
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    nested = Weighted("nested", wide, weights, float(1 / (weights**2).sum()), 0.0, 0.1)
+    assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), nested), NAMES).verdict == "agree"
+    unweighted = replace(nested, weights=np.full(N, 1 / N), size=float(N))
+    assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), unweighted), NAMES).verdict != "agree"
