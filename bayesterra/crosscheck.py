@@ -106,9 +106,10 @@ def _differences(one: Weighted, other: Weighted, i: int) -> dict[str, float]:
     order = np.argsort(one.x[:, i])
     steps = np.cumsum(one.weights[order])
     for q in QUANTILES:
-        value = one.x[order[min(np.searchsorted(steps, q), len(order) - 1)], i]
+        at = min(int(np.searchsorted(steps, q)), len(order) - 1)
+        value = float(one.x[order[at], i])
         error = np.sqrt(q * (1 - q) * (1 / one.size + 1 / other.size))
-        found[f"{100 * q:.0f} % quantile"] = (other.share_below(i, float(value)) - q) / error
+        found[f"{100 * q:.0f} % quantile"] = (other.share_below(i, value) - q) / error
     return {name: float(value) for name, value in found.items()}
 
 
