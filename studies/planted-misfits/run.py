@@ -127,18 +127,13 @@ def one(name: str, number: int) -> dict[str, Any]:
     return {"case": name, "run": number, "overall_p": found.overall, "alarm": int(found.alarm), **strangest}
 
 
-def jobs(runs: int) -> list[tuple[str, int]]:
-    """Case and number of every run; without a misfit twice as many."""
-    doubled = ((name, number) for number in range(2 * runs) for name in CASES)
-    return [(name, number) for name, number in doubled if number < runs or name == "nothing"]
-
-
 def main(runs: int = 50, processes: int = 2) -> None:
     """Make the runs that results.csv does not hold yet, one line each as it ends, and print the table."""
     file = Path(__file__).parent / "results.csv"
     old = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=["case", "run"])
     done = set(zip(old["case"], old["run"], strict=True))
-    open_jobs = [job for job in jobs(runs) if job not in done]
+    jobs = [(name, number) for number in range(runs) for name in CASES]
+    open_jobs = [job for job in jobs if job not in done]
     with ProcessPoolExecutor(processes) as pool:
         for row in pool.map(one, *zip(*open_jobs, strict=True)) if open_jobs else ():
             line = pd.DataFrame([row])
