@@ -22,6 +22,7 @@ from numpy.random import Generator
 from bayesterra import inference, report
 from bayesterra.__main__ import main
 from bayesterra.folders import SEGMENT, WORK
+from bayesterra.posteriors import draw_cut_prior
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 
@@ -29,12 +30,12 @@ OUT, PART = Path("out"), Path("out.part")
 
 
 def make_quick() -> None:
-    """Short rounds, a small adaptation, and nothing after the draws but their files."""
-    vars(sampler)["ROUND_STEPS"] = 16
-    vars(sampler)["AdaptationOptions"] = partial(
-        AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,)
-    )
-    vars(inference)["validate"] = lambda *_: SimpleNamespace(record=dict)
+    """Short rounds, a small adaptation, few draws of the prior, and little after the draws but their files."""
+    small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
+    prior = partial(draw_cut_prior, batch=256)
+    vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
+    vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
+    vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     vars(report)["write"] = lambda _, path: path.write_text("report\n")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 HELD = 'n0 = 0.85\nn1 = 1.06\nKs = "2500 kPa"\nK = "10 mm"\nc = "0.3 kPa"\nc2 = 0.0\n'
-SHORT = "\n[sampling]\ntarget_ess = 2000\nwalkers = 32\nmax_steps = 80\n"
+SHORT = "\n[sampling]\ntarget_ess = 2000\nwalkers = 32\nmax_steps = 30\n"
 KILLS, NOT_CONVERGED = 20, 3
 
 
