@@ -65,7 +65,7 @@ class Checkpoints:
             known = {"run": _digest(present), "identity": present}
             write_text(folder / BEGUN, json.dumps(known, ensure_ascii=False, indent=1) + "\n")
         saved = len(list(folder.glob("*" + SEGMENT)))
-        resumed = (f"going on from {saved} saved segments",) if saved else ()
+        resumed = (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
         return cls(folder, checkpoints.run, (*damaged, *resumed))
 
     def holds(self, name: str) -> bool:
@@ -83,7 +83,7 @@ class Checkpoints:
             return None
         try:
             about, arrays = _read(self._path(name))
-        except (OSError, ValueError, BadZipFile):
+        except (OSError, ValueError, EOFError, BadZipFile):
             return None
         if about != {"run": self.run, "segment": name}:
             raise _refusal(self.folder, "was begun with another study, seed or version")

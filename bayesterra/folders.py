@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 from collections.abc import Iterator
@@ -75,13 +76,18 @@ def whole_folder(
             for path in sorted(part.iterdir()):
                 to_disk(path)
             _swap(part, folder)
-            shutil.rmtree(folder / WORK, ignore_errors=True)
+            tidy(folder)
         except (OSError, BayesterraError) as error:
             if not unfinished(part):
                 shutil.rmtree(part, ignore_errors=True)
             if isinstance(error, BayesterraError):
                 raise
             raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+
+
+def tidy(folder: Path) -> None:
+    """Remove from a whole folder what served its making; a kill in the last moment leaves it there."""
+    shutil.rmtree(folder / WORK, ignore_errors=True)
 
 
 def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
@@ -112,7 +118,8 @@ def _swap(part: Path, folder: Path) -> None:
             old.rename(folder)
         raise
     to_disk(folder.parent)
-    shutil.rmtree(old, ignore_errors=True)
+    for aside in folder.parent.glob(f".{glob.escape(folder.name)}.replaced-*"):  # killed runs' included
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def to_disk(path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Self
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import ResultError
-from bayesterra.folders import WORK, check_free, part_of, unfinished, whole_folder, write_text
+from bayesterra.folders import WORK, check_free, part_of, tidy, unfinished, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.notebook import result_table
 from bayesterra.prior_only import PriorResult, run_prior
@@ -130,8 +130,10 @@ def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
         result = load_result(out)
     except ResultError:
         return None
-    made = result.record["fingerprints"].get("run")
-    return result if made == digest(identity(study, seed)) else None
+    if result.record["fingerprints"].get("run") != digest(identity(study, seed)):
+        return None
+    tidy(out)
+    return result
 
 
 def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool = False) -> PriorResult:

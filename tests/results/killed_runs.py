@@ -30,7 +30,7 @@ OUT, PART = Path("out"), Path("out.part")
 
 
 def make_quick() -> None:
-    """Short rounds, a small adaptation, few draws of the prior, and little after the draws but their files."""
+    """Short rounds, a small adaptation, few draws of the prior, and little but files after the sampling."""
     small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
     prior = partial(draw_cut_prior, batch=256)
     vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)

@@ -50,7 +50,7 @@ def test_a_segment_reads_back_exactly(tmp_path: Path) -> None:
     assert run.holds("one")
     assert not run.holds("two")
     assert run.load("two") is None
-    assert run.notes == ("going on from 1 saved segments",)
+    assert run.notes == ("going on from 1 saved segment",)
     assert opened(tmp_path / "new").notes == ()
 
 

@@ -202,3 +202,12 @@ def test_resuming_keeps_segments_only(tmp_path: Path) -> None:
         assert names(part) == {"checkpoint"}
         write_text(part / "run.json", "new")
     assert names(tmp_path / "out") == {"run.json"}
+
+
+def test_what_a_kill_in_the_last_moment_leaves_is_cleared(tmp_path: Path) -> None:
+    """An old result that had stepped aside when its run was killed goes with the next one that is whole."""
+    result_folder(tmp_path / ".out.replaced-12345")
+    result_folder(tmp_path / ".outer.replaced-12345")
+    with whole_folder(tmp_path / "out") as part:
+        write_text(part / "run.json", "new")
+    assert names(tmp_path) == {"out", ".outer.replaced-12345"}

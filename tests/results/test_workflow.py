@@ -192,7 +192,7 @@ def test_a_resumed_run_gets_what_was_saved(
     monkeypatch.setattr("bayesterra.inference.run", run)
     run_study(small_result.study, out=stopped, resume=True)
     np.testing.assert_equal(given, [SEGMENT])
-    assert capsys.readouterr().err == "note: going on from 1 saved segments\n"
+    assert capsys.readouterr().err == "note: going on from 1 saved segment\n"
     assert {path.name for path in stopped.iterdir()} == FILES
 
 
@@ -226,8 +226,11 @@ def test_resuming_a_run_that_had_ended_reads_its_result(
     """A kill after the last rename costs nothing; the result of another seed is not taken for it."""
     out = tmp_path / "out"
     run_study(small_result.study, out=out, seed=1, resume=True, quiet=True)
+    (out / "checkpoint").mkdir()
+    (out / "checkpoint" / "round-0001.segment").write_text("not yet removed", encoding="utf-8")
     again = run_study(small_result.study, out=out, seed=1, resume=True, quiet=True)
     assert quick == [1]
+    assert {path.name for path in out.iterdir()} == FILES
     np.testing.assert_array_equal(again.values(), small_result.values())
     with pytest.raises(ResultError, match="exists already: add --overwrite"):
         run_study(small_result.study, out=out, seed=2, resume=True, quiet=True)
