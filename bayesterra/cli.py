@@ -49,6 +49,9 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="Result folder; by default <study folder>-result.")
     ] = None,
     seed: Seed = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a result folder, once the new one is complete.")
     ] = False,
@@ -60,6 +63,8 @@ def run(
     """Sample the posterior, compare with least squares, and write a report."""
     from bayesterra.study import load_study
 
+    if resume and prior_only:
+        raise typer.BadParameter("goes on with sampling, and --prior-only does none", param_hint="--resume")
     # mistakes in the study are reported before the sampler's libraries are loaded
     loaded = load_study(study, prior_only=prior_only)
     from bayesterra.console import print_prior, print_result
@@ -69,7 +74,7 @@ def run(
     if prior_only:
         prior = run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite)
         return print_prior(prior, folder / "report.html")
-    result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, resume=resume, quiet=quiet)
     print_result(result, folder / "report.html")
     raise typer.Exit(0 if result.converged else 3)
 

@@ -33,6 +33,11 @@ def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
         yield update
 
 
+def note(sentence: str) -> None:
+    """Say something on standard error, in one line."""
+    Console(stderr=True).print(f"note: {sentence}", highlight=False, soft_wrap=True, markup=False)
+
+
 def _figures(progress: Progress) -> str:
     """Acceptance, effective draws, R-hat and time left, once they are known."""
     diagnosis = progress.diagnosis

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 from collections.abc import Iterator
@@ -9,6 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bayesterra.errors import BayesterraError, ResultError
+from bayesterra.locking import locked
+
+WORK = "checkpoint"
+"""Folder in ``<folder>.part`` for what only serves the making: the lock, and segments to resume from."""
+SEGMENT = ".segment"
+"""Ending of files that would be a loss (see :mod:`bayesterra.checkpoints`)."""
 
 
 def check_free(folder: Path, *, overwrite: bool, mark: str = "run.json") -> None:
@@ -34,31 +41,68 @@ def check_free(folder: Path, *, overwrite: bool, mark: str = "run.json") -> None
         raise ResultError(f"'{folder}' is not {kind}: it is not replaced, give another with --out")
 
 
+def part_of(folder: Path) -> Path:
+    """Where a folder is made before it takes its name."""
+    return folder.with_name(folder.name + ".part")
+
+
+def unfinished(part: Path) -> bool:
+    """Whether saved segments would be lost with ``part``."""
+    return any((part / WORK).glob("*" + SEGMENT))
+
+
 @contextmanager
-def whole_folder(folder: Path, *, overwrite: bool = False, mark: str = "run.json") -> Iterator[Path]:
+def whole_folder(
+    folder: Path, *, overwrite: bool = False, resume: bool = False, mark: str = "run.json"
+) -> Iterator[Path]:
     """Work in ``<folder>.part``; on success it takes the name of ``folder``.
 
-    On an error of the package or of the disk nothing is left behind; a program that is interrupted or killed
-    leaves ``<folder>.part``. With ``overwrite`` an old folder keeps its name until the new one is complete.
+    A program that is interrupted or killed leaves ``<folder>.part``; an error of the package or of the disk
+    leaves it only where it holds saved segments. With ``overwrite`` an old folder keeps its name until the
+    new one is complete, and an unfinished one makes room; with ``resume`` it keeps its segments.
 
     Raises
     ------
-    ResultError : see :func:`check_free`; or the folder cannot be written.
+    ResultError : see :func:`check_free`; another process works there; there are saved segments, and what to
+        do with them was not said; or the folder cannot be written.
     """
     check_free(folder, overwrite=overwrite, mark=mark)
-    part = folder.with_name(folder.name + ".part")
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir()
-        yield part
-        for path in sorted(part.iterdir()):
-            _to_disk(path)
-        _swap(part, folder)
-    except (OSError, BayesterraError) as error:
-        shutil.rmtree(part, ignore_errors=True)
-        if isinstance(error, BayesterraError):
-            raise
-        raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+    part = part_of(folder)
+    with locked(part / WORK / "lock", f"'{part}'"):
+        try:
+            check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
+            _clear(part, overwrite=overwrite, resume=resume)
+            yield part
+            for path in sorted(part.iterdir()):
+                to_disk(path)
+            _swap(part, folder)
+            tidy(folder)
+        except (OSError, BayesterraError) as error:
+            if not unfinished(part):
+                shutil.rmtree(part, ignore_errors=True)
+            if isinstance(error, BayesterraError):
+                raise
+            raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+
+
+def tidy(folder: Path) -> None:
+    """Remove from a whole folder what served its making; a kill in the last moment leaves it there."""
+    shutil.rmtree(folder / WORK, ignore_errors=True)
+
+
+def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
+    """Remove what an earlier run left, but for the lock and, to resume, its segments."""
+    if unfinished(part) and not (overwrite or resume):
+        raise ResultError(
+            f"'{part}' holds an unfinished run: add --resume to go on with it, or --overwrite to begin anew"
+        )
+    for path in [*part.iterdir(), *(part / WORK).iterdir()]:
+        if path in (part / WORK, part / WORK / "lock") or (resume and path.parent.name == WORK):
+            continue
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
 
 def _swap(part: Path, folder: Path) -> None:
@@ -73,11 +117,12 @@ def _swap(part: Path, folder: Path) -> None:
         if old.exists():
             old.rename(folder)
         raise
-    _to_disk(folder.parent)
-    shutil.rmtree(old, ignore_errors=True)
+    to_disk(folder.parent)
+    for aside in folder.parent.glob(f".{glob.escape(folder.name)}.replaced-*"):  # killed runs' included
+        shutil.rmtree(aside, ignore_errors=True)
 
 
-def _to_disk(path: Path) -> None:
+def to_disk(path: Path) -> None:
     """Flush a file or folder to the disk, so that a renamed folder is never half empty."""
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -88,7 +133,12 @@ def _to_disk(path: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file so that a reader sees the old or the new one, never a part."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file so that a reader sees the old or the new one, never a part."""
     temporary = path.with_name(path.name + ".new")
-    temporary.write_text(text, encoding="utf-8")
-    _to_disk(temporary)
+    temporary.write_bytes(content)
+    to_disk(temporary)
     temporary.replace(path)

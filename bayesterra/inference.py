@@ -23,6 +23,7 @@ from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posteri
 from bayesterra.predictive import RowPredictions, predict_curves, predict_rows, predictive_table
 from bayesterra.results import Result, curves_dataset, draws_tree
 from bayesterra.sampling.evidence import Evidence, evidence
+from bayesterra.sampling.journal import Journal
 from bayesterra.sampling.sampler import Progress, Samples, Target, sample
 from bayesterra.study import Study
 from bayesterra.summary import summary_table
@@ -71,7 +72,13 @@ def keep(chains: FloatArray) -> Kept:
     return Kept(thinned.reshape(ensembles, walkers * steps, d), labels, every)
 
 
-def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lambda progress: None) -> Result:
+def run(
+    study: Study,
+    *,
+    seed: int = 1,
+    report: Callable[[Progress], None] = lambda progress: None,
+    journal: Journal | None = None,
+) -> Result:
     """Sample the posterior of a study and set it beside the least-squares estimates.
 
     Parameters
@@ -79,6 +86,7 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     study : what to analyse.
     seed : the same seed gives the same draws on one machine, whatever the number of cores.
     report : called as the sampling goes on.
+    journal : what to resume from and to note every stage in; see :func:`bayesterra.sampling.sampler.sample`.
 
     Returns
     -------
@@ -92,7 +100,7 @@ def run(study: Study, *, seed: int = 1, report: Callable[[Progress], None] = lam
     target = posterior(study)
     sampling, prior_stream, predicting, validating, weighing = SeedSequence(seed).spawn(5)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
-    samples = sample(target, study.sampling, sampling, report)
+    samples = sample(target, study.sampling, sampling, report, journal=journal)
     report(Progress("comparing", 1.0))
     kept = keep(samples.chains)
     fits, refused = fit_all(study)
@@ -144,7 +152,7 @@ class Analysis:
         summary = summary_table(
             self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis
         )
-        seconds = {**self.samples.seconds, "total": time.perf_counter() - started}
+        seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
         return Result(
             study=self.study,
             draws=draws,

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from bayesterra.checkpoints import digest
 from bayesterra.comparison import Standing
 from bayesterra.diagnostics import Diagnosis
 from bayesterra.identifiability import Identifiability
 from bayesterra.identification import Fit
+from bayesterra.identity import identity
 from bayesterra.posteriors import INSIDE, REASONS, PriorDraws
 from bayesterra.sampling.evidence import Evidence
 from bayesterra.sampling.sampler import Samples
@@ -62,7 +64,7 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
-        "fingerprints": study.fingerprint,
+        "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
         "notes": list(study.notes),
     }
 

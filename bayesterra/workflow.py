@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import fields
+from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
 from typing import Self
 
 from bayesterra import inference, report
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.checkpoints import Checkpoints, digest
+from bayesterra.errors import ResultError
+from bayesterra.folders import WORK, check_free, part_of, tidy, unfinished, whole_folder, write_text
+from bayesterra.identity import identity
 from bayesterra.notebook import result_table
 from bayesterra.prior_only import PriorResult, run_prior
 from bayesterra.results import Result
@@ -21,6 +26,8 @@ from bayesterra.study import Study
 from bayesterra.validation import Validation
 
 __all__ = ["RunResult", "load_result", "run", "run_prior", "run_prior_study", "run_study"]
+
+STATUS = "status.json"
 
 
 class RunResult(Result):
@@ -73,30 +80,59 @@ def load_result(folder: str | Path) -> RunResult:
 
 
 def run_study(
-    study: Study, *, out: Path, seed: int = 1, overwrite: bool = False, quiet: bool = False
+    study: Study,
+    *,
+    out: Path,
+    seed: int = 1,
+    overwrite: bool = False,
+    resume: bool = False,
+    quiet: bool = False,
 ) -> RunResult:
     """Run a study into a folder, with a progress bar on a terminal and a status file to poll.
 
+    Every finished adaptation and round of sampling is saved in ``<out>.part``. With ``resume`` a run that
+    ended before its time goes on from there, to the same draws as if it had not; where it had ended in time,
+    its result is read.
+
     Raises
     ------
-    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written; an unfinished run
+        is in the way, or was begun with another study, seed or version.
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
-    from bayesterra.console import progress_bar
+    from bayesterra.console import note, progress_bar
 
+    if resume and not overwrite and (done := _finished(study, out, seed)):
+        return done
     check_free(out, overwrite=overwrite)
-    with whole_folder(out, overwrite=overwrite) as part:
-        status = part / "status.json"
+    with whole_folder(out, overwrite=overwrite, resume=resume) as part:
+        checkpoints = Checkpoints.opened(part / WORK, identity(study, seed))
+        for sentence in checkpoints.notes if not quiet else ():
+            note(sentence)
         with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
 
             def update(progress: Progress) -> None:
-                write_text(status, json.dumps(_status(progress)) + "\n")
+                write_text(part / STATUS, json.dumps(_status(progress)) + "\n")
                 show(progress)
 
-            result = run(study, seed=seed, progress=update)
-            show(Progress("writing the report", 1.0))
+            result = RunResult.of(inference.run(study, seed=seed, report=update, journal=checkpoints))
+            update(Progress("writing the report", 1.0))
             result._write(part)
-        status.unlink()
+        (part / STATUS).unlink()
+    return result
+
+
+def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
+    """The result that a run left which ended after all; None where there is none, or another one."""
+    if not (out / "run.json").is_file() or unfinished(part_of(out)):
+        return None
+    try:
+        result = load_result(out)
+    except ResultError:
+        return None
+    if result.record["fingerprints"].get("run") != digest(identity(study, seed)):
+        return None
+    tidy(out)
     return result
 
 
@@ -124,4 +160,6 @@ def _status(progress: Progress) -> dict[str, object]:
     finite = {
         name: value if value is not None and isfinite(value) else None for name, value in numbers.items()
     }
-    return {"stage": progress.stage, **finite}
+    steps = {} if diagnosis is None else {"steps": diagnosis.steps}
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return {"stage": progress.stage, **steps, **finite, "time": now, "pid": os.getpid()}

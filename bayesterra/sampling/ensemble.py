@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import emcee
 import numpy as np
 from numpy.random import MT19937, RandomState, SeedSequence
+from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.mixture import ProposalLaw
@@ -40,40 +42,127 @@ def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
     ]
 
 
+@dataclass(frozen=True)
+class Stand:
+    """Where an ensemble stands: all that its next step depends on.
+
+    Attributes
+    ----------
+    u : positions (walkers, d).
+    log_density : log target there (walkers,).
+    words : state of emcee's generator, a Mersenne Twister of 624 words ...
+    position : ... of which this is the next,
+    has_gauss, gauss : and whether a normal draw is left over, and which.
+    """
+
+    u: FloatArray
+    log_density: FloatArray
+    words: NDArray[np.uint32]
+    position: int
+    has_gauss: int
+    gauss: float
+
+    @classmethod
+    def of(cls, state: Any) -> Stand:
+        """Read emcee's state off."""
+        return cls(state.coords, state.log_prob, *state.random_state[1:])
+
+    def state(self) -> Any:
+        """The same as emcee's state."""
+        random = RandomState(MT19937())  # complains of what emcee would silently ignore
+        random.set_state(("MT19937", self.words, self.position, self.has_gauss, self.gauss))
+        return emcee.State(self.u, log_prob=self.log_density, random_state=random.get_state(), copy=True)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Steps on end, and where they led.
+
+    Attributes
+    ----------
+    chain : positions (steps, walkers, d).
+    log_density : log target there (steps, walkers).
+    accepted : number of steps that each walker accepted (walkers,).
+    end : where the ensemble stands then.
+    """
+
+    chain: FloatArray
+    log_density: FloatArray
+    accepted: FloatArray
+    end: Stand
+
+
 class Ensemble:
     """Walkers of one independent ensemble in sampling coordinates.
 
     Parameters
     ----------
     log_density : log target (n,) of coordinates (n, d).
-    start : starting walkers (walkers, d), all with finite density.
+    start : starting walkers (walkers, d), all with finite density; or where an ensemble stood.
     law : the frozen proposal.
-    seed : stream of this ensemble.
+    seed : stream of this ensemble; not needed to go on from where one stood.
     """
 
     def __init__(
-        self, log_density: LogDensity, start: FloatArray, law: ProposalLaw, seed: SeedSequence
+        self,
+        log_density: LogDensity,
+        start: FloatArray | Stand,
+        law: ProposalLaw,
+        seed: SeedSequence | None = None,
     ) -> None:
-        self._sampler = emcee.EnsembleSampler(
-            *start.shape, log_density, vectorize=True, moves=frozen_moves(law)
-        )
-        self._state = emcee.State(start.copy(), random_state=RandomState(MT19937(seed)).get_state())
+        if isinstance(start, Stand):
+            self._state = start.state()
+        else:
+            self._state = emcee.State(start.copy(), random_state=RandomState(MT19937(seed)).get_state())
+        shape = self._state.coords.shape
+        self._density = log_density
+        self._sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=frozen_moves(law))
+        self._legs: list[Leg] = []
 
     def advance(self, steps: int, *, keep: bool = True) -> None:
         """Take ``steps`` steps and append them to the chain, unless they are only to be forgotten."""
-        self._state = self._sampler.run_mcmc(self._state, steps, store=keep, skip_initial_state_check=True)
+        if keep:
+            self.follow(self.leg(steps))
+        else:
+            self._state = self._run(steps, keep=False)
+
+    def leg(self, steps: int) -> Leg:
+        """The next ``steps`` steps; the ensemble itself stays until it is told to follow."""
+        self._sampler.reset()
+        end = Stand.of(self._run(steps, keep=True))
+        backend = self._sampler.backend
+        return Leg(backend.get_chain(), backend.get_log_prob(), backend.accepted, end)
+
+    def follow(self, leg: Leg) -> None:
+        """Append steps to the chain and stand at their end."""
+        self._legs.append(leg)
+        self._state = leg.end.state()
+
+    def _run(self, steps: int, *, keep: bool) -> Any:
+        return self._sampler.run_mcmc(self._state, steps, store=keep, skip_initial_state_check=True)
+
+    @property
+    def stand(self) -> Stand:
+        """Where the ensemble stands, once it took a step."""
+        return Stand.of(self._state)
+
+    def drift(self) -> float:
+        """Largest relative difference of the walkers' log densities from what they are when computed anew."""
+        before, now = self._state.log_prob, self._density(self._state.coords)
+        return float((np.abs(now - before) / np.maximum(np.abs(before), 1.0)).max())
 
     @property
     def chain(self) -> FloatArray:
         """Kept positions, (steps, walkers, d)."""
-        return np.asarray(self._sampler.get_chain())
+        return np.concatenate([leg.chain for leg in self._legs])
 
     @property
     def log_density(self) -> FloatArray:
         """Log target at the kept positions, (steps, walkers)."""
-        return np.asarray(self._sampler.get_log_prob())
+        return np.concatenate([leg.log_density for leg in self._legs])
 
     @property
     def acceptance(self) -> FloatArray:
         """Share of kept steps that each walker accepted, (walkers,)."""
-        return np.asarray(self._sampler.backend.accepted / max(self._sampler.iteration, 1))
+        steps = sum(len(leg.chain) for leg in self._legs)
+        return np.asarray(sum(leg.accepted for leg in self._legs) / max(steps, 1))

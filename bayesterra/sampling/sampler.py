@@ -16,14 +16,17 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.diagnostics import Diagnosis, diagnose
-from bayesterra.errors import StudyError
+from bayesterra.errors import ResultError, StudyError
 from bayesterra.posteriors import Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
-from bayesterra.sampling.ensemble import Ensemble
+from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
+from bayesterra.sampling.journal import Journal, NoJournal, noted
 from bayesterra.study import SamplingOptions
 
 WARM_UP_STEPS = 50
 ROUND_STEPS = 200
+SAME_DENSITY = 1e-9
+"""Relative difference of log densities above which a run cannot go on from what was saved."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class Samples:
     diagnosis : the verdict.
     adaptations : what each ensemble adapted to before its draws were kept.
     coordinates : the map that the walkers moved in.
-    seconds : wall time by stage.
+    seconds : wall time by stage, that of earlier processes included.
+    earlier : wall time spent by earlier processes, s.
     """
 
     names: tuple[str, ...]
@@ -58,6 +62,7 @@ class Samples:
     adaptations: tuple[Adaptation, ...]
     coordinates: Coordinates
     seconds: dict[str, float] = field(default_factory=dict)
+    earlier: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -96,12 +101,55 @@ class Walk:
         return self.target.coordinates.to_physical(u)[0].reshape(chain.shape)
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What an ensemble leaves of its adaptation: where it stands then, and the wall time so far (s)."""
+
+    adaptation: Adaptation
+    stand: Stand
+    seconds: float
+
+    def walk(self, target: Target) -> Walk:
+        """The ensemble that starts there."""
+        straight = self.adaptation.proposal.unbending
+
+        def log_density(v: FloatArray) -> FloatArray:
+            return target.log_density(straight.bend(v))
+
+        law = self.adaptation.proposal.mixture
+        return Walk(target, self.adaptation, Ensemble(log_density, self.stand, law))
+
+
+@dataclass(frozen=True)
+class Round:
+    """What all ensembles did in one round, and the wall time so far (s)."""
+
+    legs: tuple[Leg, ...]
+    seconds: float
+
+
+class Clock:
+    """Wall time since the sampling began, that of earlier processes included."""
+
+    def __init__(self) -> None:
+        self.earlier, self._zero = 0.0, time.perf_counter()
+
+    def elapsed(self) -> float:
+        """Seconds so far."""
+        return self.earlier + time.perf_counter() - self._zero
+
+    def resume(self, seconds: float) -> None:
+        """Go on from what an earlier process had come to."""
+        self.earlier = max(self.earlier, seconds)
+
+
 def sample(
     posterior: Posterior,
     options: SamplingOptions,
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
     adaptation: AdaptationOptions | None = None,
+    journal: Journal | None = None,
 ) -> Samples:
     """Sample a posterior with independent ensembles.
 
@@ -115,30 +163,104 @@ def sample(
     seed : root of all random streams of this call.
     report : called with a :class:`Progress` after each stage and round.
     adaptation : size of the adaptation; default :class:`AdaptationOptions`.
+    journal : where every finished adaptation and round is noted. What it holds already is taken from there,
+        and the draws are the same to the last bit as if nothing had been.
 
     Raises
     ------
     StudyError : every parameter is fixed.
+    ResultError : walkers in the journal have another density here than where they were noted.
     """
     if not posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
     target = Target(posterior, coordinates(posterior))
-    plan = adaptation or AdaptationOptions()
+    task = _Task(target, options, adaptation or AdaptationOptions(), journal or NoJournal(), Clock())
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
-        started = time.perf_counter()
         report(Progress("adapting", 0.0))
-        walks = list(pool.map(lambda stream: _prepare(target, options, stream, plan), streams))
-        adapting = time.perf_counter() - started
-        chains, diagnosis = _produce(walks, options, pool, report)
+        begun = list(pool.map(task.begun, range(options.ensembles), streams))
+        walks = [one.walk(target) for one in begun]
+        adapting = max(one.seconds for one in begun)
+        chains, diagnosis = task.produce(walks, adapting, pool, report)
     acceptance = np.array([walk.ensemble.acceptance for walk in walks])
-    seconds = {"adaptation": adapting, "production": time.perf_counter() - started - adapting}
+    seconds = {"adaptation": adapting, "production": task.clock.elapsed() - adapting}
     adaptations = tuple(walk.adaptation for walk in walks)
-    return Samples(posterior.names, chains, acceptance, diagnosis, adaptations, target.coordinates, seconds)
+    return Samples(
+        posterior.names,
+        chains,
+        acceptance,
+        diagnosis,
+        adaptations,
+        target.coordinates,
+        seconds,
+        task.clock.earlier,
+    )
 
 
-def _prepare(target: Target, options: SamplingOptions, stream: SeedSequence, plan: AdaptationOptions) -> Walk:
+@dataclass(frozen=True)
+class _Task:
+    """What is sampled how, and what was done of it already."""
+
+    target: Target
+    options: SamplingOptions
+    plan: AdaptationOptions
+    journal: Journal
+    clock: Clock
+
+    def begun(self, number: int, stream: SeedSequence) -> Begun:
+        """An adapted ensemble, from the journal where it is there."""
+
+        def adapted() -> Begun:
+            return _prepare(self.target, self.options, stream, self.plan, self.clock)
+
+        found = self.journal.holds(name := f"ensemble-{number + 1}")
+        begun = noted(self.journal, name, Begun, adapted)
+        if found:
+            self.clock.resume(begun.seconds)
+            _check_densities([begun.walk(self.target)])
+        return begun
+
+    def produce(
+        self, walks: list[Walk], since: float, pool: Executor, report: Callable[[Progress], None]
+    ) -> tuple[FloatArray, Diagnosis]:
+        """Advance all ensembles round by round until the diagnosis passes or the steps run out."""
+        steps = number = 0
+        names, most, target_ess = self.target.posterior.names, self.options.max_steps, self.options.target_ess
+        while True:
+            length, number = min(ROUND_STEPS, most - steps), number + 1
+            self._round(number, length, walks, pool)
+            steps += length
+            if self.journal.holds(f"round-{number + 1:04d}"):
+                continue  # an earlier process went on from here
+            chains = np.array([walk.chain for walk in walks])
+            acceptance = np.array([walk.ensemble.acceptance for walk in walks])
+            diagnosis = diagnose(names, chains, acceptance, target_ess)
+            done = min(1.0, diagnosis.ess / target_ess)
+            elapsed = self.clock.elapsed() - since
+            report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
+            if diagnosis.converged or steps >= most:
+                return chains, diagnosis
+
+    def _round(self, number: int, length: int, walks: list[Walk], pool: Executor) -> None:
+        """Let all ensembles take a round, or follow the one in the journal."""
+        ensembles = [walk.ensemble for walk in walks]
+
+        def taken() -> Round:
+            return Round(tuple(pool.map(Ensemble.leg, ensembles, repeat(length))), self.clock.elapsed())
+
+        found = self.journal.holds(name := f"round-{number:04d}")
+        taken_or_noted = noted(self.journal, name, Round, taken)
+        for ensemble, leg in zip(ensembles, taken_or_noted.legs, strict=True):
+            ensemble.follow(leg)
+        if found:
+            self.clock.resume(taken_or_noted.seconds)
+            _check_densities(walks)
+
+
+def _prepare(
+    target: Target, options: SamplingOptions, stream: SeedSequence, plan: AdaptationOptions, clock: Clock
+) -> Begun:
     """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
     adapting, walking = stream.spawn(2)
     rng = default_rng(adapting)
@@ -153,24 +275,14 @@ def _prepare(target: Target, options: SamplingOptions, stream: SeedSequence, pla
     start = straight.straighten(adapted.u[chosen])
     ensemble = Ensemble(log_density, start, adapted.proposal.mixture, walking)
     ensemble.advance(WARM_UP_STEPS, keep=False)
-    return Walk(target, adapted, ensemble)
+    return Begun(adapted, ensemble.stand, clock.elapsed())
 
 
-def _produce(
-    walks: list[Walk], options: SamplingOptions, pool: Executor, report: Callable[[Progress], None]
-) -> tuple[FloatArray, Diagnosis]:
-    """Advance all ensembles round by round until the diagnosis passes or the steps run out."""
-    started, steps = time.perf_counter(), 0
-    ensembles, names = [walk.ensemble for walk in walks], walks[0].target.posterior.names
-    while True:
-        length = min(ROUND_STEPS, options.max_steps - steps)
-        list(pool.map(Ensemble.advance, ensembles, repeat(length)))
-        steps += length
-        chains = np.array([walk.chain for walk in walks])
-        acceptance = np.array([ensemble.acceptance for ensemble in ensembles])
-        diagnosis = diagnose(names, chains, acceptance, options.target_ess)
-        done = min(1.0, diagnosis.ess / options.target_ess)
-        elapsed = time.perf_counter() - started
-        report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
-        if diagnosis.converged or steps >= options.max_steps:
-            return chains, diagnosis
+def _check_densities(walks: list[Walk]) -> None:
+    """Make sure that saved walkers have the density here that they had where they were saved."""
+    worst = max(walk.ensemble.drift() for walk in walks)
+    if not worst <= SAME_DENSITY:
+        raise ResultError(
+            f"the saved draws cannot be used: their log density is off by {worst:.1g} of itself when computed"
+            " anew; add --overwrite in place of --resume to begin anew"
+        )

@@ -1,12 +1,14 @@
 """Folders that appear whole or not at all."""
 
 import os
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.locking import locked
 
 
 def result_folder(path: Path) -> Path:
@@ -156,3 +158,56 @@ def test_a_text_file_is_replaced_at_once(tmp_path: Path) -> None:
         assert reader.read() == "old"
     assert path.read_text(encoding="utf-8") == "new"
     assert names(tmp_path) == {"status.json"}
+
+
+def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
+    """The second is refused with the first one's process, even if it may overwrite, and leaves no trace."""
+    with whole_folder(tmp_path / "out") as part:
+        write_text(part / "run.json", "a")
+        for overwrite, resume in ((False, False), (True, False), (False, True)):
+            with (
+                pytest.raises(ResultError, match=rf"being written by another run \(process {os.getpid()}\)"),
+                whole_folder(tmp_path / "out", overwrite=overwrite, resume=resume),
+            ):
+                pass
+        assert (part / "run.json").read_text(encoding="utf-8") == "a"
+    assert names(tmp_path / "out") == {"run.json"}
+    with whole_folder(tmp_path / "out", overwrite=True) as part:  # the lock went with the first one
+        write_text(part / "run.json", "b")
+
+
+def test_a_result_that_appeared_meanwhile_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where another run ends between the check and the lock, its result stays."""
+
+    def late(path: Path, place: str) -> AbstractContextManager[None]:
+        result_folder(tmp_path / "out")
+        return locked(path, place)
+
+    monkeypatch.setattr("bayesterra.folders.locked", late)
+    with pytest.raises(ResultError, match="exists already"), whole_folder(tmp_path / "out"):
+        pass
+    assert names(tmp_path) == {"out"}
+
+
+def test_resuming_keeps_segments_only(tmp_path: Path) -> None:
+    """What else a killed run left, half a table say, does not come into the result."""
+    work = tmp_path / "out.part" / "checkpoint"
+    work.mkdir(parents=True)
+    (work / "round-0001.segment").write_text("saved", encoding="utf-8")
+    (work.parent / "summary.csv").write_text("half", encoding="utf-8")
+    with whole_folder(tmp_path / "out", resume=True) as part:
+        assert (part / "checkpoint" / "round-0001.segment").read_text(encoding="utf-8") == "saved"
+        assert names(part) == {"checkpoint"}
+        write_text(part / "run.json", "new")
+    assert names(tmp_path / "out") == {"run.json"}
+
+
+def test_what_a_kill_in_the_last_moment_leaves_is_cleared(tmp_path: Path) -> None:
+    """An old result that had stepped aside when its run was killed goes with the next one that is whole."""
+    result_folder(tmp_path / ".out.replaced-12345")
+    result_folder(tmp_path / ".outer.replaced-12345")
+    with whole_folder(tmp_path / "out") as part:
+        write_text(part / "run.json", "new")
+    assert names(tmp_path) == {"out", ".outer.replaced-12345"}

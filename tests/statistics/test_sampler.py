@@ -15,7 +15,7 @@ from bayesterra.noise import Noise
 from bayesterra.posteriors import Posterior, posterior
 from bayesterra.priors import Law
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.ensemble import Ensemble
+from bayesterra.sampling.ensemble import Ensemble, Leg
 from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
 from bayesterra.schema import SamplingOptions
@@ -155,7 +155,7 @@ def test_progress_is_reported_stage_by_stage(density: Posterior) -> None:
 def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once the first kept step is taken no mixture is fitted any more."""
     log: list[str] = []
-    advance = Ensemble.advance
+    leg = Ensemble.leg
 
     def fit(*given: Any, **options: Any) -> StudentMixture:
         log.append("fit")
@@ -163,12 +163,11 @@ def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: 
 
     monkeypatch.setattr("bayesterra.sampling.unbending.fit_mixture", fit)
 
-    def watched(self: Ensemble, steps: int, *, keep: bool = True) -> None:
-        if keep:
-            log.append("keep")
-        advance(self, steps, keep=keep)
+    def watched(self: Ensemble, steps: int) -> Leg:
+        log.append("keep")
+        return leg(self, steps)
 
-    monkeypatch.setattr(Ensemble, "advance", watched)
+    monkeypatch.setattr(Ensemble, "leg", watched)
     sampled(density, 1)
     assert "fit" in log
     assert "fit" not in log[log.index("keep") :]

@@ -1,0 +1,173 @@
+"""Checkpoints of a run: closed segments of arrays on disk, each checked before it is used.
+
+A segment is one file: a line with the SHA-256 of all that follows, a line of JSON that says which segment of
+which run it is, and NumPy arrays (npz). It is written under another name, flushed and renamed, so a file with
+the name of a segment is complete. Nothing that is read can run code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesterra.errors import ResultError
+from bayesterra.folders import SEGMENT, to_disk, write_bytes, write_text
+
+BEGUN = "begun.json"
+SHOWN = 40
+"""Longest value, in characters, that a message shows."""
+
+Identity = Mapping[str, Any]
+"""All that a run depends on: JSON values by what they are called, ``{}`` where the value stands in it."""
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """Segments of one run in a folder that no other process writes to.
+
+    Attributes
+    ----------
+    folder : where they are.
+    run : digest of all that the run depends on; segments of another run are refused.
+    notes : what was found on opening; one sentence each.
+    """
+
+    folder: Path
+    run: str
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def opened(cls, folder: Path, identity: Identity) -> Checkpoints:
+        """Begin a run in an existing folder, or go on with the one that was begun there.
+
+        Damaged segments are removed, as if they had never been written.
+
+        Raises
+        ------
+        ResultError : the run was begun with something else; the message says with what.
+        """
+        present = json.loads(json.dumps(identity))
+        found = _begun(folder)
+        if found is not None and found != present:
+            raise _refusal(folder, difference(found, present))
+        checkpoints = cls(folder, _digest(present))
+        damaged = checkpoints._without_damage()
+        if found is None:
+            known = {"run": _digest(present), "identity": present}
+            write_text(folder / BEGUN, json.dumps(known, ensure_ascii=False, indent=1) + "\n")
+        saved = len(list(folder.glob("*" + SEGMENT)))
+        resumed = (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
+        return cls(folder, checkpoints.run, (*damaged, *resumed))
+
+    def holds(self, name: str) -> bool:
+        """Whether a segment was saved."""
+        return self._path(name).exists()
+
+    def load(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """Read the arrays of a segment; None where it is missing or damaged.
+
+        Raises
+        ------
+        ResultError : it belongs to another run.
+        """
+        if not self.holds(name):
+            return None
+        try:
+            about, arrays = _read(self._path(name))
+        except (OSError, ValueError, EOFError, BadZipFile):
+            return None
+        if about != {"run": self.run, "segment": name}:
+            raise _refusal(self.folder, "was begun with another study, seed or version")
+        return arrays
+
+    def save(self, name: str, segment: Mapping[str, NDArray[Any]]) -> None:
+        """Write a segment, whole or not at all; safe from several threads for segments of different names."""
+        arrays = BytesIO()
+        np.savez(arrays, **dict[str, Any](segment))
+        about = json.dumps({"run": self.run, "segment": name}).encode()
+        content = b"\n".join([about, arrays.getbuffer()])
+        write_bytes(self._path(name), sha256(content).hexdigest().encode() + b"\n" + content)
+        to_disk(self.folder)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / (name + SEGMENT)
+
+    def _without_damage(self) -> list[str]:
+        """Remove damaged segments; a sentence on each."""
+        notes = []
+        for path in sorted(self.folder.glob("*" + SEGMENT)):
+            if self.load(path.name.removesuffix(SEGMENT)) is None:
+                path.unlink()
+                notes.append(f"the saved segment '{path.name}' is damaged and is made again")
+        return notes
+
+
+def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """What a segment says of itself, and its arrays; ValueError where it is damaged."""
+    checksum, _, content = path.read_bytes().partition(b"\n")
+    if sha256(content).hexdigest().encode() != checksum:
+        raise ValueError("damaged")
+    about, _, arrays = content.partition(b"\n")
+    with np.load(BytesIO(arrays), allow_pickle=False) as stored:
+        return json.loads(about), dict(stored)
+
+
+def _begun(folder: Path) -> Any:
+    """What a run was begun with; None where that cannot be read, and its segments must tell."""
+    try:
+        known = json.loads((folder / BEGUN).read_text(encoding="utf-8"))
+        return known["identity"] if known["run"] == _digest(known["identity"]) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _digest(identity: Any) -> str:
+    return sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
+def digest(identity: Identity) -> str:
+    """SHA-256 of all that a run depends on."""
+    return _digest(json.loads(json.dumps(identity)))
+
+
+def _refusal(folder: Path, why: str) -> ResultError:
+    return ResultError(f"'{folder.parent}' {why}; add --overwrite in place of --resume to begin anew")
+
+
+def difference(before: Identity, now: Identity) -> str:
+    """The first thing that a run was begun with and that is different now, in words."""
+    for name in [*now, *before]:
+        if name not in now:
+            return f"was begun with {_filled(name, before[name])}, which is gone"
+        if name not in before:
+            return f"was begun without {_filled(name, now[name])}"
+        if before[name] != now[name]:
+            return f"was begun with {_changed(name, before[name], now[name])}"
+    return "was begun in another order"
+
+
+def _changed(name: str, before: Any, now: Any) -> str:
+    shown = [_shown(before), _shown(now)]
+    if max(map(len, shown)) > SHOWN:
+        return f"another {name.replace('{} ', '', 1)}"
+    return f"{_filled(name, before)}, not {shown[1]}"
+
+
+def _filled(name: str, value: Any) -> str:
+    shown = _shown(value)
+    if len(shown) > SHOWN:
+        return name.replace("{} ", "", 1)
+    return name.replace("{}", shown, 1) if "{}" in name else f"{name} {shown}"
+
+
+def _shown(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
