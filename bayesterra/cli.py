@@ -58,6 +58,10 @@ def run(
     prior_only: Annotated[
         bool, typer.Option("--prior-only", help="Report on the prior alone; needs no readings.")
     ] = False,
+    crosscheck: Annotated[
+        bool,
+        typer.Option("--crosscheck", help="Repeat it by nested sampling at two settings (needs dynesty)."),
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
@@ -74,7 +78,8 @@ def run(
     if prior_only:
         prior = run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite)
         return print_prior(prior, folder / "report.html")
-    result = run_study(loaded, out=folder, seed=seed, overwrite=overwrite, resume=resume, quiet=quiet)
+    how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
+    result = run_study(loaded, out=folder, seed=seed, **how)
     print_result(result, folder / "report.html")
     raise typer.Exit(0 if result.converged else 3)
 

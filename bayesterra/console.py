@@ -55,6 +55,10 @@ def print_result(result: Result, report: Path) -> None:
     console = Console()
     console.print(_table(result))
     console.print(verdict_line(result), highlight=False)
+    if found := result.record.get("crosscheck"):
+        console.print(
+            f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
+        )
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 

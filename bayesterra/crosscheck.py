@@ -9,6 +9,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,6 +87,16 @@ class CrossCheck:
         where = f"{row['statistic']} of {row['parameter']}" if row["parameter"] else row["statistic"]
         return f"{where}: {abs(row['z']):.1f} errors between {row['one']} and {row['other']}"
 
+    def record(self) -> dict[str, Any]:
+        """Everything, for ``run.json``."""
+        return {
+            "verdict": self.verdict,
+            "worst": self.worst,
+            "threshold": APART,
+            "samplers": list(self.samplers),
+            "table": self.table.to_dict("records"),
+        }
+
 
 def compare(samplers: tuple[Weighted, ...], names: tuple[str, ...]) -> CrossCheck:
     """Set every pair of samplers side by side."""
@@ -118,7 +130,13 @@ def _moments(sampler: Weighted, i: int) -> tuple[float, float]:
     return mean, float(np.sqrt(sampler.weights @ (sampler.x[:, i] - mean) ** 2))
 
 
-def crosscheck(
+def check_installed() -> None:
+    """Raise a StudyError where nested sampling is not installed."""
+    if find_spec("dynesty") is None:
+        raise StudyError("'--crosscheck' needs dynesty: pip install 'bayesterra[crosscheck]'")
+
+
+def against_nested(
     posterior: Posterior,
     ours: Weighted,
     seed: SeedSequence,
@@ -140,10 +158,9 @@ def crosscheck(
 
 def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     """Static nested sampling from the unit cube of the stated prior, by dynesty."""
-    try:
-        from dynesty import NestedSampler
-    except ImportError as error:
-        raise StudyError("'--crosscheck' needs dynesty: pip install 'bayesterra[crosscheck]'") from error
+    check_installed()
+    from dynesty import NestedSampler
+
     laws = [posterior.prior.laws[name] for name in posterior.names]
 
     def physical(cube: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.comparison import Standing, stand
+from bayesterra.crosscheck import Weighted, against_nested, check_installed
 from bayesterra.diagnostics import thinning
 from bayesterra.identifiability import identifiability
 from bayesterra.identification import Fit, fit_all, report_table
@@ -78,6 +79,7 @@ def run(
     seed: int = 1,
     report: Callable[[Progress], None] = lambda progress: None,
     journal: Journal | None = None,
+    crosscheck: bool = False,
 ) -> Result:
     """Sample the posterior of a study and set it beside the least-squares estimates.
 
@@ -88,6 +90,8 @@ def run(
     report : called as the sampling goes on.
     journal : what to resume from and to note every stage in; see :func:`bayesterra.sampling.sampler.sample`.
 
+    crosscheck : repeat the sampling by nested sampling and record whether it agrees.
+
     Returns
     -------
     Result : also when the sampling did not converge; ``result.converged`` says so.
@@ -95,10 +99,13 @@ def run(
     Raises
     ------
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    StudyError : a cross-check is asked for, and its sampler is not installed.
     """
+    if crosscheck:
+        check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    sampling, prior_stream, predicting, validating, weighing = SeedSequence(seed).spawn(5)
+    sampling, prior_stream, predicting, validating, weighing, nesting = SeedSequence(seed).spawn(6)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report, journal=journal)
     report(Progress("comparing", 1.0))
@@ -112,7 +119,12 @@ def run(
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused)
     report(Progress("checking", 1.0))
-    return analysis.result(seed, default_rng(predicting), validating, started)
+    result = analysis.result(seed, default_rng(predicting), validating, started)
+    if not crosscheck:
+        return result
+    ours = Weighted.equal("bayesterra", kept.flat, integral.log_z, integral.error)
+    found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+    return replace(result, record={**result.record, "crosscheck": found.record()})
 
 
 @dataclass(frozen=True)

@@ -63,10 +63,14 @@ class RunResult(Result):
 
 
 def run(
-    study: Study, *, seed: int = 1, progress: Callable[[Progress], None] = lambda update: None
+    study: Study,
+    *,
+    seed: int = 1,
+    progress: Callable[[Progress], None] = lambda update: None,
+    crosscheck: bool = False,
 ) -> RunResult:
     """Sample the posterior of a study and compare it with least squares; see :func:`inference.run`."""
-    return RunResult.of(inference.run(study, seed=seed, report=progress))
+    return RunResult.of(inference.run(study, seed=seed, report=progress, crosscheck=crosscheck))
 
 
 def load_result(folder: str | Path) -> RunResult:
@@ -87,6 +91,7 @@ def run_study(
     overwrite: bool = False,
     resume: bool = False,
     quiet: bool = False,
+    crosscheck: bool = False,
 ) -> RunResult:
     """Run a study into a folder, with a progress bar on a terminal and a status file to poll.
 
@@ -115,7 +120,8 @@ def run_study(
                 write_text(part / STATUS, json.dumps(_status(progress)) + "\n")
                 show(progress)
 
-            result = RunResult.of(inference.run(study, seed=seed, report=update, journal=checkpoints))
+            found = inference.run(study, seed=seed, report=update, journal=checkpoints, crosscheck=crosscheck)
+            result = RunResult.of(found)
             update(Progress("writing the report", 1.0))
             result._write(part)
         (part / STATUS).unlink()

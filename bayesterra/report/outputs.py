@@ -58,6 +58,7 @@ def sampling_section(result: Result) -> Section:
         (
             _checks(result),
             Text(_evidence(result.record["evidence"])),
+            *_crosscheck(result.record.get("crosscheck")),
             _chains(result),
             Gallery("tiny", ranks, RANKS),
             Gallery("tiny", traces, TRACES),
@@ -78,6 +79,18 @@ def _evidence(found: Mapping[str, Any]) -> Markup:
         z, error, share, share_error, found["draws"], 100 * found["efficiency"], found["k_hat"],
         found["limit"], doubt,
     )  # fmt: skip
+
+
+def _crosscheck(found: Mapping[str, Any] | None) -> tuple[Text, ...]:
+    """What nested sampling at two settings says, if it was asked."""
+    if found is None:
+        return ()
+    text = Markup(
+        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
+        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
+        "sign, so a disagreement does not say who is wrong."
+    ).format(found["verdict"], found["worst"], found["threshold"])
+    return (Text(text),)
 
 
 def _spoken(name: str) -> str:

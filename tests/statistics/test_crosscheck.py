@@ -1,13 +1,21 @@
 """Agreement between samplers: what counts as one, and who is not called wrong."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.random import default_rng
+from numpy.random import SeedSequence, default_rng
 
+from bayesterra import crosscheck
 from bayesterra.arrays import FloatArray
-from bayesterra.crosscheck import CrossCheck, Weighted, compare
+from bayesterra.crosscheck import CrossCheck, Weighted, against_nested, compare
+from bayesterra.errors import StudyError
+from bayesterra.inference import run
+from bayesterra.posteriors import Posterior, posterior
+from bayesterra.report import html
+from bayesterra.results import Result
+from bayesterra.study import Study
 
 NAMES = ("a", "b")
 N = 4000
@@ -67,3 +75,45 @@ def test_weights_count() -> None:
     assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), nested), NAMES).verdict == "agree"
     unweighted = replace(nested, weights=np.full(N, 1 / N), size=float(N))
     assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), unweighted), NAMES).verdict != "agree"
+
+
+def test_every_setting_is_run_with_a_stream_of_its_own(
+    make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two numbers of live points, two streams; every parameter, four statistics and the evidence compared."""
+    streams, stages = [], []
+
+    def fake(target: Posterior, live: int, seed: SeedSequence) -> Weighted:
+        streams.append((live, seed.spawn_key))
+        return Weighted.equal(f"nested ({live})", draws(live), 0.0, 0.1)
+
+    monkeypatch.setattr(crosscheck, "nested", fake)
+    target = posterior(make_study(free=("c", "phi")))
+    ours = Weighted.equal("bayesterra", draws(1), 0.0, 0.01)
+    found = against_nested(target, ours, SeedSequence(1), report=stages.append)
+    assert [live for live, _ in streams] == [500, 1500]
+    assert len({key for _, key in streams}) == 2
+    assert stages == ["nested sampling, 500 live points", "nested sampling, 1500 live points"]
+    assert len(found.table) == 3 * (1 + 2 * 4)
+    assert set(found.table["parameter"]) == {"", "c", "phi"}
+    assert found.verdict == "agree"
+
+
+def test_what_is_not_installed_is_said_before_anything_runs(
+    make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without dynesty the message says how to get it."""
+    monkeypatch.setattr(crosscheck, "find_spec", lambda name: None)
+    with pytest.raises(
+        StudyError, match=r"'--crosscheck' needs dynesty: pip install 'bayesterra\[crosscheck\]'"
+    ):
+        run(make_study(free=("c", "phi")), crosscheck=True)
+
+
+def test_the_report_states_the_verdict(small_result: Result) -> None:
+    """Verdict, greatest difference and limit stand in the section on sampling."""
+    found = three(draws(1), draws(2, shift=0.15), draws(3, shift=0.15)).record()
+    page = html(replace(small_result, record={**small_result.record, "crosscheck": found}))
+    assert "two settings: <b>disagree</b>" in page
+    assert found["worst"] in page
+    assert "two settings" not in html(small_result)
