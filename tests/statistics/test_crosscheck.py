@@ -81,7 +81,8 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
     make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two numbers of live points, two streams; every parameter, four statistics and the evidence compared."""
-    streams, stages = [], []
+    streams: list[tuple[int, tuple[int, ...]]] = []
+    stages: list[str] = []
 
     def fake(target: Posterior, live: int, seed: SeedSequence) -> Weighted:
         streams.append((live, seed.spawn_key))
