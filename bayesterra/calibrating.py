@@ -127,7 +127,7 @@ def calibrate_study(
 
 def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]) -> Calibration:
     """Run what is missing, and save every outcome as it comes."""
-    with TaskStore(part / STORE_FILE, calibration.origin(job.study, job.seed, job.fit)) as store:
+    with TaskStore(part / STORE_FILE, _made_with(job)) as store:
 
         def update(outcome: Outcome | None, progress: Progress) -> None:
             if outcome is not None:
@@ -141,6 +141,14 @@ def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]
             job.study, n=job.n, seed=job.seed, workers=job.workers, fit=job.fit, finished=finished,
             report=update,
         )  # fmt: skip
+
+
+def _made_with(job: Job) -> dict[str, Any]:
+    """What must be the same for replications to belong together, by names fit for a message."""
+    origin = calibration.origin(job.study, job.seed, job.fit)
+    names = {"study": "study", "data": "table of measurements"}
+    digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
+    return {**origin.pop("versions"), **origin, **digests}
 
 
 @contextmanager

@@ -102,7 +102,7 @@ def finished_tasks(path: Path) -> int:
 
 
 def _difference(part: Path, name: str, before: Any, now: Any) -> str:
-    """One line on what does not match; digests say nothing to people."""
-    if isinstance(before, str) and len(before) == 64:
-        return f"'{part}' was made with another {name}: give the same, or begin anew with --overwrite"
-    return f"'{part}' was made with {name} {before}, not {now}: give the same, or begin anew with --overwrite"
+    """One line on what does not match; digests and tables say nothing to people."""
+    known = not isinstance(before, dict) and not (isinstance(before, str) and len(before) == 64)
+    what = f"{name} {before}, not {now}" if known else f"another {name}"
+    return f"'{part}' was made with {what}: give the same, or begin anew with --overwrite"

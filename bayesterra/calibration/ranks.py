@@ -21,6 +21,8 @@ DRAWS = 99
 POINTS = 100
 """Intervals that the test counts ranks in."""
 SIMULATIONS = 20_000
+HAIR = 1e-9
+"""Relative difference of statistics that are equal but for rounding."""
 COVERAGES = (0.5, 0.8, 0.9, 0.95)
 """Probabilities of the central intervals whose coverage is counted."""
 
@@ -76,13 +78,15 @@ class RankTest:
 
     def p_value(self, ranks: FloatArray) -> float:
         """Probability that uniform ranks look at least as far from uniform as these (n,)."""
-        as_far = np.searchsorted(self._uniform, self._statistic(self.below(ranks)) * (1 + 1e-9), side="right")
+        as_far = np.searchsorted(self._uniform, self._statistic(self.below(ranks)) * (1 + HAIR), side="right")
         return float((1 + as_far) / (1 + SIMULATIONS))
 
     def critical(self, level: float) -> float:
-        """Largest statistic with a p value of ``level`` at most."""
-        place = int(level * (SIMULATIONS + 1)) - 2
-        return float(self._uniform[place]) if place >= 0 else 0.0
+        """Largest statistic with a p value of ``level`` at most, and a hair more; 0 where there is none."""
+        allowed = int(level * (SIMULATIONS + 1)) - 1  # simulated statistics that may be as small
+        first_above = self._uniform[max(allowed, 0)]
+        below = np.searchsorted(self._uniform, first_above * (1 - HAIR))  # equal ones stand or fall together
+        return float(self._uniform[below - 1] * (1 + HAIR)) if below else 0.0
 
     def band(self, level: float) -> tuple[FloatArray, FloatArray]:
         """Least and greatest share below every point that the test at ``level`` lets pass."""

@@ -104,7 +104,7 @@ class JacobianDropped:
 CASES: dict[str, tuple[str, int, Fit | None]] = {
     "m2": ("M2", 1000, None),
     "m1": ("M1", 300, None),
-    "m2-noise-halved": ("M2", 200, NoiseHalved()),
+    "m2-noise-halved": ("M2", 100, NoiseHalved()),
     "m2-jacobian-dropped": ("M2", 200, JacobianDropped()),
 }
 """Model, replications and how posteriors are sampled."""
