@@ -38,29 +38,25 @@ TABLE = pd.DataFrame(
 MakeStudy = Callable[..., Study]
 
 
+def make(
+    *free: str,
+    noise: Mapping[str, float] | None = None,
+    data: pd.DataFrame = TABLE,
+    **options: Any,
+) -> Study:
+    """Study of one wheel; ``free`` names the free parameters, all others are held."""
+    held = {name: value for name, value in HELD.items() if name not in free}
+    return Study(
+        data,
+        {"Wh32": Wheel(0.15735, 0.165, 0.010, 30, 0.65)},
+        **{"model": "M2", "slip_reference": "shearing", "priors": {"set": "paper-box", **held}, **options},
+        noise={"sinkage": 1e-3, "drawbar_pull": 1.5, "normal_force": 2.0} | dict(noise or {}),
+    )
+
+
 @pytest.fixture(scope="session")
 def make_study() -> MakeStudy:
-    """Study of one wheel; ``free`` names the free parameters, all others are held."""
-
-    def make(
-        *free: str,
-        noise: Mapping[str, float] | None = None,
-        data: pd.DataFrame = TABLE,
-        **options: Any,
-    ) -> Study:
-        held = {name: value for name, value in HELD.items() if name not in free}
-        return Study(
-            data,
-            {"Wh32": Wheel(0.15735, 0.165, 0.010, 30, 0.65)},
-            **{
-                "model": "M2",
-                "slip_reference": "shearing",
-                "priors": {"set": "paper-box", **held},
-                **options,
-            },
-            noise={"sinkage": 1e-3, "drawbar_pull": 1.5, "normal_force": 2.0} | dict(noise or {}),
-        )
-
+    """See :func:`make`."""
     return make
 
 
