@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bayesterra.calibrating import CalibrationResult, calibrate
     from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
     from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
 _HOMES = {
+    "calibrating": ("CalibrationResult", "calibrate"),
     "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
     "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
@@ -39,6 +41,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "BayesterraError",
+    "CalibrationResult",
     "Fit",
     "Law",
     "Noise",
@@ -51,6 +54,7 @@ __all__ = [
     "StudyError",
     "SupportError",
     "Wheel",
+    "calibrate",
     "compare",
     "fit",
     "load_result",

@@ -5,6 +5,7 @@ Imports that take long stand inside the commands, so that help and version come 
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -214,6 +215,42 @@ def compare(
 
     comparison = compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite)
     print_comparison(comparison, out)
+
+
+@app.command()
+def calibrate(
+    study: StudyPath,
+    number: Annotated[
+        int,
+        typer.Option("-n", "--number", metavar="N", help="Replications; 200 or more are worth their time."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-calibration.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per core.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what an interrupted calibration left in DIR.part.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older calibration of that name, and begin anew.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the verdict.")] = False,
+) -> None:
+    """Simulate a study many times over and check that its posterior is right."""
+    from bayesterra.study import load_study
+
+    loaded = load_study(study)
+    from bayesterra.calibrating import Job, calibrate_study
+    from bayesterra.listing import print_calibration
+
+    folder = out or beside(study, "calibration")
+    job = Job(loaded, number, seed, workers or os.cpu_count() or 1)
+    found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
+    print_calibration(found, folder / "report.html")
+    raise typer.Exit(0 if found.calibrated else 3)
 
 
 def beside(study: Path, what: str) -> Path:

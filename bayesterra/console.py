@@ -13,6 +13,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from bayesterra.calibration import Progress as CalibrationProgress
 from bayesterra.parameters import PARAMETERS
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.numbers import interval, resolution, rounded
@@ -36,6 +37,29 @@ def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
 def note(sentence: str) -> None:
     """Say something on standard error, in one line."""
     Console(stderr=True).print(f"note: {sentence}", highlight=False, soft_wrap=True, markup=False)
+
+
+@contextmanager
+def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], None]]:
+    """A bar of finished replications on standard error; without ``show`` a silent one."""
+    columns = (TextColumn("calibrating"), BarColumn(), TextColumn("{task.fields[figures]}"))
+    with Bar(*columns, console=Console(stderr=True), disable=not show, transient=True) as bar:
+        task = bar.add_task("", total=1.0, figures="")
+
+        def update(progress: CalibrationProgress) -> None:
+            left = progress.seconds_left
+            parts = (
+                f"{progress.done} of {progress.of} replications",
+                f", {progress.unsettled} not converged" if progress.unsettled else "",
+                ""
+                if left is None
+                else f", {left / 60:.0f} min left"
+                if left > 90
+                else f", {left:.0f} s left",
+            )
+            bar.update(task, completed=progress.done / progress.of, figures="".join(parts))
+
+        yield update
 
 
 def _figures(progress: Progress) -> str:

@@ -105,6 +105,19 @@ def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
             path.unlink()
 
 
+def settle(part: Path, folder: Path) -> None:
+    """Give a finished ``<folder>.part``, all of whose files are on the disk, its final name.
+
+    Raises
+    ------
+    ResultError : that cannot be done; ``part`` stays as it is.
+    """
+    try:
+        _swap(part, folder)
+    except OSError as error:
+        raise ResultError(f"'{folder}' cannot be written: {error.strerror or error}") from error
+
+
 def _swap(part: Path, folder: Path) -> None:
     """Give ``part`` the name of ``folder``; an old folder steps aside first and is removed last."""
     old = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")  # no name that a person would give

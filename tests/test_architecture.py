@@ -18,6 +18,7 @@ ONLY_IN = {
     "arviz_base": {"diagnostics.py"},
     "h5netcdf": {"storage.py"},
     "pint": {"units.py"},
+    "sqlite3": {"taskstore.py"},
     "jinja2": {"report"},
     "corner": {"figures"},
     "matplotlib": {"figures"},

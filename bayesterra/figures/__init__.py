@@ -4,6 +4,7 @@ Nothing here keeps state in pyplot; ``axes.figure.savefig`` writes any of them a
 """
 
 from bayesterra.figures.before import prior_bands, prior_density
+from bayesterra.figures.calibration import rank_ecdf
 from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
 from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
@@ -28,6 +29,7 @@ __all__ = [
     "predictive",
     "prior_bands",
     "prior_density",
+    "rank_ecdf",
     "ranks",
     "residuals",
     "trace",

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bayesterra.calibration import Calibration
 from bayesterra.folders import write_text
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
+from bayesterra.report.calibration import calibration_page
 from bayesterra.report.contrast import contrast_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
 
-__all__ = ["comparison_html", "html", "prior_html", "write"]
+__all__ = ["calibration_html", "comparison_html", "html", "prior_html", "write"]
 
 
 def html(result: Result) -> str:
@@ -33,3 +35,8 @@ def prior_html(result: PriorResult) -> str:
 def comparison_html(comparison: Comparison) -> str:
     """Several results side by side as a self-contained HTML page."""
     return render(contrast_page(comparison), "contrast.html")
+
+
+def calibration_html(calibration: Calibration) -> str:
+    """The report of a calibration as a self-contained HTML page."""
+    return render(calibration_page(calibration), "calibration.html")

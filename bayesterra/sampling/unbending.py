@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.sampling.mixture import RandomSource, StudentMixture, defended, fit_mixture
 
 REACH = 4.0
@@ -54,12 +55,19 @@ class Unbending:
         return self.centre + self.scale * z
 
 
+@cache
+def _pairs(k: int) -> tuple[IntArray, IntArray]:
+    """Indices of all products of two of k coordinates."""
+    first, second = np.triu_indices(k)
+    return first, second
+
+
 def _features(z: FloatArray) -> FloatArray:
     """Polynomial terms (n, f) of coordinates (n, k): 1, z_i, z_i z_j, z_i³."""
     near = np.clip(z, -REACH, REACH)
     k = near.shape[1]
-    upper = np.triu_indices(k)
-    products = near[:, upper[0]] * near[:, upper[1]]
+    first, second = _pairs(k)
+    products = near[:, first] * near[:, second]
     return np.concatenate([np.ones((len(near), 1)), near, products, near**3], axis=1)
 
 

@@ -1,0 +1,137 @@
+"""Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
+
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-noise-halved, m2-jacobian-dropped (default: all). Every
+case takes its replications one by one in this process, goes on where an interrupted run ended, and leaves its
+ranks, record and report in a folder of its name, and its memory in ``memory.csv`` there.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+
+import bayesterra as bt
+from bayesterra.arrays import FloatArray
+from bayesterra.calibrating import Job, calibrate_study
+from bayesterra.calibration import Fit, Fitted, Progress, ShortRuns
+from bayesterra.coordinates import Coordinates, coordinates
+
+HERE = Path(__file__).parent
+SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
+NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
+"""Standard deviations, SI."""
+WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
+
+
+def study(model: str, noise: float = 1.0) -> bt.Study:
+    """Six slips under 80 N, all eight parameters free in the paper's box; the readings only hold places."""
+    table = pd.DataFrame(
+        {
+            "slip": SLIPS,
+            "load [N]": 80.0,
+            "sinkage [mm]": 5.0,
+            "drawbar_pull [N]": 10.0,
+            "resistance_moment [N m]": 3.0,
+        }
+    )
+    tables: dict[str, Any] = {"noise": {name: noise * sd for name, sd in NOISE.items()}}
+    return bt.Study(
+        table,
+        {"Wh32": WHEEL},
+        title=f"Calibration of {model}",
+        model=model,
+        slip_reference="shearing",
+        kind="simulated",
+        source="studies/calibration/run.py",
+        priors={"set": "paper-box"},
+        **tables,
+    )
+
+
+@dataclass(frozen=True)
+class NoiseHalved:
+    """A wrong posterior: it believes in half of the noise that the readings have."""
+
+    fit: ShortRuns = field(default_factory=ShortRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the posterior of a study with its noise halved."""
+        wrong = study(simulated.model.name, noise=0.5)
+        return self.fit(wrong.with_data(simulated.observations.values), seed)
+
+
+@dataclass(frozen=True)
+class WithoutJacobianOfK:
+    """Coordinates that forget dK/d(log K): they move in log K as though the prior were flat there."""
+
+    right: Coordinates
+    column: int
+
+    def from_physical(self, x: FloatArray) -> FloatArray:
+        """See :class:`bayesterra.coordinates.Coordinates`."""
+        return self.right.from_physical(x)
+
+    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`bayesterra.coordinates.Coordinates`."""
+        x, log_jacobian = self.right.to_physical(u)
+        with np.errstate(all="ignore"):
+            return x, log_jacobian - np.log(x[:, self.column])
+
+
+@dataclass(frozen=True)
+class JacobianDropped:
+    """A wrong sampler: the Jacobian of log K is missing."""
+
+    fit: ShortRuns = field(default_factory=ShortRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the posterior of a study in coordinates without the Jacobian of log K."""
+
+        def wrong(posterior: bt.Posterior) -> WithoutJacobianOfK:
+            return WithoutJacobianOfK(coordinates(posterior), posterior.names.index("K"))
+
+        with patch("bayesterra.sampling.sampler.coordinates", wrong):
+            return self.fit(simulated, seed)
+
+
+CASES: dict[str, tuple[str, int, Fit | None]] = {
+    "m2": ("M2", 1000, None),
+    "m1": ("M1", 300, None),
+    "m2-noise-halved": ("M2", 100, NoiseHalved()),
+    "m2-jacobian-dropped": ("M2", 500, JacobianDropped()),
+}
+"""Model, replications and how posteriors are sampled."""
+
+
+def resident() -> tuple[float, float]:
+    """Resident memory of this process now and at its peak, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 1e6, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def run(case: str) -> None:
+    """Run one case, or what is missing of it."""
+    model, n, fit = CASES[case]
+    out, rows = HERE / case, []
+
+    def note(progress: Progress) -> None:
+        if progress.done % 20 == 0:
+            rows.append((progress.done, *resident()))
+            print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
+
+    found = calibrate_study(Job(study(model), n, fit=fit), out, resume=True, quiet=True, watch=note)
+    table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
+    table.to_csv(out / "memory.csv", index=False, float_format="%.1f")
+    print(case, found.verdict, found.tests.to_string(), found.power.to_string(), sep="\n")
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or CASES:
+        run(name)
