@@ -19,6 +19,29 @@ RANGED = ("uniform", "loguniform")
 
 
 @dataclass(frozen=True)
+class _Flat:
+    """The law that is flat on [low, high], without the cost of ``scipy.stats``."""
+
+    low: float
+    high: float
+
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    def cdf(self, x: FloatArray | float) -> FloatArray:
+        return np.clip((np.asarray(x) - self.low) / (self.high - self.low), 0.0, 1.0)
+
+    def sf(self, x: FloatArray | float) -> FloatArray:
+        return np.clip((self.high - np.asarray(x)) / (self.high - self.low), 0.0, 1.0)
+
+    def ppf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(self.low + np.asarray(q) * (self.high - self.low))
+
+    def isf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(self.high - np.asarray(q) * (self.high - self.low))
+
+
+@dataclass(frozen=True)
 class Law:
     """A one-dimensional probability law on ``[lower, upper]``.
 
@@ -73,7 +96,7 @@ class Law:
     @cached_property
     def _base(self) -> Any:
         if self.dist == "uniform":
-            return stats.uniform(self.lower, self.upper - self.lower)
+            return _Flat(self.lower, self.upper)
         if self.dist == "loguniform":
             return stats.loguniform(self.lower, self.upper)
         return getattr(stats, self.dist)(**self.shape)

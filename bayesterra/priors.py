@@ -170,10 +170,20 @@ class Prior:
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
-        total = np.zeros(len(x))
+        columns, low, high, level = self._flat
+        flat = x[:, columns]
+        total = np.where(((flat >= low) & (flat <= high)).all(axis=1), level, -np.inf)
         for column, law in enumerate(self.laws.values()):
-            total += law.log_density(x[:, column])
+            if column not in columns:
+                total += law.log_density(x[:, column])
         return total
+
+    @cached_property
+    def _flat(self) -> tuple[list[int], FloatArray, FloatArray, float]:
+        """Columns of the flat laws, their lowest and highest values, and their joint log density."""
+        laws = {column: law for column, law in enumerate(self.laws.values()) if law.dist == "uniform"}
+        ends = np.array([law.range for law in laws.values()]).reshape(-1, 2)
+        return list(laws), ends[:, 0], ends[:, 1], -float(np.log(ends[:, 1] - ends[:, 0]).sum())
 
     def sample(self, n: int, rng: Generator) -> FloatArray:
         """Draw parameter sets (n, d) from the stated laws, before the physical cut."""

@@ -52,7 +52,8 @@ class Result:
     @property
     def names(self) -> tuple[str, ...]:
         """Free parameters in the posterior's order."""
-        return tuple(name for name in PARAMETERS if name in self.draws["posterior"].data_vars)
+        held = self.draws["posterior"].data_vars
+        return tuple(name for name in PARAMETERS if name in held)
 
     def values(self, group: str = "posterior") -> FloatArray:
         """Draws of all parameters (n, d) of a group, ``posterior`` or ``prior``; SI, radians."""

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from numpy.random import SeedSequence
+from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.crossvalidation import CrossValidation, leave_one_out
@@ -73,8 +74,9 @@ def validate(
     before : readings of all rows that the cut prior predicts.
     """
     checking, leaving = seed.spawn(2)
-    return Validation(
-        predictive_checks(posterior, draws, checking),
-        prior_checks(study, before),
-        leave_one_out(posterior, draws, leaving),
-    )
+    with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
+        return Validation(
+            predictive_checks(posterior, draws, checking),
+            prior_checks(study, before),
+            leave_one_out(posterior, draws, leaving),
+        )

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from bayesterra.arrays import FloatArray
 
@@ -55,22 +55,25 @@ class StudentMixture:
 
     @cached_property
     def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One matrix (d, k d) that whitens for all components at once, offsets (k d,), log constants (k,)."""
-        k, d = self.means.shape
+        """Inverse factors (d, d, k) and what they make of the means (d, k); log constants (k,)."""
+        d = self.means.shape[1]
         inverse = np.linalg.inv(self.factors)
-        offsets = np.einsum("kij,kj->ki", inverse, self.means).ravel()
+        offsets = np.einsum("kij,kj->ik", inverse, self.means)
         log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         constants = (
             gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
         )
-        matrix: FloatArray = np.ascontiguousarray(inverse.reshape(k * d, d).T, dtype=np.float64)
-        return matrix, offsets, np.log(self.weights) + constants - log_det
+        triangles: FloatArray = np.ascontiguousarray(np.moveaxis(inverse, 0, -1), dtype=np.float64)
+        return triangles, np.ascontiguousarray(offsets), np.log(self.weights) + constants - log_det
 
     def distances(self, u: FloatArray) -> FloatArray:
         """Squared Mahalanobis distance of points (n, d) from every component, (n, k)."""
-        matrix, offsets, _ = self._whitening
-        white = (u @ matrix - offsets).reshape(len(u), *self.means.shape)
-        return np.asarray(np.einsum("nkd,nkd->nk", white, white))
+        from bayesterra.sampling import _distances  # numba is heavy: only where it is needed
+
+        inverse, offsets, _ = self._whitening
+        out = np.empty((len(u), len(self.weights)))
+        _distances.squared(np.ascontiguousarray(u, dtype=np.float64), inverse, offsets, out)
+        return out
 
     def log_terms(self, distances: FloatArray) -> FloatArray:
         """Log of weight times density of every component at given squared distances, (n, k)."""
@@ -79,7 +82,7 @@ class StudentMixture:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
-        return np.asarray(logsumexp(self.log_terms(self.distances(u)), axis=1))
+        return _shares(self.log_terms(self.distances(u)))[0]
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points (n, d)."""
@@ -90,6 +93,16 @@ class StudentMixture:
         normal = random.standard_normal((n, d))
         steps = np.einsum("nij,nj->ni", self.factors[chosen], normal)
         return np.asarray(self.means[chosen] + stretch[:, None] * steps)
+
+
+def _shares(terms: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log of the sum (n,) of exponentials of terms (n, k), and the share of each in it (n, k)."""
+    peak = terms.max(axis=1, keepdims=True)
+    peak = np.where(np.isfinite(peak), peak, 0.0)
+    share = np.exp(terms - peak)
+    total = share.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        return (peak + np.log(total))[:, 0], share / np.maximum(total, 1e-300)
 
 
 def fit_mixture(
@@ -114,14 +127,12 @@ def fit_mixture(
     mixture, level = _start(points, components, rng, dof), -np.inf
     for _ in range(steps):
         distances = mixture.distances(points.z)
-        terms = mixture.log_terms(distances)
-        total = logsumexp(terms, axis=1)
+        total, share = _shares(mixture.log_terms(distances))
         new_level = float(weights @ total)
         if new_level - level < 1e-3:
             break
         level = new_level
-        share = weights[:, None] * np.exp(terms - total[:, None])
-        mixture = _maximise(points, share, distances, mixture)
+        mixture = _maximise(points, weights[:, None] * share, distances, mixture)
     return StudentMixture(
         mixture.weights, centre + scale * mixture.means, scale[:, None] * mixture.factors, dof
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.random import Generator
@@ -41,18 +41,25 @@ class Unbending:
 
     def straighten(self, u: FloatArray) -> FloatArray:
         """Straight coordinates v (n, d) of points u (n, d)."""
-        z = (u - self.centre) / self.scale
-        v = z.copy()
-        for position, j in enumerate(self.order):
-            v[:, j] -= _features(z[:, self.order[:position]]) @ self.coefficients[position]
-        return v
+        z = np.ascontiguousarray((u - self.centre) / self.scale)
+        return self._moved(z, -1.0)
 
     def bend(self, v: FloatArray) -> FloatArray:
         """Points u (n, d) of straight coordinates v (n, d)."""
-        z = v.copy()
-        for position, j in enumerate(self.order):
-            z[:, j] += _features(z[:, self.order[:position]]) @ self.coefficients[position]
-        return self.centre + self.scale * z
+        return self.centre + self.scale * self._moved(np.ascontiguousarray(v), 1.0)
+
+    def _moved(self, points: FloatArray, sign: float) -> FloatArray:
+        """Points (n, d) with sign · g_j added to every coordinate."""
+        from bayesterra.sampling import _polynomials  # numba is heavy: only where it is needed
+
+        out = np.empty(points.shape)
+        _polynomials.move(points, *self._packed, REACH, sign, out)
+        return out
+
+    @cached_property
+    def _packed(self) -> tuple[IntArray, FloatArray]:
+        """Order (d,) and all coefficients one after another, as compiled code takes them."""
+        return np.array(self.order, dtype=np.int64), np.concatenate(self.coefficients)
 
 
 @cache
