@@ -7,6 +7,7 @@ ranks, record and report in a folder of its name, and its memory in ``memory.csv
 
 from __future__ import annotations
 
+import json
 import resource
 import sys
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.calibrating import Job, calibrate_study
+from bayesterra.calibrating import CalibrationResult, Job, calibrate_study
 from bayesterra.calibration import Fit, Fitted, Progress, ShortRuns
 from bayesterra.coordinates import Coordinates, coordinates
 
@@ -116,10 +117,12 @@ def resident() -> tuple[float, float]:
     return pages * resource.getpagesize() / 1e6, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-def run(case: str) -> None:
-    """Run one case, or what is missing of it."""
+def run(case: str) -> CalibrationResult:
+    """Run one case, or what is missing of it; a finished one is only judged again."""
     model, n, fit = CASES[case]
     out, rows = HERE / case, []
+    if (out / "ranks.csv").is_file():
+        return judged(case)
 
     def note(progress: Progress) -> None:
         if progress.done % 20 == 0:
@@ -129,9 +132,46 @@ def run(case: str) -> None:
     found = calibrate_study(Job(study(model), n, fit=fit), out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
     table.to_csv(out / "memory.csv", index=False, float_format="%.1f")
-    print(case, found.verdict, found.tests.to_string(), found.power.to_string(), sep="\n")
+    return found
+
+
+def judged(case: str) -> CalibrationResult:
+    """The verdict on stored ranks; record and report are written anew."""
+    out = HERE / case
+    table = pd.read_csv(out / "ranks.csv").fillna({"note": ""})
+    record = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
+    origin = {
+        name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")
+    }
+    found = CalibrationResult(study(CASES[case][0]), table, origin)
+    memory = out / "memory.csv"
+    kept = memory.read_bytes() if memory.is_file() else b""
+    found.save(out, overwrite=True)
+    memory.write_bytes(kept)
+    return found
+
+
+def line(case: str, found: CalibrationResult) -> str:
+    """One row of the table in the README."""
+    worst = found.tests.sort_values("p_value").to_dict("records")[0]
+    columns = (found.power["one"], found.power["all"])
+    power = [(f"{one:.2f}", f"{every:.2f}") for one, every in zip(*columns, strict=True)]
+    (ten, tens), (twenty, twenties), (little, _), (more, _) = power
+    cells = (
+        case,
+        f"{len(found.table)}",
+        f"{found.unsettled}",
+        f"**{found.verdict}**",
+        f"{worst['p_value']:.2g} ({worst['quantity']})",
+        f"{found.threshold:.2g}",
+        f"{ten}, {twenty}",
+        f"{tens}, {twenties}",
+        f"{little}, {more}",
+        f"{found.table['seconds'].mean():.1f}",
+    )
+    return f"| {' | '.join(cells)} |"
 
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or CASES:
-        run(name)
+        print(line(name, run(name)), flush=True)

@@ -1,0 +1,25 @@
+"""The stored study: its ranks give the verdicts that its README states."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from bayesterra.calibration.ranks import rank_test
+
+STUDY = Path(__file__).parents[2] / "studies" / "calibration"
+CASES = sorted(path.parent.name for path in STUDY.glob("*/ranks.csv"))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_stored_ranks_give_the_stored_verdict(case: str) -> None:
+    """Right posteriors pass and wrong ones fail, by p values that follow from the ranks in the file."""
+    table = pd.read_csv(STUDY / case / "ranks.csv")
+    record = json.loads((STUDY / case / "calibration.json").read_text(encoding="utf-8"))
+    assert record["calibrated"] == (case in ("m1", "m2"))
+    assert record["replications"] == len(table)
+    for row in record["tests"]:
+        if row["verdict"] != "constant":
+            ranks = table[row["quantity"]].dropna().to_numpy()
+            assert rank_test(len(ranks)).p_value(ranks) == pytest.approx(row["p_value"], abs=1e-4)
