@@ -1,7 +1,7 @@
-"""The likelihood and our coordinates for one point at a time, compiled, so that scalar peers lose no time in Python.
+"""The likelihood and our coordinates for one point at a time, compiled: scalar peers lose no time in Python.
 
-The numbers are those of the package (a test holds them together); slopes of the forces are exact, slopes of the
-coordinates central differences.
+The numbers are those of the package (a test holds them together); slopes of the forces are exact, slopes of
+the coordinates central differences.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.sampling.sampler import sample
 
 SLIPS = (4, 8, 16, 64)
-ENSEMBLES = (2, 8)
+ENSEMBLES = (8, 16)
 FREE = {
     2: ("n0", "phi"),
     4: ("n0", "n1", "phi", "K"),
@@ -71,9 +71,13 @@ def measure(study: bt.Study, ensembles: int) -> dict[str, object]:
 
 
 def main() -> None:
-    """Measure all cases and store cost.csv."""
-    rows = []
+    """Measure all cases that cost.csv does not hold yet, and store them there."""
+    path = HERE / "cost.csv"
+    rows = pd.read_csv(path).to_dict("records") if path.exists() else []
+    known = {(row["varied"], row["value"]) for row in rows}
     for what, value, study, ensembles in cases():
+        if (what, value) in known:
+            continue
         rows.append({"varied": what, "value": value, **measure(study, ensembles)})
         print(rows[-1], flush=True)
-        pd.DataFrame(rows).to_csv(HERE / "cost.csv", index=False)
+        pd.DataFrame(rows).to_csv(path, index=False)

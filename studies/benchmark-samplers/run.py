@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 DRIVES, SPACES = ("load", "sinkage"), ("raw", "ours")
 SEEDS = (1, 2)
 """Ours is run with each, before and after the peers; the mean counts."""
-BUDGETS = {"emcee": 12, "zeus": 12, "dynesty": 12, "nautilus": 12, "nuts": 12}
+BUDGETS = {"emcee": 12, "zeus": 12, "dynesty": 12, "nautilus": 15, "nuts": 35}
 """Processor seconds that each peer is given; dynesty runs until it stops by itself."""
 LONG = {("emcee", "raw"): 30}
 
