@@ -83,7 +83,7 @@ def test_every_drive_simulates_what_its_posterior_assumes(make_study: MakeStudy,
     table |= {"load [N]": 80.0} if drive == "load" else {"normal_force [N]": 80.0}
     options = {"load_range": ("40 N", "120 N")} if drive == "both" else {}
     study = make_study("phi", data=pd.DataFrame(table), drive=drive, **options)
-    found = calibrate(study, n=150, seed=1, fit=exact)
+    found = calibrate(study, n=100, seed=1, fit=exact)
     assert found.verdict == "calibrated", found.tests
     assert len(found.tested) == (3 if drive == "both" else 4)
 

@@ -41,7 +41,9 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Runs that report their progress and hand over the small result at once; the seeds asked for."""
     seeds: list[Any] = []
 
-    def run(study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal) -> Result:
+    def run(
+        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+    ) -> Result:
         seeds.append(seed)
         report(Progress("adapting", 0.0))
         report(Progress("sampling", 0.4, diagnosis(40.0, 1.02), 12.5))
@@ -72,7 +74,9 @@ def test_a_poller_sees_complete_status_files(
     def refuse(word: str) -> float:
         raise AssertionError(f"{word} is no JSON")
 
-    def run(study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal) -> Result:
+    def run(
+        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+    ) -> Result:
         for progress in (
             Progress("adapting", 0.0),
             Progress("sampling", 0.0, diagnosis(np.nan, np.nan), np.inf),
@@ -116,7 +120,9 @@ def test_a_run_without_support_leaves_no_folder(
 ) -> None:
     """When the prior turns out to have no support, nothing is left behind, not even the beginnings."""
 
-    def run(study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal) -> Result:
+    def run(
+        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+    ) -> Result:
         report(Progress("adapting", 0.0))
         raise SupportError("no parameter set fits")
 
