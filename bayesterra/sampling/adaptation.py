@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.sampling.shoring import Known, shored
 from bayesterra.sampling.unbending import Proposal, fit_proposal
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -37,6 +38,7 @@ class AdaptationOptions:
     components : components of the final mixture, at most.
     refinements : draws per particle in each round of importance sampling that refines the mixture.
     defence : share of a wide component in the final mixture.
+    shores : components added at last where the proposal is thinnest beside the posterior.
     """
 
     particles: int = 1024
@@ -45,6 +47,7 @@ class AdaptationOptions:
     components: int = 24
     refinements: tuple[int, ...] = (4, 4, 8, 8)
     defence: float = 0.1
+    shores: int = 24
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
     refined = refine(proposal, particles.u, widths, densities, options, rng)
-    evaluations += len(start) * sum(options.refinements)
+    evaluations += len(start) * sum(options.refinements) + options.shores * (len(start) // 2)
     return Adaptation(particles.u, tuple(travelled), evaluations, *refined)
 
 
@@ -208,7 +211,14 @@ def refine(
         points = np.concatenate([drawn.u[chosen], u])
         weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(u), 0.5)])
         proposal = _fitted(points, weights, widths, options, rng)
+    known = Known(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
+    proposal = shored(proposal, known, rng, components=options.shores, draws=len(u) // 2)
     return proposal, efficiency, log_evidence
+
+
+def _log_target(densities: Densities, u: FloatArray) -> FloatArray:
+    log_prior, log_likelihood = densities(u)
+    return np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood)
 
 
 @dataclass
@@ -223,8 +233,7 @@ class _Drawn:
     def extend(self, proposal: Proposal, n: int, densities: Densities, rng: Generator) -> tuple[float, float]:
         """Draw n points from one more proposal; effective share and log mean weight of these draws alone."""
         new = proposal.sample(n, rng)
-        log_prior, log_likelihood = densities(new)
-        target = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood)
+        target = _log_target(densities, new)
         self.log_proposals = [
             np.concatenate([old, earlier.log_density(new)])
             for old, (earlier, _) in zip(self.log_proposals, self.proposals, strict=True)

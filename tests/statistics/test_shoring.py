@@ -1,0 +1,80 @@
+"""Components added where a proposal is too thin."""
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+from scipy.stats import multivariate_normal
+
+from bayesterra.arrays import FloatArray
+from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.shoring import Known, shored
+from bayesterra.sampling.unbending import Proposal, Unbending
+
+D = 3
+MAIN = multivariate_normal(np.zeros(D), np.eye(D))
+FAR = multivariate_normal(np.full(D, 4.0), 0.25 * np.eye(D))
+
+
+def log_target(u: FloatArray) -> FloatArray:
+    """A normal law, and a small narrow one apart from it; nothing beyond 8."""
+    density = np.log(0.9 * MAIN.pdf(u) + 0.1 * FAR.pdf(u) + 1e-300)
+    return np.where((u < 8.0).all(axis=1), density, -np.inf)
+
+
+def thin() -> Proposal:
+    """A proposal that knows of the normal law only, with a wide component of little weight."""
+    flat = Unbending(tuple(range(D)), np.zeros(D), np.ones(D), tuple(np.zeros(n) for n in _terms()))
+    factors = np.stack([1.1 * np.eye(D), 3.0 * np.eye(D)])
+    return Proposal(flat, StudentMixture(np.array([0.95, 0.05]), np.zeros((2, D)), factors, 4.0))
+
+
+def _terms() -> list[int]:
+    return [1 + k + k * (k + 1) // 2 + k for k in range(D)]
+
+
+def known(n: int, seed: int = 1) -> Known:
+    """Draws of the thin proposal."""
+    u = thin().sample(n, default_rng(seed))
+    return Known(u, log_target(u), log_target)
+
+
+def log_weights(proposal: Proposal, seed: int = 5) -> FloatArray:
+    """Log importance weights of fresh draws."""
+    u = proposal.sample(40_000, default_rng(seed))
+    return np.asarray(log_target(u) - proposal.log_density(u))
+
+
+def test_the_greatest_weights_shrink() -> None:
+    """The part that was missed is proposed: a smaller greatest weight, more effective draws."""
+    before = log_weights(thin())
+    after = log_weights(shored(thin(), known(20_000), default_rng(2), components=8, draws=400))
+    assert np.exp(before.max()) > 50
+    assert np.exp(after.max()) < 0.2 * np.exp(before.max())
+    shares = [np.exp(w).sum() ** 2 / np.exp(2 * w).sum() / len(w) for w in (before, after)]
+    assert shares[1] > 2 * shares[0]
+
+
+def test_the_shored_proposal_is_a_density() -> None:
+    """Weights of the new proposal average to the integral of the target, with and without components."""
+    for components in (0, 8):
+        proposal = shored(thin(), known(5000), default_rng(2), components=components, draws=200)
+        weights = np.exp(log_weights(proposal))
+        error = weights.std() / np.sqrt(len(weights))
+        inside = 0.9 * MAIN.cdf(np.full(D, 8.0)) + 0.1 * FAR.cdf(np.full(D, 8.0))
+        assert abs(weights.mean() - inside) < 4 * error
+        assert proposal.mixture.weights.sum() == pytest.approx(1.0)
+
+
+def test_no_components_change_nothing() -> None:
+    """With none to add the proposal is handed back."""
+    proposal = thin()
+    assert shored(proposal, known(100), default_rng(1), components=0, draws=50) is proposal
+
+
+def test_components_stand_inside_the_support() -> None:
+    """No component is centred where the target has no density, and the draws decide, not the order."""
+    found = shored(thin(), known(3000), default_rng(3), components=6, draws=300)
+    centres = found.mixture.means[2:]
+    assert np.isfinite(log_target(centres)).all()
+    again = shored(thin(), known(3000), default_rng(3), components=6, draws=300)
+    np.testing.assert_array_equal(found.mixture.means, again.mixture.means)
