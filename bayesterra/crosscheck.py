@@ -171,10 +171,8 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
-        sampler = NestedSampler(
-            log_likelihood, physical, len(laws), nlive=live, sample="rslice", rstate=default_rng(seed)
-        )
-        sampler.run_nested(print_progress=False, dlogz=0.01)
+        sampler = NestedSampler(log_likelihood, physical, len(laws), nlive=live, rstate=default_rng(seed))
+        sampler.run_nested(print_progress=False, dlogz=0.1)
         found = sampler.results
     weights = np.asarray(found.importance_weights())
     weights /= weights.sum()
