@@ -105,7 +105,7 @@ class JacobianDropped:
 CASES: dict[str, tuple[str, int, Fit | None]] = {
     "m2": ("M2", 1000, None),
     "m1": ("M1", 300, None),
-    "m2-noise-halved": ("M2", 100, NoiseHalved()),
+    "m2-noise-halved": ("M2", 14, NoiseHalved()),
     "m2-jacobian-dropped": ("M2", 500, JacobianDropped()),
 }
 """Model, replications and how posteriors are sampled."""
@@ -138,16 +138,18 @@ def run(case: str) -> CalibrationResult:
 def judged(case: str) -> CalibrationResult:
     """The verdict on stored ranks; record and report are written anew."""
     out = HERE / case
-    table = pd.read_csv(out / "ranks.csv").fillna({"note": ""})
+    table = pd.read_csv(out / "ranks.csv", dtype={"note": object}, keep_default_na=True)
+    table["note"] = table["note"].where(table["note"].notna(), "")
     record = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
     origin = {
         name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")
     }
     found = CalibrationResult(study(CASES[case][0]), table, origin)
     memory = out / "memory.csv"
-    kept = memory.read_bytes() if memory.is_file() else b""
+    kept = memory.read_bytes() if memory.is_file() else None
     found.save(out, overwrite=True)
-    memory.write_bytes(kept)
+    if kept is not None:
+        memory.write_bytes(kept)
     return found
 
 
