@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from bayesterra.prior_only import PriorResult
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.inputs import conditions, prior_sources, stated_law, support
 from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
+from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.verdicts import Verdict
 
@@ -25,18 +25,7 @@ TEACHING = 2.0
 """Spread of predictions over noise from which a reading narrows them."""
 
 
-@dataclass(frozen=True)
-class PriorPage:
-    """Everything that the template shows, in its order."""
-
-    title: str
-    facts: tuple[str, ...]
-    verdicts: tuple[Verdict, ...]
-    sections: tuple[Section, ...]
-    version: str
-
-
-def prior_page(result: PriorResult) -> PriorPage:
+def prior_page(result: PriorResult) -> VerdictPage:
     """Put the page of a prior together."""
     study = result.study
     facts = (
@@ -46,7 +35,7 @@ def prior_page(result: PriorResult) -> PriorPage:
         f"model {study.model.name}, {study.drive}-driven",
         f"made {str(result.record['made'])[:10]}",
     )
-    return PriorPage(
+    return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=tuple(fact for fact in facts if fact),
         verdicts=(_support(result), _predictions(result), _pull(result)),
@@ -58,6 +47,7 @@ def prior_page(result: PriorResult) -> PriorPage:
             Section("reproduce", "Reproduce this", (_reproduce(result),)),
         ),
         version=result.record["versions"]["bayesterra"],
+        warning=Markup(""),
     )
 
 

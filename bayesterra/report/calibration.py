@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,28 +17,17 @@ from bayesterra.calibration.ranks import COVERAGES, DRAWS, SIMULATIONS
 from bayesterra.calibration.tasks import FAILED, UNCONVERGED
 from bayesterra.report.blocks import Cell, Gallery, Picture, Section, Table, Text, drawing
 from bayesterra.report.numbers import MINUS, NOTHING, plain
+from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import listed, symbol
 from bayesterra.report.verdicts import Verdict
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
 
-@dataclass(frozen=True)
-class CalibrationPage:
-    """Everything that the template shows, in its order."""
-
-    title: str
-    facts: tuple[Cell, ...]
-    warning: Markup
-    verdicts: tuple[Verdict, ...]
-    sections: tuple[Section, ...]
-    version: str
-
-
-def calibration_page(found: Calibration) -> CalibrationPage:
+def calibration_page(found: Calibration) -> VerdictPage:
     """Put the page together."""
     study = found.study
-    return CalibrationPage(
+    return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(study.model.name, f"drive {study.drive}", f"{len(found.table)} replications"),
         warning=_warning(found),

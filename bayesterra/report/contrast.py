@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from markupsafe import Markup
 
-from bayesterra.report.blocks import Cell, Section
 from bayesterra.report.contrast_parts import (
     driven_by,
     keys,
@@ -17,30 +14,19 @@ from bayesterra.report.contrast_parts import (
 )
 from bayesterra.report.contrast_studies import compared_section, judged_section, repeat_section
 from bayesterra.report.numbers import given, rounded, with_error
+from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.report.verdicts import Verdict
 from bayesterra.side_by_side import BARE, MOVED, Comparison
 from bayesterra.study import Study
 
 
-@dataclass(frozen=True)
-class ContrastPage:
-    """Everything that the template shows, in its order."""
-
-    title: str
-    facts: tuple[Cell, ...]
-    warning: Markup
-    verdicts: tuple[Verdict, ...]
-    sections: tuple[Section, ...]
-    version: str
-
-
-def contrast_page(comparison: Comparison) -> ContrastPage:
+def contrast_page(comparison: Comparison) -> VerdictPage:
     """Put the page together."""
     titles = dict.fromkeys(result.study.title for result in comparison.results.values())
     first = next(iter(comparison.results.values()))
     curve = comparison.curves[comparison.names[0]]
-    return ContrastPage(
+    return VerdictPage(
         title=next(iter(titles)) if len(titles) == 1 else f"{len(comparison.names)} results side by side",
         facts=(*keys(comparison), f"{driven_by(comparison)}, {given(round(curve.load, 1))} N"),
         warning=_warning(comparison),

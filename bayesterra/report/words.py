@@ -91,7 +91,9 @@ def from_the_prior(result: Result) -> Markup:
         else Markup("")
     )
     ends = Markup("; ").join(
-        Markup("{} at its {} bound").format(symbol(n), end) for n, end in bounded(result)
+        Markup("{} at its {} bound").format(symbol(n), end)
+        for n, end in bounded(result)
+        if n not in names  # what repeats a bounded prior ends where the prior does
     )
     second = Markup("Cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
     return Markup(" ").join(part for part in (first, second) if part)

@@ -60,7 +60,7 @@ class Adaptation:
     temperatures : the inverse temperatures travelled.
     evaluations : parameter sets evaluated.
     proposal : the frozen proposal.
-    efficiency : effective share of independent draws of the last but one proposal.
+    efficiency : effective share of draws of the proposal before its last fit and its shores.
     log_evidence : log of the mean importance weight of those same draws, which no fit had seen before.
     """
 

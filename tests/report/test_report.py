@@ -219,6 +219,15 @@ def test_bounds_that_cut_an_interval_are_named(small_result: Result) -> None:
     assert ("Ks", "upper") in words.bounded(small_result)
 
 
+def test_a_parameter_that_repeats_its_prior_is_not_said_to_be_cut_off(small_result: Result) -> None:
+    """K_s ends where its prior does and is named once, as such; c, which the data narrow, is cut off at 0."""
+    text = _plain(words.from_the_prior(small_result))
+    repeated, cut = text.split("Cut off by a bound of the prior")
+    assert "Ks alone is hardly better known" in repeated
+    assert "c at its lower bound" in cut
+    assert "Ks" not in cut
+
+
 def test_driving_table_gives_pull_and_sinkage_at_driven_slips(small_result: Result) -> None:
     """Three of the driven slips, the lowest and the highest among them."""
     found = driving(small_result)
