@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability import COUPLED, DETERMINED, WEAK, bound, identifiability, verdict
+from bayesterra.identifiability.contraction import (
+    COUPLED,
+    DETERMINED,
+    WEAK,
+    bound,
+    identifiability,
+    verdict,
+)
 
 N = 40_000
 ANYWHERE = (-np.inf, np.inf)

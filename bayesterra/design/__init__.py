@@ -1,0 +1,1 @@
+"""Which measurement next: expected information of candidate drives about chosen parameters."""

@@ -1,0 +1,1 @@
+"""The command ``design``: which drive to command next, as a folder."""

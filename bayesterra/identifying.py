@@ -1,0 +1,1 @@
+"""The command ``identify``: what these data determine, as a folder."""
