@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.models import Soil, Wheel
+from bayesterra.noise import Noise
 from bayesterra.posteriors import INSIDE, Posterior, draw_cut_prior, posterior
 from bayesterra.priors import Law, Tie
 from bayesterra.sensitivity.cut_prior import (
@@ -24,7 +25,12 @@ from bayesterra.sensitivity.sobol import Sobol, sobol
 from bayesterra.study import Study
 
 
-def make(drive: str = "load", priors: Mapping[str, Any] | None = None, **options: Any) -> Posterior:
+def make(
+    drive: str = "load",
+    priors: Mapping[str, Any] | None = None,
+    own_noise: Mapping[str, Noise] | None = None,
+    **options: Any,
+) -> Posterior:
     """A study of Wh31 at five slips; readings do not matter here."""
     table = pd.DataFrame(
         {
@@ -36,7 +42,13 @@ def make(drive: str = "load", priors: Mapping[str, Any] | None = None, **options
             "resistance_moment [N m]": [3.0, 6.0, 7.0, 7.5, 8.0],
         }
     )
-    noise = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3, "normal_force": 2.0}
+    noise: dict[str, float | Noise] = {
+        "sinkage": 1e-3,
+        "drawbar_pull": 1.5,
+        "resistance_moment": 0.3,
+        "normal_force": 2.0,
+    }
+    noise |= own_noise or {}
     if drive != "both":
         noise.pop({"load": "normal_force", "sinkage": "sinkage"}[drive])
     return posterior(
@@ -94,17 +106,21 @@ def test_exponents_moduli_and_c3_are_joined_where_the_cut_does() -> None:
 
 
 def test_tied_parameters_are_one_input() -> None:
-    """Where c2 is tied to c1 there is one column, and the input has its name."""
+    """Where c2 is tied to c1 there is one column; c1 tied to n0 joins n0 with c2."""
     study = make(priors={"c2": Tie("c1")})
     found = cut_coupling(study, np.random.default_rng(1))
     assert "c1" in found.inputs
     assert len(found.inputs) == len(study.names)
+    found = cut_coupling(make(priors={"c1": Tie("n0")}), np.random.default_rng(1))
+    assert "n0 + c2" in found.inputs
 
 
 def test_noise_is_no_input() -> None:
     """The estimated noise moves no outcome and is left out; a sinkage offset moves sinkages only."""
     priors = {"sinkage_offset": Law("norm", {"loc": 0.0, "scale": 2e-3})}
-    study = make(priors=priors)
+    unknown = Noise("sinkage", law=Law("loguniform", lower=1e-4, upper=1e-2))
+    study = make(priors=priors, own_noise={"sinkage": unknown})
+    assert "noise_sinkage" in study.names
     assert list(group_inputs(study)) == ["P_I", "P_II", "P_III", "sinkage_offset"]
     found = sobol(study_problem(study, group_inputs(study)), 500, np.random.default_rng(1))
     moved = found.total[3].reshape(5, 3)

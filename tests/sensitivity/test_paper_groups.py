@@ -106,9 +106,10 @@ def test_k_of_25_mm_does_not_reproduce_the_tables() -> None:
 def test_error_bounds_hold_for_any_measurements() -> None:
     """The error against random measurements lies within the bounds, which some of them nearly reach."""
     rng = np.random.default_rng(2)
-    reference, predicted = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
+    reference, step = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
     position = []
-    for scale in rng.uniform(0.0, 0.3, size=2000):
+    for scale, length in rng.uniform(0.0, 0.3, size=(2000, 2)):
+        predicted = reference + length * step
         measured = reference + scale * rng.choice([-1.0, 0.0, 1.0], size=(6, 3))
         distance = error_figures(predicted, reference)
         low, high = error_bounds(distance, error_figures(reference, measured))
@@ -116,6 +117,13 @@ def test_error_bounds_hold_for_any_measurements() -> None:
     assert np.min(position) >= -1e-9
     assert np.max(position) <= 1 + 1e-9
     assert np.max(position) > 0.9
+    assert np.min(position) < 0.1
+
+
+def test_error_of_the_reference_is_its_fit() -> None:
+    """A prediction equal to the reference has the reference's error, and a bound on either side says so."""
+    low, high = error_bounds(np.zeros(3), np.array([0.01, 0.08, 0.05]))
+    np.testing.assert_array_equal([low, high], [[0.01, 0.08, 0.05]] * 2)
 
 
 def test_missing_measurements_are_left_out() -> None:
