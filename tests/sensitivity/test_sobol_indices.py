@@ -93,7 +93,7 @@ def test_errors_are_honest() -> None:
 
 
 def test_shapley_errors_are_honest() -> None:
-    """The same holds for Shapley effects, whose subsets share their base draws (five inputs, within a tenth)."""
+    """The same holds for Shapley effects, whose subsets share base draws (five inputs, to a tenth)."""
     names = {f"x{i}": (i,) for i in range(5)}
     total = problem(names, uniform(5), lambda x: x.sum(axis=1, keepdims=True))
     runs = [shapley(total, 500, np.random.default_rng(seed)) for seed in range(100)]
