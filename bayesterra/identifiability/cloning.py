@@ -38,6 +38,10 @@ DRAWS = 8192
 FITTED = 1024
 COMPONENTS = 4
 DEFENCE = 0.1
+ATTEMPTS = 3
+"""Fits at each power, each to the draws of the one before, until its weights can be relied on."""
+SHORTEST = 1.1
+"""Ratio of powers that is not divided any further."""
 LATE = 3
 """Powers, the last ones, that the late slope is of: two doublings."""
 ENOUGH = 400
@@ -57,7 +61,7 @@ class Cloned:
     eigenvalues : of the posterior's covariance against the cut prior's (k, d), the largest first.
     parameters : one row per parameter: parameter, slope (of log variance against log K, all powers), error,
         late_slope (the last two doublings), late_error, word (``estimable``, ``not estimable``,
-        ``undecided``).
+        ``undecided``; ``unreliable`` where the weights behind the late slope are).
     directions : as ``parameters`` for the eigenvalues, the largest first, with combination (in words, in
         prior sds) in place of parameter.
     sampling : one row per power: power, effective (draws), k_hat, limit, reliable.
@@ -134,15 +138,28 @@ def clouds(densities: Densities, start: FloatArray, powers: Sequence[int], rng: 
     even = np.full(len(start), -np.log(len(start)))
     found = [Cloud(start, densities(start)[1], even)]
     for before, power in pairwise(powers):
-        found.append(_next(found[-1], power - before, power, densities, rng))
+        found.append(_lifted(found[-1], before, power, densities, rng))
     return found
 
 
-def _next(cloud: Cloud, step: int, power: int, densities: Densities, rng: Generator) -> Cloud:
-    """Draws at a power from those at the power before."""
-    lifted = normalised(cloud.log_weights + step * cloud.log_likelihood)
-    points = cloud.u[systematic(lifted, FITTED, rng)]
-    proposal = fit_proposal(points, np.ones(FITTED), points.std(axis=0), COMPONENTS, DEFENCE, rng)
+def _lifted(cloud: Cloud, before: float, power: float, densities: Densities, rng: Generator) -> Cloud:
+    """Draws at a power from those at a power before, by way of powers in between where it is far."""
+    weights = normalised(cloud.log_weights + (power - before) * cloud.log_likelihood)
+    if effective_draws(weights) < ENOUGH and power / before > SHORTEST:
+        middle = float(np.sqrt(before * power))
+        return _lifted(_lifted(cloud, before, middle, densities, rng), middle, power, densities, rng)
+    points, components = cloud.u[systematic(weights, FITTED, rng)], COMPONENTS
+    for _ in range(ATTEMPTS):
+        cloud = _drawn(points, components, power, densities, rng)
+        if cloud.reliable:
+            break
+        points, components = cloud.u[systematic(np.exp(cloud.log_weights), 2 * FITTED, rng)], 2 * COMPONENTS
+    return cloud
+
+
+def _drawn(points: FloatArray, components: int, power: float, densities: Densities, rng: Generator) -> Cloud:
+    """Importance draws at a power from a mixture fitted to points (n, d) near it."""
+    proposal = fit_proposal(points, np.ones(len(points)), points.std(axis=0), components, DEFENCE, rng)
     u = proposal.sample(DRAWS, rng)
     log_prior, log_likelihood = densities(u)
     inside = np.isfinite(log_prior) & np.isfinite(log_likelihood)
@@ -174,12 +191,13 @@ def cloned(
     own = [_spread(x, single, w) for x, w in zip(physical, weights, strict=True)]
     along = [_spread(z, turned, w) for z, turned, w in zip(scored, spectra, weights, strict=True)]
     words = [in_words(names, column) for column in spectra[-1].T]
+    sound = all(cloud.reliable for cloud in found[-LATE:])
     return Cloned(
         powers=tuple(powers),
         sd=np.sqrt([variances for variances, _ in own]),
         eigenvalues=np.array([variances for variances, _ in along]),
-        parameters=_slopes("parameter", names, powers, own),
-        directions=_slopes("combination", words, powers, along),
+        parameters=_slopes("parameter", names, powers, own, sound=sound),
+        directions=_slopes("combination", words, powers, along, sound=sound),
         sampling=_sampling(powers, found),
     )
 
@@ -209,7 +227,7 @@ def _sampling(powers: Sequence[int], found: Sequence[Cloud]) -> pd.DataFrame:
 
 
 def _slopes(
-    kind: str, labels: Sequence[str], powers: Sequence[int], spreads: Sequence[Spread]
+    kind: str, labels: Sequence[str], powers: Sequence[int], spreads: Sequence[Spread], *, sound: bool
 ) -> pd.DataFrame:
     variances, errors = (np.array(values) for values in zip(*spreads, strict=True))
     slope, error = fitted_slope(powers, variances, errors)
@@ -221,7 +239,7 @@ def _slopes(
             "error": error,
             "late_slope": late,
             "late_error": late_error,
-            "word": [word(*each) for each in zip(late, late_error, strict=True)],
+            "word": [word(*each) if sound else "unreliable" for each in zip(late, late_error, strict=True)],
         }
     )
 

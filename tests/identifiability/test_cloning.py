@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.cloning import POWERS, Cloned, cloned, cloning, clouds, fitted_slope, word
+from bayesterra.identifiability.cloning import (
+    POWERS,
+    Cloned,
+    Cloud,
+    cloned,
+    cloning,
+    clouds,
+    fitted_slope,
+    word,
+)
 from bayesterra.posteriors import posterior
 from bayesterra.results import Result
 
@@ -57,6 +66,19 @@ def test_weights_are_judged(linear: Cloned) -> None:
     assert linear.reliable
     assert (linear.sampling["effective"] > 1000).all()
     assert linear.sampling["power"].tolist() == list(POWERS)
+
+
+def test_weights_that_rest_on_few_draws_say_nothing() -> None:
+    """Where few draws carry the last power, no word is given and the power is named as unreliable."""
+    rng = np.random.default_rng(2)
+    x = rng.standard_normal((4000, 3))
+    even, few = np.full(4000, -np.log(4000)), np.full(4000, -np.inf)
+    few[:20] = -np.log(20)
+    found = [Cloud(x, np.zeros(4000), even), Cloud(x, np.zeros(4000), few, 0.2)]
+    spoilt = cloned(NAMES, (1, 2), found, x, lambda values: values)
+    assert spoilt.sampling["reliable"].tolist() == [True, False]
+    assert set(spoilt.parameters["word"]) == {"unreliable"}
+    assert not spoilt.reliable
 
 
 def test_an_exact_power_law_has_its_slope_and_error() -> None:
