@@ -8,6 +8,7 @@ from bayesterra.figures.calibration import rank_ecdf
 from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
 from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
+from bayesterra.figures.coupling import contraction_bars, coupling_map, group_coupling
 from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
@@ -17,11 +18,14 @@ from bayesterra.figures.validation import loo_pit
 __all__ = [
     "combinations",
     "contraction",
+    "contraction_bars",
     "contrast",
     "contrast_derived",
     "contrast_prediction",
     "corner",
     "correlations",
+    "coupling_map",
+    "group_coupling",
     "loo_pit",
     "parameter_strip",
     "prediction",

@@ -67,7 +67,7 @@ def identifiability(
             "posterior_sd": sd,
         }
     )
-    shares, directions = _directions(prior / prior_sd, draws / prior_sd)
+    shares, directions = eigen_directions(covariance(prior / prior_sd), covariance(draws / prior_sd))
     return Identifiability(table, shares, directions)
 
 
@@ -92,9 +92,16 @@ def verdict(contraction: float, correlation: float, bound: str) -> str:
     return "weakly" if contraction >= WEAK else "repeats its prior"
 
 
-def _directions(prior: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvectors of posterior against prior covariance, and the contraction along each."""
-    root = np.linalg.cholesky(np.atleast_2d(np.cov(prior.T)))
-    inverse = np.linalg.inv(root)
-    values, vectors = np.linalg.eigh(inverse @ np.atleast_2d(np.cov(draws.T)) @ inverse.T)
+def eigen_directions(prior: FloatArray, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvectors (d, d) of posterior against prior covariance (d, d), best first, and their contractions.
+
+    Columns are weights of the parameters; along each the prior has variance 1.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(prior))
+    values, vectors = np.linalg.eigh(inverse @ posterior @ inverse.T)
     return 1.0 - values, inverse.T @ vectors
+
+
+def covariance(draws: FloatArray) -> FloatArray:
+    """Covariance (d, d) of draws (n, d)."""
+    return np.atleast_2d(np.cov(draws.T))
