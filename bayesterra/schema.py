@@ -189,7 +189,7 @@ class SamplingOptions(Table):
 
     target_ess: Annotated[int, Field(ge=100, strict=True)] = 4000
     ensembles: Annotated[int, Field(ge=4, strict=True)] = 4
-    walkers: Annotated[int, Field(ge=32, multiple_of=2, strict=True)] = 64
+    walkers: Annotated[int, Field(ge=32, multiple_of=2, strict=True)] = 128
     max_steps: Annotated[int, Field(ge=1, strict=True)] = 20000
 
 

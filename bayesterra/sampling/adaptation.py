@@ -37,17 +37,20 @@ class AdaptationOptions:
     sweeps : differential-evolution steps at each temperature.
     components : components of the final mixture, at most.
     refinements : draws per particle in each round of importance sampling that refines the mixture.
+    more, enough : further rounds, which take place while less than this share of the draws is effective.
     defence : share of a wide component in the final mixture.
     shores : components added at last where the proposal is thinnest beside the posterior.
     """
 
     particles: int = 1024
-    keep: float = 0.5
+    keep: float = 0.35
     sweeps: int = 4
     components: int = 24
     refinements: tuple[int, ...] = (4, 4, 8, 8)
+    more: tuple[int, ...] = (16, 16)
+    enough: float = 0.3
     defence: float = 0.1
-    shores: int = 24
+    shores: int = 40
 
 
 @dataclass(frozen=True)
@@ -118,8 +121,10 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
     refined = refine(proposal, particles.u, widths, densities, options, rng)
-    evaluations += len(start) * sum(options.refinements) + options.shores * (len(start) // 2)
-    return Adaptation(particles.u, tuple(travelled), evaluations, *refined)
+    evaluations += refined.draws + options.shores * (len(start) // 2)
+    return Adaptation(
+        particles.u, tuple(travelled), evaluations, refined.proposal, refined.efficiency, refined.log_evidence
+    )
 
 
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
@@ -181,6 +186,25 @@ def _tempered(particles: _Particles, temperature: float) -> FloatArray:
     )
 
 
+@dataclass(frozen=True)
+class Refined:
+    """A proposal, and what the draws of the last round, which no fit had seen before, say of its forerunner.
+
+    (All rounds together underrate the evidence: later proposals are dense just where earlier draws lie.)
+
+    Attributes
+    ----------
+    proposal : the frozen proposal.
+    efficiency, log_evidence : effective share of those draws, and the log of their mean importance weight.
+    draws : number of draws of all rounds.
+    """
+
+    proposal: Proposal
+    efficiency: float
+    log_evidence: float
+    draws: int
+
+
 def refine(
     proposal: Proposal,
     u: FloatArray,
@@ -188,32 +212,35 @@ def refine(
     densities: Densities,
     options: AdaptationOptions,
     rng: Generator,
-) -> tuple[Proposal, float, float]:
+) -> Refined:
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
     anew; the points ``u`` (n, d) stay in as an anchor.
-
-    Returns
-    -------
-    The proposal; effective share and log evidence of the last round's draws alone. (All rounds together
-    underrate the evidence: the later proposals are dense just where the earlier draws happen to lie.)
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
     efficiency = log_evidence = np.nan
-    for draws in options.refinements:
+    for number, draws in enumerate((*options.refinements, *options.more)):
+        if number >= len(options.refinements) and efficiency >= options.enough:
+            break
         efficiency, log_evidence = drawn.extend(proposal, draws * len(u), densities, rng)
-        log_weights = drawn.log_weights()
-        # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-        excess = log_weights - logsumexp(log_weights) + np.log(len(log_weights))
-        relative = np.minimum(excess, 0.5 * np.log(len(log_weights)))
-        chosen = _systematic(np.exp(FLATTENING * relative), 5 * len(u), rng)
-        points = np.concatenate([drawn.u[chosen], u])
-        weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(u), 0.5)])
+        points, weights = _weighted(drawn.log_weights(), drawn.u, u, rng)
         proposal = _fitted(points, weights, widths, options, rng)
     known = Known(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
     proposal = shored(proposal, known, rng, components=options.shores, draws=len(u) // 2)
-    return proposal, efficiency, log_evidence
+    return Refined(proposal, efficiency, log_evidence, len(drawn.u))
+
+
+def _weighted(
+    log_weights: FloatArray, drawn: FloatArray, anchor: FloatArray, rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Points to fit, and their weights: draws resampled by truncated weights, and the anchor."""
+    # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
+    excess = log_weights - logsumexp(log_weights) + np.log(len(log_weights))
+    relative = np.minimum(excess, 0.5 * np.log(len(log_weights)))
+    chosen = _systematic(np.exp(FLATTENING * relative), 5 * len(anchor), rng)
+    weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(anchor), 0.5)])
+    return np.concatenate([drawn[chosen], anchor]), weights
 
 
 def _log_target(densities: Densities, u: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from bayesterra.sampling.unbending import fit_proposal
 COMPONENTS = 12
 FITTED = 4096
 """Draws, at most, that a proposal is fitted to."""
-REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinements=(4, 4))
+REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinements=(4, 4), more=())
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def refined(start: FloatArray, densities: Densities, rng: Generator) -> Proposal
     """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
     widths, plan = start.std(axis=0), REFINEMENT
     first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defence, rng)
-    return refine(first, start, widths, densities, plan, rng)[0]
+    return refine(first, start, widths, densities, plan, rng).proposal
 
 
 @dataclass(frozen=True)

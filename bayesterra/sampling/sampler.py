@@ -21,6 +21,7 @@ from bayesterra.posteriors import Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
 from bayesterra.sampling.journal import Journal, NoJournal, noted
+from bayesterra.sampling.unbending import Unbending
 from bayesterra.study import SamplingOptions
 
 WARM_UP_STEPS = 50
@@ -84,6 +85,15 @@ class Target:
         prior, likelihood = self.densities(u)
         return np.where(np.isneginf(prior), -np.inf, prior + likelihood)
 
+    def straightened(self, unbending: Unbending) -> Callable[[FloatArray], FloatArray]:
+        """Log density (n,) in straight coordinates (n, d)."""
+
+        def log_density(v: FloatArray) -> FloatArray:
+            u, log_jacobian = unbending.bend(v)
+            return self.log_density(u) + log_jacobian
+
+        return log_density
+
 
 @dataclass(frozen=True)
 class Walk:
@@ -97,7 +107,7 @@ class Walk:
     def chain(self) -> FloatArray:
         """Kept draws in physical parameters, (steps, walkers, d)."""
         chain = self.ensemble.chain
-        u = self.adaptation.proposal.unbending.bend(chain.reshape(-1, chain.shape[-1]))
+        u, _ = self.adaptation.proposal.unbending.bend(chain.reshape(-1, chain.shape[-1]))
         return self.target.coordinates.to_physical(u)[0].reshape(chain.shape)
 
 
@@ -111,13 +121,9 @@ class Begun:
 
     def walk(self, target: Target) -> Walk:
         """The ensemble that starts there."""
-        straight = self.adaptation.proposal.unbending
-
-        def log_density(v: FloatArray) -> FloatArray:
-            return target.log_density(straight.bend(v))
-
-        law = self.adaptation.proposal.mixture
-        return Walk(target, self.adaptation, Ensemble(log_density, self.stand, law))
+        proposal = self.adaptation.proposal
+        straight = target.straightened(proposal.unbending)
+        return Walk(target, self.adaptation, Ensemble(straight, self.stand, proposal.mixture))
 
 
 @dataclass(frozen=True)
@@ -267,13 +273,9 @@ def _prepare(
     prior = draw_cut_prior(target.posterior, max(plan.particles, options.walkers), rng)
     adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng)
     chosen = rng.choice(len(adapted.u), size=options.walkers, replace=False)
-    straight = adapted.proposal.unbending
-
-    def log_density(v: FloatArray) -> FloatArray:
-        return target.log_density(straight.bend(v))
-
-    start = straight.straighten(adapted.u[chosen])
-    ensemble = Ensemble(log_density, start, adapted.proposal.mixture, walking)
+    proposal = adapted.proposal
+    start, _ = proposal.unbending.straighten(adapted.u[chosen])
+    ensemble = Ensemble(target.straightened(proposal.unbending), start, proposal.mixture, walking)
     ensemble.advance(WARM_UP_STEPS, keep=False)
     return Begun(adapted, ensemble.stand, clock.elapsed())
 

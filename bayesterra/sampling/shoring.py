@@ -55,7 +55,7 @@ def shored(proposal: Proposal, known: Known, rng: Generator, *, components: int,
     for _ in range(components):
         one = points.component()
         mixture = _with(mixture, one, share)
-        u = straight.bend(one.sample(draws, rng))
+        u, _ = straight.bend(one.sample(draws, rng))
         fresh = _Points.of(proposal, mixture, u, known.log_target(u))
         points = points.with_component(one, share).joined(fresh)
     return Proposal(straight, mixture)
@@ -76,7 +76,7 @@ def _with(mixture: StudentMixture, one: StudentMixture, share: float) -> Student
 
 @dataclass(frozen=True)
 class _Points:
-    """Points in straight coordinates (n, d), log target and log density of the growing mixture there (n,)."""
+    """Straight coordinates (n, d), log target in these and log density of the growing mixture there (n,)."""
 
     v: FloatArray
     log_target: FloatArray
@@ -87,9 +87,10 @@ class _Points:
     def of(
         cls, proposal: Proposal, mixture: StudentMixture, u: FloatArray, log_target: FloatArray
     ) -> _Points:
-        v = proposal.unbending.straighten(u)
-        inside = np.isfinite(log_target) & np.isfinite(v).all(axis=1)
-        return cls(v[inside], log_target[inside], mixture.log_density(v[inside]), mixture.dof)
+        v, log_jacobian = proposal.unbending.straighten(u)
+        level = log_target + log_jacobian
+        inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
+        return cls(v[inside], level[inside], mixture.log_density(v[inside]), mixture.dof)
 
     def component(self) -> StudentMixture:
         """A component about the point of greatest weight, as wide as the weighted points next to it."""

@@ -13,53 +13,59 @@ from bayesterra.sampling.mixture import RandomSource, StudentMixture, defended, 
 
 REACH = 4.0
 """Standardised coordinates beyond this bend nothing further: far out the map is a mere shift."""
+MOST = 3.0
+"""Largest log by which a coordinate's spread varies."""
+ROUNDS, HEAVY = 8, 4.0
+"""Steps of the fit of the spreads, and the degrees of freedom of the residuals' law in it."""
 
 
 @dataclass(frozen=True)
 class Unbending:
     """An invertible map u → v that takes from each coordinate what the ones before it predict.
 
-    v_j = z_j − g_j(z of the coordinates before j), z = (u − centre)/scale, g_j a quadratic polynomial with
-    pure cubes. The map is triangular, so its Jacobian is the constant ∏ 1/scale.
+    v_j = (z_j − g_j) exp(−h_j), z = (u − centre)/scale, with g_j a quadratic polynomial with pure cubes and
+    h_j a linear function of the z before j. So curved ridges become straight, widening ones even.
 
     Attributes
     ----------
     order : the coordinates, drivers first.
     centre, scale : of the points (d,).
     coefficients : of g_j for every position in ``order``.
+    spreads : of h_j likewise.
     """
 
     order: tuple[int, ...]
     centre: FloatArray
     scale: FloatArray
     coefficients: tuple[FloatArray, ...]
+    spreads: tuple[FloatArray, ...]
 
-    @property
-    def log_scale(self) -> float:
-        """Log |du/dv|."""
-        return float(np.log(self.scale).sum())
-
-    def straighten(self, u: FloatArray) -> FloatArray:
-        """Straight coordinates v (n, d) of points u (n, d)."""
+    def straighten(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Straight coordinates v (n, d) of points u (n, d), and log |du/dv| (n,)."""
         z = np.ascontiguousarray((u - self.centre) / self.scale)
-        return self._moved(z, -1.0)
+        return self._moved(z, straighten=True)
 
-    def bend(self, v: FloatArray) -> FloatArray:
-        """Points u (n, d) of straight coordinates v (n, d)."""
-        return self.centre + self.scale * self._moved(np.ascontiguousarray(v), 1.0)
+    def bend(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points u (n, d) of straight coordinates v (n, d), and log |du/dv| (n,)."""
+        z, log_jacobian = self._moved(np.ascontiguousarray(v), straighten=False)
+        return self.centre + self.scale * z, log_jacobian
 
-    def _moved(self, points: FloatArray, sign: float) -> FloatArray:
-        """Points (n, d) with sign · g_j added to every coordinate."""
+    def _moved(self, points: FloatArray, *, straighten: bool) -> tuple[FloatArray, FloatArray]:
         from bayesterra.sampling import _polynomials  # numba is heavy: only where it is needed
 
-        out = np.empty(points.shape)
-        _polynomials.move(points, *self._packed, REACH, sign, out)
-        return out
+        out, log_jacobian = np.empty(points.shape), np.empty(len(points))
+        _polynomials.move(points, *self._packed, (REACH, MOST), straighten, out, log_jacobian)
+        return out, log_jacobian + self._log_scale
 
     @cached_property
-    def _packed(self) -> tuple[IntArray, FloatArray]:
+    def _log_scale(self) -> float:
+        return float(np.log(self.scale).sum())
+
+    @cached_property
+    def _packed(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Order (d,) and all coefficients one after another, as compiled code takes them."""
-        return np.array(self.order, dtype=np.int64), np.concatenate(self.coefficients)
+        order = np.array(self.order, dtype=np.int64)
+        return order, np.concatenate(self.coefficients), np.concatenate(self.spreads)
 
 
 @cache
@@ -93,12 +99,43 @@ def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray) -> Unb
     z = (u - centre) / scale
     order = tuple(int(j) for j in np.argsort(-scale / widths, kind="stable"))
     coefficients: list[FloatArray] = []
+    spreads: list[FloatArray] = []
     for position, j in enumerate(order):
-        terms = _features(z[:, order[:position]])
-        weighted = terms * weights[:, None]
-        normal = terms.T @ weighted + 1e-4 * np.eye(terms.shape[1])
-        coefficients.append(np.asarray(np.linalg.solve(normal, weighted.T @ z[:, j]), dtype=np.float64))
-    return Unbending(order, centre, scale, tuple(coefficients))
+        before = z[:, order[:position]]
+        terms = _features(before)
+        residual = z[:, j] - terms @ _least_squares(terms, z[:, j], weights)
+        spreads.append(_spreads(before, residual, weights))
+        even = weights * np.exp(-2.0 * _log_spread(before, spreads[-1]))
+        coefficients.append(_least_squares(terms, z[:, j], even / even.sum()))
+    return Unbending(order, centre, scale, tuple(coefficients), tuple(spreads))
+
+
+def _least_squares(terms: FloatArray, values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Coefficients of weighted ridge regression."""
+    weighted = terms * weights[:, None]
+    normal = terms.T @ weighted + 1e-4 * np.eye(terms.shape[1])
+    return np.asarray(np.linalg.solve(normal, weighted.T @ values), dtype=np.float64)
+
+
+def _log_spread(before: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Log spread h (n,) at coordinates (n, k)."""
+    varying = np.clip(before, -REACH, REACH) @ coefficients[1:]
+    return np.asarray(coefficients[0] + np.clip(varying, -MOST, MOST))
+
+
+def _spreads(before: FloatArray, residual: FloatArray, weights: FloatArray) -> FloatArray:
+    """Coefficients of the log spread of residuals (n,) over coordinates (n, k): scoring for a t law."""
+    terms = np.column_stack([np.ones(len(before)), np.clip(before, -REACH, REACH)])
+    weighted = terms * weights[:, None]
+    information = terms.T @ weighted + np.diag([0.0, *np.full(before.shape[1], 1e-3)])
+    start = 0.5 * np.log(weights @ residual**2 + 1e-300)
+    found = np.array([start, *np.zeros(before.shape[1])])
+    for _ in range(ROUNDS):
+        squares = residual**2 * np.exp(-2.0 * _log_spread(before, found))
+        excess = (HEAVY + 1.0) * squares / (HEAVY + squares) - 1.0
+        slope = weighted.T @ excess - np.array([0.0, *(1e-3 * found[1:])])
+        found = found + 0.5 * (HEAVY + 3.0) / HEAVY * np.linalg.solve(information, slope)
+    return np.asarray(found)
 
 
 @dataclass(frozen=True)
@@ -110,11 +147,12 @@ class Proposal:
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points u (n, d)."""
-        return self.unbending.bend(self.mixture.sample(n, random))
+        return self.unbending.bend(self.mixture.sample(n, random))[0]
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points u (n, d)."""
-        return self.mixture.log_density(self.unbending.straighten(u)) - self.unbending.log_scale
+        v, log_jacobian = self.unbending.straighten(u)
+        return self.mixture.log_density(v) - log_jacobian
 
 
 def fit_proposal(
@@ -122,6 +160,6 @@ def fit_proposal(
 ) -> Proposal:
     """Straighten weighted points (n, d), fit a mixture to them and add a wide component."""
     unbending = fit_unbending(u, weights, widths)
-    straight = unbending.straighten(u)
+    straight, _ = unbending.straighten(u)
     mixture = fit_mixture(straight, weights, components, rng)
     return Proposal(unbending, defended(mixture, straight, weights, defence))

@@ -17,7 +17,7 @@ from bayesterra.diagnostics import autocorrelation_time
 from bayesterra.sampling.sampler import sample
 from bayesterra.study import SamplingOptions
 
-ENSEMBLES, WALKERS = 4, 64
+ENSEMBLES, WALKERS = 4, 128
 BURN_IN = 10
 """Autocorrelation times that an ensemble of a peer is given to forget its start, at most half its steps."""
 TARGET = 20_000
@@ -57,7 +57,7 @@ class Job:
 def bayesterra(job: Job) -> Run:
     """Ours: everything from prior draws to the verdict counts."""
     posterior = job.space.problem.target.posterior
-    options = SamplingOptions(target_ess=TARGET, ensembles=ENSEMBLES, walkers=WALKERS)
+    options = SamplingOptions(target_ess=TARGET)
     started = time.process_time()
     samples = sample(posterior, options, np.random.SeedSequence(job.seed))
     seconds = time.process_time() - started
@@ -144,10 +144,16 @@ def dynesty(job: Job) -> Run:
     sampler = library.NestedSampler(
         lambda u: max(one(u), -1e300), _transform(job), 8, rstate=job.streams(1)[0]
     )
-    sampler.run_nested(print_progress=False)
+    how = "stopped by itself"
+    for step in sampler.sample(dlogz=1e-3 * 499 + 0.01):
+        if time.process_time() - started > job.budget:
+            how = f"cut, {step.delta_logz:.3g} of log evidence left"
+            break
+    for _ in sampler.add_live_points():
+        pass
     seconds, found = time.process_time() - started, sampler.results
     x = job.physical(found.samples)
-    note = f"{int(np.sum(found.ncall))} calls, {len(x)} points"
+    note = f"{how}, {int(np.sum(found.ncall))} calls, {len(x)} points"
     return Run(of_weighted(x, found.logwt, job.reference), seconds, note)
 
 
@@ -164,11 +170,16 @@ def nautilus(job: Job) -> Run:
         pass_dict=False,
         seed=job.seed,
     )
-    while not sampler.run(timeout=6, discard_exploration=True) and time.process_time() - started < job.budget:
-        pass
+    how = "cut"
+    while time.process_time() - started < job.budget:
+        if sampler.run(timeout=6, discard_exploration=True):
+            how = "stopped by itself"
+            break
     u, log_weights, _ = sampler.posterior()
     seconds = time.process_time() - started
-    return Run(of_weighted(job.physical(u), log_weights, job.reference), seconds, f"{sampler.n_like} calls")
+    return Run(
+        of_weighted(job.physical(u), log_weights, job.reference), seconds, f"{how}, {sampler.n_like} calls"
+    )
 
 
 def nuts(job: Job) -> Run:

@@ -18,11 +18,11 @@ import pandas as pd  # noqa: E402  threads are limited before NumPy starts
 
 HERE = Path(__file__).parent
 DRIVES, SPACES = ("load", "sinkage"), ("raw", "ours")
-SEEDS = (1, 2)
-"""Ours is run with each, before and after the peers; the mean counts."""
-BUDGETS = {"emcee": 12, "zeus": 12, "dynesty": 12, "nautilus": 15, "nuts": 35}
-"""Processor seconds that each peer is given; dynesty runs until it stops by itself."""
-LONG = {("emcee", "raw"): 30}
+BUDGETS = {"emcee": 60, "zeus": 60, "nuts": 60, "dynesty": 240, "nautilus": 150}
+"""Processor seconds that each peer is given; NUTS has a number of draws instead."""
+LONG = {("emcee", "raw"): 400, ("zeus", "raw"): 120}
+PATIENCE = 900
+"""Wall seconds after which a run is given up."""
 
 
 def one(name: str, drive: str, space: str, seed: int) -> dict[str, object]:
@@ -50,9 +50,11 @@ def one(name: str, drive: str, space: str, seed: int) -> dict[str, object]:
 
 
 def jobs(drive: str) -> list[tuple[str, str, str, int]]:
-    """Sampler, drive, space and seed of every row; ours before and after the peers."""
-    first, last = [("bayesterra", drive, "ours", seed) for seed in SEEDS]
-    return [first, *((name, drive, space, 1) for name in BUDGETS for space in SPACES), last]
+    """Sampler, drive, space and seed of every row; ours first, last and between any two peers."""
+    found = [("bayesterra", drive, "ours", 1)]
+    for seed, name in enumerate(BUDGETS, start=2):
+        found += [*((name, drive, space, 1) for space in SPACES), ("bayesterra", drive, "ours", seed)]
+    return found
 
 
 def compare(drive: str) -> None:
@@ -65,13 +67,15 @@ def compare(drive: str) -> None:
     done_before = {(row["sampler"], row["drive"], row["space"], row["seed"]) for row in rows}
     for job in (job for job in jobs(drive) if job not in done_before):
         command = [sys.executable, __file__, "one", *map(str, job)]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
-        if done.returncode:
-            last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "killed"
-            known = dict(zip(("sampler", "drive", "space", "seed"), job, strict=True))
-            rows.append({**known, "right": False, "note": last})
-        else:
+        known = dict(zip(("sampler", "drive", "space", "seed"), job, strict=True))
+        try:
+            done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE)
             rows.append(json.loads(done.stdout.strip().splitlines()[-1]))
+        except subprocess.TimeoutExpired:
+            rows.append({**known, "right": False, "note": f"given up after {PATIENCE} s"})
+        except subprocess.CalledProcessError as error:
+            last = error.stderr.strip().splitlines()[-1] if error.stderr.strip() else "killed"
+            rows.append({**known, "right": False, "note": last})
         print(rows[-1], flush=True)
         pd.DataFrame(rows).to_csv(path, index=False)
 

@@ -23,7 +23,8 @@ def log_target(u: FloatArray) -> FloatArray:
 
 def thin() -> Proposal:
     """A proposal that knows of the normal law only, with a wide component of little weight."""
-    flat = Unbending(tuple(range(D)), np.zeros(D), np.ones(D), tuple(np.zeros(n) for n in _terms()))
+    curves, widths = (tuple(np.zeros(n) for n in numbers) for numbers in (_terms(), range(1, D + 1)))
+    flat = Unbending(tuple(range(D)), np.zeros(D), np.ones(D), curves, widths)
     factors = np.stack([1.1 * np.eye(D), 3.0 * np.eye(D)])
     return Proposal(flat, StudentMixture(np.array([0.95, 0.05]), np.zeros((2, D)), factors, 4.0))
 
