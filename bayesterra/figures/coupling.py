@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from bayesterra.figures.style import DATA, GRID, INK, POSTERIOR, PRIOR, label, own_axes, styled
-from bayesterra.identifiability.contraction import DETERMINED, WEAK
 from bayesterra.identifiability.coupling import Coupling
 from bayesterra.identifiability.information import Information
+from bayesterra.identifiability.verdicts import DETERMINED, WEAK
 from bayesterra.parameters import PARAMETERS
 
 

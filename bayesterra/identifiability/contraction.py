@@ -6,19 +6,21 @@ The reference is the prior after the physical cut, never the stated box.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pandas as pd
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.diagnostics import rank_scores
+from bayesterra.identifiability.verdicts import (
+    DETERMINED,
+    Evidence,
+    given_others,
+    multiple_correlation,
+    word,
+)
 
-DETERMINED = 0.9
-"""Contraction from which a parameter or direction counts as determined: sd below a third of the prior's."""
-WEAK = 0.3
-"""Contraction below which a parameter repeats its prior."""
-COUPLED = 0.8
-"""Absolute correlation from which two parameters are coupled."""
 BOUNDS = ("none", "lower", "upper", "both")
 """Which bounds of its prior a parameter leans on."""
 
@@ -29,8 +31,9 @@ class Identifiability:
 
     Attributes
     ----------
-    table : one row per parameter: parameter, verdict, contraction, partner, correlation, bound (one of
-        ``BOUNDS``), prior_sd, posterior_sd (SI).
+    table : one row per parameter: parameter, verdict, contraction, partner, correlation, multiple,
+        given_others, bound (one of ``BOUNDS``), structural, prior_sd, posterior_sd (SI); see
+        :class:`bayesterra.identifiability.verdicts.Evidence`.
     contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
     directions : those directions in units of the prior's standard deviations, columns (d, d).
     """
@@ -46,29 +49,44 @@ class Identifiability:
 
 
 def identifiability(
-    names: Sequence[str], ranges: Sequence[tuple[float, float]], prior: FloatArray, draws: FloatArray
+    names: Sequence[str],
+    ranges: Sequence[tuple[float, float]],
+    prior: FloatArray,
+    draws: FloatArray,
+    structural: BoolArray | None = None,
 ) -> Identifiability:
-    """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior; its laws have ``ranges``."""
+    """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior; its laws have ``ranges``.
+
+    ``structural`` (d,) says what data of this design could determine; by default everything.
+    """
     prior_sd, sd = prior.std(axis=0), draws.std(axis=0)
     correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
-    coupling = correlation[np.arange(len(names)), partners]
-    bounds = [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)]
+    multiple, before = (multiple_correlation(_scores_correlation(x)) for x in (draws, prior))
     table = pd.DataFrame(
         {
-            "parameter": list(names),
-            "verdict": [verdict(*each) for each in zip(contraction, coupling, bounds, strict=True)],
             "contraction": contraction,
-            "partner": [names[i] for i in partners],
-            "correlation": coupling,
-            "bound": bounds,
-            "prior_sd": prior_sd,
-            "posterior_sd": sd,
+            "correlation": correlation[np.arange(len(names)), partners],
+            "multiple": multiple,
+            "given_others": given_others(contraction, multiple, before),
+            "bound": [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)],
+            "structural": np.ones(len(names), dtype=bool) if structural is None else structural,
         }
     )
+    words = [word(found) for found in evidence(table)]
+    table.insert(0, "parameter", list(names))
+    table.insert(1, "verdict", words)
+    table.insert(3, "partner", [names[i] for i in partners])
+    table = table.assign(prior_sd=prior_sd, posterior_sd=sd)
     shares, directions = eigen_directions(covariance(prior / prior_sd), covariance(draws / prior_sd))
     return Identifiability(table, shares, directions)
+
+
+def evidence(table: pd.DataFrame) -> list[Evidence]:
+    """What the columns of a table say of each parameter, for its verdict."""
+    known = [field.name for field in fields(Evidence) if field.name in table]
+    return [Evidence(**dict(zip(known, row, strict=True))) for row in table[known].itertuples(index=False)]
 
 
 def bound(draws: FloatArray, low: float, high: float) -> str:
@@ -83,13 +101,8 @@ def bound(draws: FloatArray, low: float, high: float) -> str:
     return BOUNDS[leans[0] + 2 * leans[1]]
 
 
-def verdict(contraction: float, correlation: float, bound: str) -> str:
-    """The word for a parameter with this contraction, strongest correlation and bound that it leans on."""
-    if contraction >= DETERMINED:
-        return "determined" if bound == "none" else "one-sided"
-    if abs(correlation) >= COUPLED:
-        return "coupled"
-    return "weakly" if contraction >= WEAK else "repeats its prior"
+def _scores_correlation(draws: FloatArray) -> FloatArray:
+    return np.atleast_2d(np.corrcoef([rank_scores(column) for column in draws.T]))
 
 
 def eigen_directions(prior: FloatArray, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:

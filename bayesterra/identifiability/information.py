@@ -21,9 +21,10 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.contraction import DETERMINED, covariance, eigen_directions
+from bayesterra.identifiability.contraction import covariance, eigen_directions
 from bayesterra.identifiability.divergence import divergence
 from bayesterra.identifiability.groups import group_columns, in_words, scores_under, spaced, within_groups
+from bayesterra.identifiability.verdicts import DETERMINED
 from bayesterra.posteriors import Posterior
 
 DRAWS = 12_000

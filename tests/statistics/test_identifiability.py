@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.contraction import (
+from bayesterra.identifiability.contraction import bound, identifiability
+from bayesterra.identifiability.verdicts import (
     COUPLED,
+    COUPLED_TO_ALL,
     DETERMINED,
+    STRUCTURAL,
     WEAK,
-    bound,
-    identifiability,
-    verdict,
+    Evidence,
+    disagreements,
+    multiple_correlation,
+    word,
 )
 
 N = 40_000
@@ -28,26 +32,71 @@ def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
 
 
 @pytest.mark.parametrize(
-    ("contraction", "correlation", "leans", "word"),
+    ("found", "expected"),
     [
-        (DETERMINED, 0.0, "none", "determined"),
-        (DETERMINED, 0.99, "none", "determined"),
-        (DETERMINED, 0.0, "upper", "one-sided"),
-        (DETERMINED - 1e-9, 0.0, "none", "weakly"),
-        (DETERMINED - 1e-9, 0.0, "lower", "weakly"),
-        (DETERMINED - 1e-9, COUPLED, "none", "coupled"),
-        (0.1, -COUPLED, "none", "coupled"),
-        (0.1, COUPLED - 1e-9, "none", "repeats its prior"),
-        (WEAK, 0.0, "none", "weakly"),
-        (WEAK - 1e-9, 0.0, "none", "repeats its prior"),
-        (-0.2, 0.0, "none", "repeats its prior"),
+        (Evidence(DETERMINED), "determined"),
+        (Evidence(DETERMINED, correlation=0.99, multiple=0.99), "determined"),
+        (Evidence(DETERMINED, bound="upper"), "one-sided"),
+        (Evidence(0.99, structural=False), STRUCTURAL),
+        (Evidence(DETERMINED - 1e-9), "weakly"),
+        (Evidence(DETERMINED - 1e-9, correlation=COUPLED), "coupled"),
+        (Evidence(0.1, correlation=-COUPLED), "coupled"),
+        (Evidence(0.1, multiple=COUPLED_TO_ALL), "coupled"),
+        (Evidence(0.1, multiple=COUPLED_TO_ALL, given_others=WEAK - 1e-9), "repeats its prior"),
+        (Evidence(0.1, correlation=COUPLED - 1e-9, multiple=COUPLED_TO_ALL - 1e-9), "repeats its prior"),
+        (Evidence(WEAK), "weakly"),
+        (Evidence(WEAK, bound="lower"), "one-sided"),
+        (Evidence(WEAK, bound="both"), "weakly"),
+        (Evidence(WEAK, bound="lower", profile="two-sided"), "weakly"),
+        (Evidence(0.1, profile="one-sided", excluded=0.1), "one-sided"),
+        (Evidence(0.1, profile="one-sided", excluded=0.09), "repeats its prior"),
+        (Evidence(WEAK - 1e-9), "repeats its prior"),
+        (Evidence(-0.2), "repeats its prior"),
     ],
 )
-def test_words_change_at_their_thresholds(
-    contraction: float, correlation: float, leans: str, word: str
-) -> None:
+def test_words_change_at_their_thresholds(found: Evidence, expected: str) -> None:
     """A determined parameter is so whatever it couples to; coupling comes before weakness."""
-    assert verdict(contraction, correlation, leans) == word
+    assert word(found) == expected
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (Evidence(0.95, profile="two-sided", cloned="estimable"), 0),
+        (Evidence(0.95, profile="bounded only by the prior"), 1),
+        (Evidence(0.95, profile="one-sided", cloned="not estimable"), 2),
+        (Evidence(0.95, structural=False, profile="two-sided", cloned="estimable"), 2),
+        (Evidence(0.1, profile="flat", cloned="not estimable", divergence=0.01), 0),
+        (Evidence(0.1, profile="two-sided", excluded=0.5, cloned="estimable", divergence=0.2), 3),
+        (Evidence(0.5, profile="two-sided", cloned="estimable"), 0),
+    ],
+)
+def test_methods_that_disagree_are_named(found: Evidence, expected: int) -> None:
+    """What a profile, cloned data or the divergence say against the word is listed, and nothing else."""
+    assert len(disagreements(found, word(found))) == expected
+
+
+def test_the_multiple_correlation_is_that_of_the_best_combination() -> None:
+    """Of three variables with a known sum each is the others' combination, though no pair is close."""
+    correlation = np.full((3, 3), -0.49) + 1.49 * np.eye(3)
+    share = 2 * 0.49**2 / (1 - 0.49)  # of the variance that regression on the other two explains
+    np.testing.assert_allclose(multiple_correlation(correlation), np.sqrt(share), rtol=1e-6)
+    np.testing.assert_array_equal(multiple_correlation(np.eye(1)), [0.0])
+
+
+def test_what_the_prior_ties_is_no_coupling() -> None:
+    """Two parameters as strongly correlated before the data as after repeat their prior."""
+    tied = np.array([[1.0, 0.95], [0.95, 1.0]])
+    found = identifiability(("a", "b"), [ANYWHERE] * 2, normal(tied), normal(tied, seed=2))
+    assert found.table["verdict"].tolist() == ["repeats its prior"] * 2
+
+
+def test_a_known_sum_of_three_couples_all_three() -> None:
+    """Where only a sum is known, each is coupled, though pairs are weakly correlated."""
+    posterior = normal(np.eye(3) - 0.33 * np.ones((3, 3)), seed=2)
+    found = identifiability(("a", "b", "c"), [ANYWHERE] * 3, normal(np.eye(3)), posterior).table
+    assert (found["correlation"].abs() < 0.6).all()
+    assert found["verdict"].tolist() == ["coupled"] * 3
 
 
 @pytest.mark.parametrize(
