@@ -4,7 +4,7 @@ Brun, Reichert & Künsch 2001, Water Resour. Res. 37, 1015. With sensitivities s
 the prior's standard deviations, and s̃_j = s_j / |s_j|, the collinearity index of a subset K of the parameters
 is γ_K = 1 / √(smallest eigenvalue of S̃_Kᵀ S̃_K): what a change of one parameter does to the readings can be
 made up for by the others but for a fraction 1 / γ_K. The importance of a parameter by itself is
-δ_msqr = √(Σ s_j² / readings).
+δ_msqr = √(Σ s_j² / readings). Over several parameter sets the median of each figure is taken.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Collinearity:
     ----------
     names : the d free parameters.
     table : one row per subset, the most collinear of each size last: size, subset (names, joined by a blank),
-        gamma (inf where a combination of its parameters changes no reading).
+        gamma (inf where a combination of its parameters changes no reading), highest (95 % of the sets are
+        below).
     importance : one row per parameter: parameter, delta_msqr, length (|s_j|, prior sd over the sd that the
         readings alone would leave if all others were known).
     """
@@ -66,11 +67,16 @@ class Collinearity:
         return tuple(name for name in top[:1] if name in seen)
 
 
-def collinearity(local: LocalAnalysis) -> Collinearity:
-    """Collinearity of the averaged sensitivities of a local analysis; 2^d − d − 1 subsets of d parameters."""
-    length = np.sqrt((local.root**2).sum(axis=0))
-    unit = local.root / np.where(length > 0, length, 1.0)
+def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
+    """Collinearity at the parameter sets of a local analysis, ``sets`` of them evenly taken at most.
+
+    There are 2^d − d − 1 subsets of d parameters.
+    """
+    chosen = np.unique(np.linspace(0, len(local.roots) - 1, sets).astype(int))
+    lengths = np.sqrt((local.roots[chosen] ** 2).sum(axis=1))
+    unit = local.roots[chosen] / np.where(lengths > 0, lengths, 1.0)[:, None]
     parts = [_of_size(local.names, unit, size) for size in range(2, len(local.names) + 1)]
+    length = np.median(lengths, axis=0)
     importance = pd.DataFrame(
         {
             "parameter": list(local.names),
@@ -78,16 +84,18 @@ def collinearity(local: LocalAnalysis) -> Collinearity:
             "length": length,
         }
     )
-    columns = ["size", "subset", "gamma"]
+    columns = ["size", "subset", "gamma", "highest"]
     table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
     return Collinearity(local.names, table, importance)
 
 
 def _of_size(names: Sequence[str], unit: FloatArray, size: int) -> pd.DataFrame:
+    """Indices of all subsets of one size; ``unit`` (n, d, d) has columns of unit length."""
     chosen: IntArray = np.array(list(combinations(range(len(names)), size)), dtype=np.int64)
-    gamma = collinearity_index(unit[:, chosen].transpose(1, 0, 2))
+    gamma = collinearity_index(unit[:, :, chosen].transpose(0, 2, 1, 3))
     subsets = [" ".join(names[i] for i in subset) for subset in chosen]
-    table = pd.DataFrame({"size": size, "subset": subsets, "gamma": gamma})
+    middle, highest = np.quantile(gamma, [0.5, 0.95], axis=0, method="higher")  # inf has no neighbours
+    table = pd.DataFrame({"size": size, "subset": subsets, "gamma": middle, "highest": highest})
     return table.sort_values("gamma", kind="stable")
 
 

@@ -5,13 +5,19 @@ many. Its eigenvalues say how much is known along each eigenvector, in units of 
 its variance, 9 leaves a tenth of it. Spread evenly over many decades they make a model
 "sloppy" (Gutenkunst et al. 2007, PLoS Comput. Biol. 3, e189).
 
-Averages are taken of the information, not of bounds. It is held as a root R, RᵀR = information, found by
-orthogonal triangularisation, so that eigenvalues keep their digits over thirty decades and not fifteen.
+Two averages over parameter sets answer two questions. The mean information, with the prior's, bounds the mean
+squared error of any estimator from below (van Trees' inequality; Gill & Levit 1995, Bernoulli 1, 59), but a
+few sets at which readings are touchy can make it so large that the bound says nothing: K_s where it is small.
+The mean of the bounds at each set is what normal approximations promise on average, and comes near posteriors
+that are bent but not broken. Neither follows a ridge around its bends.
+
+Information is held as roots R, RᵀR = information, found by orthogonal triangularisation, so that eigenvalues
+keep their digits over thirty decades and not fifteen.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,27 +40,37 @@ class LocalAnalysis:
     Attributes
     ----------
     names : the d free parameters.
-    points : number of parameter sets that the information is averaged over.
     readings : number of readings.
-    root : R (d, d), RᵀR the information in units of the cut prior's standard deviations.
+    roots : R (n, d, d) at every parameter set, RᵀR the information in units of the cut prior's sds.
     prior_sd : those (d,), SI.
-    table : one row per parameter, SI: parameter, prior_sd, cramer_rao (bound on the sd of unbiased
-        estimators from the readings alone, inf where they leave it open), with_prior (the same with the
-        information of a normal law that has the cut prior's covariance; the posterior sd of a linear model
-        with normal prior), posterior_sd (NaN without draws), expected (1 − with_prior² / prior_sd², the
-        contraction to expect).
+    table : one row per parameter, SI: parameter, prior_sd; from the mean information: cramer_rao (bound on
+        the sd of unbiased estimators from the readings alone, inf where they leave it open), with_prior (the
+        same with the information of a normal law that has the cut prior's covariance); local_sd (root mean
+        square of that bound over the sets; the posterior sd of a linear model with normal prior),
+        posterior_sd (NaN without draws), expected (1 − local_sd² / prior_sd², the contraction to expect).
     """
 
     names: tuple[str, ...]
-    points: int
     readings: int
-    root: FloatArray
+    roots: FloatArray
     prior_sd: FloatArray
     table: pd.DataFrame
 
+    @cached_property
+    def root(self) -> FloatArray:
+        """Root (d, d) of the mean information."""
+        d = len(self.names)
+        stacked = self.roots.reshape(-1, d) / np.sqrt(len(self.roots))
+        return np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
+
+    @cached_property
+    def spectra(self) -> FloatArray:
+        """Spectra (n, d) of the information at every parameter set, largest first."""
+        return np.asarray(np.linalg.svd(self.roots, compute_uv=False) ** 2)
+
     @property
     def information(self) -> FloatArray:
-        """Fisher information (d, d) in units of the cut prior's standard deviations."""
+        """Mean Fisher information (d, d) in units of the cut prior's standard deviations."""
         return np.asarray(self.root.T @ self.root)
 
     @cached_property
@@ -65,7 +81,7 @@ class LocalAnalysis:
 
     @property
     def eigenvalues(self) -> FloatArray:
-        """Spectrum (d,) of the information, largest first."""
+        """Spectrum (d,) of the mean information, largest first."""
         return self._decomposed[0] ** 2
 
     @property
@@ -75,8 +91,8 @@ class LocalAnalysis:
 
     @property
     def decades(self) -> float:
-        """Decades that the spectrum spans; inf where a direction carries no information."""
-        values = self._decomposed[0]
+        """Decades that the median of the spectra spans; inf where a direction carries no information."""
+        values = np.sqrt(np.median(self.spectra, axis=0))
         if values[-1] <= SINGULAR * values[0]:
             return np.inf
         return float(2.0 * np.log10(values[0] / values[-1]))
@@ -103,38 +119,41 @@ def local_analysis(
     ------
     ValueError : no set of ``x`` has an answer in every row that is read.
     """
-    x, prior_sd = np.atleast_2d(x), prior.std(axis=0)
-    root, points = information_root(posterior, x, prior_sd)
-    correlation = np.atleast_2d(np.corrcoef(prior.T))
+    prior_sd, correlation = prior.std(axis=0), np.atleast_2d(np.corrcoef(prior.T))
+    roots = information_roots(posterior, np.atleast_2d(x), prior_sd)
+    readings = int(read_where(posterior, posterior.likelihood.channels).sum())
+    none = pd.DataFrame(index=range(len(prior_sd)))
+    plain = LocalAnalysis(posterior.names, readings, roots, prior_sd, none)
+    bounds = np.array([cramer_rao(root, correlation) for root in roots])
     table = pd.DataFrame(
         {
             "parameter": list(posterior.names),
             "prior_sd": prior_sd,
-            "cramer_rao": prior_sd * cramer_rao(root),
-            "with_prior": prior_sd * cramer_rao(root, correlation),
+            "cramer_rao": prior_sd * cramer_rao(plain.root),
+            "with_prior": prior_sd * cramer_rao(plain.root, correlation),
+            "local_sd": prior_sd * np.sqrt((bounds**2).mean(axis=0)),
             "posterior_sd": np.full(len(prior_sd), np.nan) if draws is None else draws.std(axis=0),
         }
     )
-    table["expected"] = 1.0 - (table["with_prior"] / table["prior_sd"]) ** 2
-    readings = int(read_where(posterior, posterior.likelihood.channels).sum())
-    return LocalAnalysis(posterior.names, points, readings, root, prior_sd, table)
+    table["expected"] = 1.0 - (table["local_sd"] / table["prior_sd"]) ** 2
+    return replace(plain, table=table)
 
 
-def information_root(posterior: Posterior, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, int]:
-    """Root (d, d) of the Fisher information averaged over sets ``x`` (n, d), and how many had an answer.
+def information_roots(posterior: Posterior, x: FloatArray, unit: FloatArray) -> FloatArray:
+    """Roots (n', d, d) of the Fisher information at the sets of ``x`` (n, d) that have an answer.
 
     ``unit`` (d,) are the units of the parameters, SI.
     """
-    root, points = np.zeros((len(unit), len(unit))), 0
+    found = [np.empty((0, len(unit), len(unit)))]
     for first in range(0, len(x), _BATCH):
         weighted = weighted_sensitivities(posterior, x[first : first + _BATCH]) * unit
         weighted = weighted[np.isfinite(weighted).all(axis=(1, 2))]
-        points += len(weighted)
-        stacked = np.vstack([root, weighted.reshape(-1, len(unit))])
-        root = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
-    if points == 0:
+        missing = np.zeros((len(weighted), max(len(unit) - weighted.shape[1], 0), len(unit)))
+        found.append(np.asarray(np.linalg.qr(np.concatenate([weighted, missing], axis=1), mode="r")))
+    roots = np.concatenate(found)
+    if not len(roots):
         raise ValueError("the model has no answer in some row for every parameter set given")
-    return root / np.sqrt(points), points
+    return roots
 
 
 def cramer_rao(root: FloatArray, correlation: FloatArray | None = None) -> FloatArray:

@@ -10,9 +10,13 @@ from bayesterra.identifiability.local import LocalAnalysis
 
 
 def of(columns: FloatArray, names: tuple[str, ...], readings: int = 4) -> Collinearity:
-    """Collinearity of sensitivities (q, d), in units of noise and prior."""
-    root, unit = np.asarray(np.linalg.qr(columns, mode="r")), np.ones(len(names))
-    return collinearity(LocalAnalysis(names, 1, readings, root, unit, pd.DataFrame()))
+    """Collinearity of sensitivities (q, d) or (n, q, d), in units of noise and prior."""
+    filled = np.zeros((*columns.shape[:-2], max(columns.shape[-2], len(names)), len(names)))
+    filled[..., : columns.shape[-2], :] = columns
+    roots = np.linalg.qr(filled.reshape(-1, *filled.shape[-2:]), mode="r")
+    return collinearity(
+        LocalAnalysis(names, readings, np.asarray(roots), np.ones(len(names)), pd.DataFrame())
+    )
 
 
 def test_two_parameters_have_the_index_of_their_angle() -> None:
@@ -78,3 +82,14 @@ def test_importance_is_the_root_mean_square_over_readings() -> None:
 def test_more_parameters_than_readings_are_dependent() -> None:
     """Three columns of two rows have no finite index."""
     assert np.isinf(collinearity_index(np.array([[1.0, 0.0, 0.6], [0.0, 1.0, 0.8]])))
+
+
+def test_over_several_sets_the_median_counts() -> None:
+    """A single set at which two parameters separate does not make them determined."""
+    parallel, apart = np.array([[10.0, 10.0], [0.0, 0.1]]), np.array([[10.0, 0.0], [0.0, 1e6]])
+    found = of(np.stack([parallel, apart, parallel, apart, parallel]), ("c", "phi"))
+    assert found.importance["length"][1] == pytest.approx(np.hypot(10.0, 0.1))
+    assert found.gamma("c", "phi") == pytest.approx(of(parallel, ("c", "phi")).gamma("c", "phi"))
+    assert len(found.largest()) == 1
+    both = of(np.stack([parallel, apart]), ("c", "phi")).table
+    assert both["highest"][0] == pytest.approx(both["gamma"][0])

@@ -10,7 +10,7 @@ import pytest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.collinearity import collinearity
-from bayesterra.identifiability.local import cramer_rao, information_root, local_analysis
+from bayesterra.identifiability.local import cramer_rao, local_analysis
 from bayesterra.identifiability.sensitivities import fisher_information
 from bayesterra.identifiability.structure import structure
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
@@ -63,7 +63,7 @@ def test_a_linear_model_with_normal_prior_has_its_bound_for_posterior_sd() -> No
     corners = [origin + step * np.array(s) for s in ((1, 0), (-1, 0), (0, 1), (0, -1), (0, 0))]
     level = post.log_density(np.array(corners))
     curvature = np.array([level[0] + level[1], level[2] + level[3]]) - 2 * level[4]
-    np.testing.assert_allclose(local.table["with_prior"], step / np.sqrt(-curvature), rtol=0.01)
+    np.testing.assert_allclose(local.table["local_sd"], step / np.sqrt(-curvature), rtol=0.01)
     np.testing.assert_allclose(
         local.table["expected"], 1 - (step / [300.0, 1e-3]) ** 2 / -curvature, rtol=0.01
     )
@@ -74,12 +74,12 @@ def test_a_linear_model_with_normal_prior_has_its_bound_for_posterior_sd() -> No
 def test_the_root_is_that_of_the_averaged_information(hit: Posterior, prior: FloatArray) -> None:
     """RᵀR is the mean Fisher information over the draws, in units of the prior's standard deviations."""
     unit = prior.std(axis=0)
-    root, points = information_root(hit, prior[:250], unit)
+    local = local_analysis(hit, prior[:250], prior)
+    assert local.roots.shape == (250, 8, 8)
     expected = fisher_information(hit, prior[:250]).mean(axis=0) * np.outer(unit, unit)
-    assert points == 250
     size = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(
-        root.T @ root / np.outer(size, size), expected / np.outer(size, size), atol=1e-12
+        local.information / np.outer(size, size), expected / np.outer(size, size), atol=1e-12
     )
 
 
@@ -90,7 +90,9 @@ def test_spectrum_and_directions_belong_together(hit: Posterior, prior: FloatArr
     np.testing.assert_allclose(local.directions.T @ local.directions, np.eye(8), atol=1e-12)
     again = local.directions @ np.diag(local.eigenvalues) @ local.directions.T
     np.testing.assert_allclose(again, local.information, atol=1e-10 * local.eigenvalues[0])
-    assert local.decades == pytest.approx(np.log10(local.eigenvalues[0] / local.eigenvalues[-1]))
+    single = local_analysis(hit, prior[0], prior)
+    np.testing.assert_allclose(single.spectra[0], single.eigenvalues, rtol=1e-9)
+    assert single.decades == pytest.approx(np.log10(single.eigenvalues[0] / single.eigenvalues[-1]))
     largest = np.abs(local.directions).argmax(axis=0)
     assert (local.directions[largest, np.arange(8)] > 0).all()
 
@@ -123,7 +125,19 @@ def test_bounds_stand_beside_the_sd_of_draws(hit: Posterior, prior: FloatArray) 
     assert list(table["parameter"]) == list(hit.names)
     np.testing.assert_allclose(table["posterior_sd"], draws.std(axis=0))
     assert (table["with_prior"] < np.minimum(table["prior_sd"], table["cramer_rao"]) * (1 + 1e-9)).all()
+    assert (table["with_prior"] <= table["local_sd"]).all()
     assert local_analysis(hit, prior[0], prior).table["posterior_sd"].isna().all()
+
+
+def test_bounds_are_averaged_as_variances(hit: Posterior, prior: FloatArray) -> None:
+    """local_sd is the root mean square of the bounds at each set; at one set it is the bound itself."""
+    each = [local_analysis(hit, x, prior).table for x in prior[:3]]
+    for table in each:
+        np.testing.assert_allclose(table["local_sd"], table["with_prior"], rtol=1e-9)
+    expected = np.sqrt(np.mean([table["local_sd"] ** 2 for table in each], axis=0))
+    together = local_analysis(hit, prior[:3], prior).table
+    np.testing.assert_allclose(together["local_sd"], expected, rtol=1e-12)
+    np.testing.assert_allclose(together["expected"], 1 - (expected / prior.std(axis=0)) ** 2, atol=1e-12)
 
 
 def test_directions_are_written_as_combinations(hit: Posterior, prior: FloatArray) -> None:

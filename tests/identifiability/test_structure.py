@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.identifiability.local import local_analysis
-from bayesterra.identifiability.structure import Structure, structure
+from bayesterra.identifiability.structure import Structure, _words, structure
 from bayesterra.models import MODELS, Soil, Wheel
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
 from bayesterra.study import Study
@@ -214,6 +214,12 @@ def test_the_offset_is_told_from_the_soil() -> None:
     alone = judged(design(slips=(0.2,), free=(), priors=offset, channels=("drawbar_pull",)))
     assert alone.rank == 0
     assert "readings of wheel sinkage would determine" in alone.nulls[0].words
+
+
+def test_combinations_are_told_in_field_units() -> None:
+    """If 1 kPa of cohesion makes up for 0.1 rad of friction angle, c + 0.175 φ is determined in kPa and deg."""
+    words = _words(("c", "phi"), np.array([[1000.0, -0.1]]), True)
+    assert words == "only c + 0.175 φ is determined (kPa and deg)"
 
 
 def test_the_design_is_named() -> None:
