@@ -217,7 +217,7 @@ def test_the_offset_is_told_from_the_soil() -> None:
 
 
 def test_combinations_are_told_in_field_units() -> None:
-    """If 1 kPa of cohesion makes up for 0.1 rad of friction angle, c + 0.175 φ is determined in kPa and deg."""
+    """If 1 kPa of cohesion makes up for 0.1 rad of friction angle, c + 0.175 φ in kPa and deg is seen."""
     words = _words(("c", "phi"), np.array([[1000.0, -0.1]]), True)
     assert words == "only c + 0.175 φ is determined (kPa and deg)"
 
