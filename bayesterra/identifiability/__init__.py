@@ -4,5 +4,15 @@ The reference is the prior after the physical cut, never the stated box.
 """
 
 from bayesterra.identifiability.contraction import COUPLED, DETERMINED, WEAK, Identifiability, identifiability
+from bayesterra.identifiability.profiles import Profile, Profiles, profiles
 
-__all__ = ["COUPLED", "DETERMINED", "WEAK", "Identifiability", "identifiability"]
+__all__ = [
+    "COUPLED",
+    "DETERMINED",
+    "WEAK",
+    "Identifiability",
+    "Profile",
+    "Profiles",
+    "identifiability",
+    "profiles",
+]
