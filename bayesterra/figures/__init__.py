@@ -12,6 +12,7 @@ from bayesterra.figures.coupling import contraction_bars, coupling_map, group_co
 from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
+from bayesterra.figures.profiles import profile_panels
 from bayesterra.figures.strip import parameter_strip
 from bayesterra.figures.validation import loo_pit
 
@@ -33,6 +34,7 @@ __all__ = [
     "predictive",
     "prior_bands",
     "prior_density",
+    "profile_panels",
     "rank_ecdf",
     "ranks",
     "residuals",

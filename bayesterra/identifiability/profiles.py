@@ -1,0 +1,292 @@
+"""Profiles of likelihood and posterior (Raue et al. 2009) of every free parameter over its whole prior range.
+
+The profile of a parameter is the greatest log density that any choice of all others reaches, value by value:
+
+    2 Δ log L(θ_j) = 2 [max log L − max over the others of log L at θ_j]
+
+Below 0.99 and 3.84, the 68 and 95 % quantiles of χ² with one degree of freedom, lie the intervals. Likelihood
+profiles stay inside the prior's range and the physical support: they are profiles of the posterior under
+flat priors. Posterior profiles add the log density of the prior in physical parameters. Laws without an end
+are followed to where 1e-4 of their probability is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.identifiability._chart import chart
+from bayesterra.identifiability._target import Target
+from bayesterra.identifiability._tracing import AGREE, Traces, trace
+from bayesterra.posteriors import Posterior, draw_cut_prior
+
+LEVELS = {68: 0.99, 95: 3.84}
+"""Thresholds of 2 Δ log density by percent."""
+KINDS = ("likelihood", "posterior")
+CLASSES = ("two-sided", "one-sided", "flat", "bounded only by the prior")
+"""Where a profile crosses the 95 % threshold inside the range: on both sides of the best value; on one; on
+neither, and it stays below the 68 % threshold; on neither, though it rises above that."""
+POOL = 2000
+"""Most draws among which starts are chosen, and draws from the cut prior for that and for its spread."""
+TRUSTED = 0.8
+"""Share of confirmed points from which a profile is trusted."""
+SHOWN = 0.25
+"""Prior standard deviations from which another parameter's move is worth a word."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile of one parameter, SI.
+
+    Attributes
+    ----------
+    name, kind : the parameter; one of ``KINDS``.
+    values : of the parameter, ascending (g,).
+    rise : 2 Δ log density above the best point of all profiles of this kind (g,), inf where nothing is
+        possible.
+    path : all parameters along the profile (g, d), NaN where nothing is possible.
+    agreeing, tried : descents from different sides that reached the profile within 0.02 in log density, and
+        all that were begun (g,).
+    """
+
+    name: str
+    kind: str
+    values: FloatArray
+    rise: FloatArray
+    path: FloatArray
+    agreeing: IntArray
+    tried: IntArray
+
+    @property
+    def shape(self) -> str:
+        """One of ``CLASSES``."""
+        sides = sum(np.isfinite(self.crossings(95)))
+        if sides:
+            return CLASSES[0] if sides == 2 else CLASSES[1]
+        return CLASSES[3] if self._highest > LEVELS[68] else CLASSES[2]
+
+    @property
+    def _highest(self) -> float:
+        return float(self.rise[np.isfinite(self.rise)].max())
+
+    @property
+    def best(self) -> float:
+        """Value at which the profile is lowest."""
+        return float(self.values[self.rise.argmin()])
+
+    def crossings(self, percent: int) -> tuple[float, float]:
+        """Outermost values at which the profile crosses the threshold, NaN on a side where it does not."""
+        below = np.flatnonzero(self.rise <= max(LEVELS[percent], self.rise.min()))
+        first, last = int(below[0]), int(below[-1])
+        return self._crossing(first, first - 1, percent), self._crossing(last, last + 1, percent)
+
+    def _crossing(self, inside: int, outside: int, percent: int) -> float:
+        """Place of the threshold between two points, by the root of the rise, straight for a parabola."""
+        if not 0 <= outside < len(self.values) or np.isinf(self.rise[outside]):
+            return float("nan")
+        low, high = np.sqrt(np.maximum(self.rise[[inside, outside]], 0.0))
+        share = (np.sqrt(LEVELS[percent]) - low) / (high - low)
+        return float(self.values[inside] + share * (self.values[outside] - self.values[inside]))
+
+    def interval(self, percent: int) -> tuple[float, float]:
+        """Ends of the 68 or 95 % interval; the end of what is possible where there is no crossing."""
+        low, high = self.crossings(percent)
+        possible = self.values[np.isfinite(self.rise)]
+        return (
+            float(possible[0]) if np.isnan(low) else low,
+            float(possible[-1]) if np.isnan(high) else high,
+        )
+
+    @property
+    def pieces(self) -> int:
+        """Number of separate intervals below the 95 % threshold."""
+        below = np.concatenate([[False], self.inside])
+        return int((below[1:] & ~below[:-1]).sum())
+
+    @property
+    def inside(self) -> BoolArray:
+        """Points below the 95 % threshold (g,)."""
+        return np.asarray(self.rise <= LEVELS[95])
+
+    @property
+    def trust(self) -> float:
+        """Share of the points near and below the 95 % threshold that two or more descents agree on."""
+        counted = self.rise <= 2 * LEVELS[95]
+        return float((self.agreeing[counted] >= 2).mean())
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Profiles of all free parameters.
+
+    Attributes
+    ----------
+    names : the parameters.
+    found : profiles by kind, in the order of ``names``.
+    best : best point (d,) by kind.
+    log_density : log likelihood or posterior density there, by kind.
+    gain : by how much that lies above the best of the points that were known beforehand, by kind; NaN without
+        any. Well above 0, what was known was no mode.
+    prior_sd : standard deviations of the cut prior (d,).
+    ranges : ends of the prior's ranges (d, 2), as far as the profiles were followed.
+    """
+
+    names: tuple[str, ...]
+    found: Mapping[str, tuple[Profile, ...]]
+    best: Mapping[str, FloatArray]
+    log_density: Mapping[str, float]
+    gain: Mapping[str, float]
+    prior_sd: FloatArray
+    ranges: FloatArray
+
+    def profile(self, name: str, kind: str = "likelihood") -> Profile:
+        """The profile of one parameter."""
+        return self.found[kind][self.names.index(name)]
+
+    def compensation(self, kind: str = "likelihood") -> pd.DataFrame:
+        """How far each parameter (column) moves while another (row) runs over its 95 % interval.
+
+        In standard deviations of the cut prior; negative where it falls as the other rises. The diagonal
+        holds the width of the interval itself.
+        """
+        rows = [_moves(profile, i) / self.prior_sd for i, profile in enumerate(self.found[kind])]
+        return pd.DataFrame(rows, index=list(self.names), columns=list(self.names))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row per kind and parameter.
+
+        Columns kind, parameter, class, lower_95, lower_68, best, upper_68, upper_95 (SI; NaN where the
+        threshold is not crossed), pieces, trust, and compensated_by: the parameters that move most.
+        """
+        return pd.DataFrame([row for kind in self.found for row in self._rows(kind)])
+
+    def _rows(self, kind: str) -> list[dict[str, object]]:
+        moves = self.compensation(kind).to_numpy()
+        return [
+            {
+                "kind": kind,
+                "parameter": profile.name,
+                "class": profile.shape,
+                "lower_95": profile.crossings(95)[0],
+                "lower_68": profile.crossings(68)[0],
+                "best": profile.best,
+                "upper_68": profile.crossings(68)[1],
+                "upper_95": profile.crossings(95)[1],
+                "pieces": profile.pieces,
+                "trust": profile.trust,
+                "compensated_by": _leading(dict(zip(self.names, moves[i], strict=True)), profile.name),
+            }
+            for i, profile in enumerate(self.found[kind])
+        ]
+
+
+def profiles(
+    posterior: Posterior,
+    *,
+    rng: Generator,
+    draws: FloatArray | None = None,
+    prior_draws: FloatArray | None = None,
+    known: FloatArray | None = None,
+) -> Profiles:
+    """Profile likelihood and posterior density by every free parameter.
+
+    Parameters
+    ----------
+    posterior : of the study, any drive.
+    rng : chooses starts, and draws from the cut prior where none are given.
+    draws : draws (n, d) of the posterior; starts are chosen among them and those of the prior.
+    prior_draws : draws (n, d) of the cut prior.
+    known : parameter sets (k, d), such as the mode, that the profiles are held against.
+
+    Raises
+    ------
+    SupportError : nothing of the prior lies in the physical support.
+    """
+    if prior_draws is None:
+        prior_draws = draw_cut_prior(posterior, POOL, rng).x
+    scaled = chart(posterior)
+    given = [np.atleast_2d(points) for points in (known, draws) if points is not None]
+    pool = np.vstack([_thinned(points, rng) for points in (prior_draws, *given)])
+    starts, beforehand = scaled.from_physical(pool), scaled.from_physical(np.vstack([*given, pool[:0]]))
+    target = Target(posterior, scaled, False, anchor=np.full(pool.shape[1], 0.5))
+    levels = [0.5 * level for level in LEVELS.values()]
+    traces = trace(target, starts, levels=levels, rng=rng)
+    found = {KINDS[0]: _Found.of(posterior.names, KINDS[0], target, traces, beforehand)}
+    target = replace(target, with_prior=True)
+    if not all(law.dist == "uniform" for law in posterior.prior.laws.values()):
+        traces = trace(target, np.vstack([starts, traces.best[0]]), levels=levels, rng=rng)
+    found[KINDS[1]] = _Found.of(posterior.names, KINDS[1], target, traces, beforehand)
+    return Profiles(
+        posterior.names,
+        {kind: each.profiles for kind, each in found.items()},
+        {kind: each.best for kind, each in found.items()},
+        {kind: each.log_density for kind, each in found.items()},
+        {kind: each.gain for kind, each in found.items()},
+        prior_draws.std(axis=0),
+        scaled.ends,
+    )
+
+
+def _thinned(draws: FloatArray, rng: Generator) -> FloatArray:
+    """At most ``POOL`` of the draws, without replacement."""
+    return draws if len(draws) <= POOL else draws[rng.choice(len(draws), POOL, replace=False)]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The profiles of one kind; see :class:`Profiles`."""
+
+    profiles: tuple[Profile, ...]
+    best: FloatArray
+    log_density: float
+    gain: float
+
+    @classmethod
+    def of(
+        cls, names: tuple[str, ...], kind: str, target: Target, traces: Traces, beforehand: FloatArray
+    ) -> _Found:
+        """Read the profiles off the traces."""
+        possible = np.isfinite(traces.value)
+        level, x = np.full(len(possible), -np.inf), np.full(traces.y.shape, np.nan)
+        level[possible] = target.log_density(traces.y[possible])
+        x[possible] = target.chart.to_physical(traces.y[possible])
+        top = int(level.argmax())
+        agreeing = (traces.witnesses < traces.value[:, None] + AGREE).sum(axis=1)
+        tried = (~np.isnan(traces.witnesses)).sum(axis=1)
+        values = _values(target, traces)
+        parts = [np.flatnonzero(traces.column == i) for i in range(len(names))]
+        rise = 2 * (level[top] - level)
+        each = tuple(
+            Profile(name, kind, values[own], rise[own], x[own], agreeing[own], tried[own])
+            for name, own in zip(names, parts, strict=True)
+        )
+        known = target.log_density(beforehand).max() if len(beforehand) else np.nan
+        return cls(each, x[top], float(level[top]), float(level[top] - known))
+
+
+def _values(target: Target, traces: Traces) -> FloatArray:
+    """The profiled parameter at every grid point (g,), SI."""
+    rows = np.arange(len(traces.place))
+    y = np.full(traces.y.shape, 0.5)
+    y[rows, traces.column] = traces.place
+    return np.asarray(target.chart.to_physical(y)[rows, traces.column])
+
+
+def _moves(profile: Profile, own: int) -> FloatArray:
+    """How far every parameter moves inside the 95 % interval (d,), with the sign of its correlation."""
+    path = profile.path[profile.inside]
+    centred = path - path.mean(axis=0)
+    return np.asarray(np.ptp(path, axis=0) * np.where(centred[:, own] @ centred < 0, -1.0, 1.0))
+
+
+def _leading(moves: Mapping[str, float], own: str) -> str:
+    """The three others that move most, with their moves."""
+    others = [name for name, move in moves.items() if name != own and abs(move) >= SHOWN]
+    leading = sorted(others, key=lambda name: -abs(moves[name]))[:3]
+    return ", ".join(f"{name} {moves[name]:+.1f}".replace("-", "−") for name in leading)
