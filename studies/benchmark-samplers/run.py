@@ -18,9 +18,9 @@ import pandas as pd  # noqa: E402  threads are limited before NumPy starts
 
 HERE = Path(__file__).parent
 DRIVES, SPACES = ("load", "sinkage"), ("raw", "ours")
-BUDGETS = {"emcee": 60, "zeus": 60, "nuts": 60, "dynesty": 240, "nautilus": 150}
+BUDGETS = {"emcee": 60, "zeus": 40, "nuts": 60, "dynesty": 120, "nautilus": 100}
 """Processor seconds that each peer is given; NUTS has a number of draws instead."""
-LONG = {("emcee", "raw"): 400, ("zeus", "raw"): 120}
+LONG = {("emcee", "raw"): 300, ("zeus", "raw"): 80}
 PATIENCE = 900
 """Wall seconds after which a run is given up."""
 
