@@ -15,9 +15,9 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.diagnostics import rank_scores
 from bayesterra.identifiability.verdicts import (
     DETERMINED,
+    Correlated,
     Evidence,
-    given_others,
-    multiple_correlation,
+    ties,
     word,
 )
 
@@ -31,9 +31,9 @@ class Identifiability:
 
     Attributes
     ----------
-    table : one row per parameter: parameter, verdict, contraction, partner, correlation, multiple,
-        given_others, bound (one of ``BOUNDS``), structural, prior_sd, posterior_sd (SI); see
-        :class:`bayesterra.identifiability.verdicts.Evidence`.
+    table : one row per parameter: parameter, verdict, contraction, partner (of the strongest correlation),
+        correlation, tie, multiple, given_others, bound (one of ``BOUNDS``), structural, prior_sd,
+        posterior_sd (SI); see :class:`bayesterra.identifiability.verdicts.Evidence`.
     contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
     directions : those directions in units of the prior's standard deviations, columns (d, d).
     """
@@ -63,13 +63,12 @@ def identifiability(
     correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
-    multiple, before = (multiple_correlation(_scores_correlation(x)) for x in (draws, prior))
+    scores = Correlated(correlation + np.eye(len(names)), *(_scores_correlation(x) for x in (draws, prior)))
     table = pd.DataFrame(
         {
             "contraction": contraction,
             "correlation": correlation[np.arange(len(names)), partners],
-            "multiple": multiple,
-            "given_others": given_others(contraction, multiple, before),
+            **ties(contraction, scores),
             "bound": [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)],
             "structural": np.ones(len(names), dtype=bool) if structural is None else structural,
         }

@@ -4,7 +4,7 @@
 structurally not determined  no data of this design can tell it
 determined                   its variance shrinks to a tenth or less of the cut prior's
 one-sided                    that, but one end is its prior's bound; or the data exclude one side only
-coupled                      not on its own, but in combination with others
+coupled                      not on its own, but in combination with others that are not known either
 weakly                       its variance shrinks by ``WEAK`` or more
 repeats its prior            none of these
 ===========================  ===========================================================================
@@ -17,16 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 
 DETERMINED = 0.9
 """Contraction from which a parameter or direction counts as determined: sd below a third of the prior's."""
 WEAK = 0.3
 """Contraction below which a parameter repeats its prior, unless it is coupled or one-sided."""
 COUPLED = 0.8
-"""Absolute correlation from which two parameters are coupled."""
+"""Absolute correlation from which two parameters, neither of them determined, are coupled."""
 COUPLED_TO_ALL = 0.9
-"""Multiple correlation, of normal scores, from which a parameter is coupled to all others together."""
+"""Multiple correlation, of normal scores, from which a parameter is coupled to several others together."""
 EXCLUDED = 0.1
 """Share of the cut prior outside the 95 % interval of a profile from which one side is excluded."""
 SOME = 0.1
@@ -42,9 +42,9 @@ class Evidence:
     Attributes
     ----------
     contraction : 1 − posterior variance over the cut prior's.
-    correlation : the strongest with another parameter.
-    multiple : correlation of its normal score with the best combination of all others' scores.
-    given_others : contraction were all others known, as for normal laws; see :func:`given_others`.
+    tie : the strongest correlation with another parameter that is not determined.
+    multiple : correlation of its normal score with the best combination of those of all such parameters.
+    given_others : contraction were these others known, as for normal laws.
     bound : bound of its prior that it leans on, one of ``contraction.BOUNDS``.
     structural : whether data of this design could determine it.
     profile : class of the likelihood's profile, one of ``profiles.CLASSES``.
@@ -54,7 +54,7 @@ class Evidence:
     """
 
     contraction: float
-    correlation: float = 0.0
+    tie: float = 0.0
     multiple: float = 0.0
     given_others: float = 1.0
     bound: str = "none"
@@ -71,7 +71,7 @@ def word(found: Evidence) -> str:
         return STRUCTURAL
     if found.contraction >= DETERMINED:
         return "determined" if found.bound == "none" else "one-sided"
-    tied = abs(found.correlation) >= COUPLED or found.multiple >= COUPLED_TO_ALL
+    tied = abs(found.tie) >= COUPLED or found.multiple >= COUPLED_TO_ALL
     if tied and found.given_others >= WEAK:  # what only the prior ties is no finding
         return "coupled"
     if _one_sided(found):
@@ -114,7 +114,41 @@ def multiple_correlation(correlation: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.clip(1.0 - 1.0 / np.diagonal(np.linalg.inv(steadied)), 0.0, 1.0)))
 
 
-def given_others(contraction: FloatArray, multiple: FloatArray, prior_multiple: FloatArray) -> FloatArray:
-    """Contraction (d,) were all other parameters known: of what the others leave open of each."""
-    left = (1.0 - multiple**2) / np.maximum(1.0 - prior_multiple**2, 1e-12)
-    return np.asarray(1.0 - (1.0 - contraction) * left)
+@dataclass(frozen=True)
+class Correlated:
+    """Correlations of the posterior's draws, and those of normal scores after and before the data, (d, d)."""
+
+    plain: FloatArray
+    scores: FloatArray
+    prior_scores: FloatArray
+
+
+def ties(contraction: FloatArray, found: Correlated) -> dict[str, FloatArray]:
+    """How each parameter hangs together with the others that are not determined.
+
+    A parameter that is determined leaves its partner's uncertainty with the partner, so it ties nothing.
+
+    Returns
+    -------
+    ``tie``, ``multiple`` and ``given_others`` of :class:`Evidence`, (d,) each.
+    """
+    unknown = contraction < DETERMINED
+    parts = [
+        _tied(i, np.flatnonzero(unknown | (np.arange(len(unknown)) == i)), found) for i in range(len(unknown))
+    ]
+    tie, multiple, before = np.array(parts).T
+    left = (1.0 - multiple**2) / np.maximum(1.0 - before**2, 1e-12)
+    return {"tie": tie, "multiple": multiple, "given_others": 1.0 - (1.0 - contraction) * left}
+
+
+def _tied(own: int, chosen: IntArray, found: Correlated) -> tuple[float, float, float]:
+    """Strongest and multiple correlation with the other chosen parameters, and the latter before the data."""
+    others = chosen[chosen != own]
+    if not len(others):
+        return 0.0, 0.0, 0.0
+    block, place = np.ix_(chosen, chosen), int(np.flatnonzero(chosen == own)[0])
+    pairs = found.plain[own, others]
+    after, before = (
+        multiple_correlation(matrix[block])[place] for matrix in (found.scores, found.prior_scores)
+    )
+    return float(pairs[np.abs(pairs).argmax()]), float(after), float(before)

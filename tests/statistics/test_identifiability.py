@@ -35,15 +35,15 @@ def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
     ("found", "expected"),
     [
         (Evidence(DETERMINED), "determined"),
-        (Evidence(DETERMINED, correlation=0.99, multiple=0.99), "determined"),
+        (Evidence(DETERMINED, tie=0.99, multiple=0.99), "determined"),
         (Evidence(DETERMINED, bound="upper"), "one-sided"),
         (Evidence(0.99, structural=False), STRUCTURAL),
         (Evidence(DETERMINED - 1e-9), "weakly"),
-        (Evidence(DETERMINED - 1e-9, correlation=COUPLED), "coupled"),
-        (Evidence(0.1, correlation=-COUPLED), "coupled"),
+        (Evidence(DETERMINED - 1e-9, tie=COUPLED), "coupled"),
+        (Evidence(0.1, tie=-COUPLED), "coupled"),
         (Evidence(0.1, multiple=COUPLED_TO_ALL), "coupled"),
         (Evidence(0.1, multiple=COUPLED_TO_ALL, given_others=WEAK - 1e-9), "repeats its prior"),
-        (Evidence(0.1, correlation=COUPLED - 1e-9, multiple=COUPLED_TO_ALL - 1e-9), "repeats its prior"),
+        (Evidence(0.1, tie=COUPLED - 1e-9, multiple=COUPLED_TO_ALL - 1e-9), "repeats its prior"),
         (Evidence(WEAK), "weakly"),
         (Evidence(WEAK, bound="lower"), "one-sided"),
         (Evidence(WEAK, bound="both"), "weakly"),
@@ -91,11 +91,19 @@ def test_what_the_prior_ties_is_no_coupling() -> None:
     assert found.table["verdict"].tolist() == ["repeats its prior"] * 2
 
 
+def test_a_determined_partner_ties_nothing() -> None:
+    """A parameter left wholly open beside one that is determined, however correlated, repeats its prior."""
+    tied = np.array([[1.0, 0.95 * np.sqrt(0.05)], [0.95 * np.sqrt(0.05), 0.05]])
+    found = identifiability(("a", "b"), [ANYWHERE] * 2, normal(np.eye(2)), normal(tied, seed=2)).table
+    np.testing.assert_allclose(found["correlation"], 0.95, atol=1e-6)
+    assert found["verdict"].tolist() == ["repeats its prior", "determined"]
+
+
 def test_a_known_sum_of_three_couples_all_three() -> None:
     """Where only a sum is known, each is coupled, though pairs are weakly correlated."""
     posterior = normal(np.eye(3) - 0.33 * np.ones((3, 3)), seed=2)
     found = identifiability(("a", "b", "c"), [ANYWHERE] * 3, normal(np.eye(3)), posterior).table
-    assert (found["correlation"].abs() < 0.6).all()
+    assert (found["tie"].abs() < 0.6).all()
     assert found["verdict"].tolist() == ["coupled"] * 3
 
 
