@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from bayesterra.arrays import FloatArray
 from bayesterra.data import Observations
 from bayesterra.forward import Forward
-from bayesterra.identifiability.profiles import LEVELS, Profiles, profiles
+from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, profiles
 from bayesterra.likelihood import Likelihood
 from bayesterra.models import Conditions, WheelSoilModel
 from bayesterra.noise import Noise
@@ -164,10 +164,11 @@ def test_classes_name_flat_one_sided_two_sided_and_bounded(mixed_profiles: Profi
 
 
 def test_the_path_says_what_compensates_what(mixed_profiles: Profiles) -> None:
-    """Along the ridge c and n1 move against each other by as much; nothing moves along the flat direction."""
+    """Along the ridge c and n1 move against each other by as much; what has no effect moves with nothing."""
     moves = mixed_profiles.compensation()
     assert moves.to_numpy()[1, 2] == pytest.approx(-moves.to_numpy()[1, 1], rel=0.05)
     assert moves.loc["K"].drop("K").abs().max() < 0.02
+    assert moves["K"].drop("K").abs().max() < 0.02
     assert moves.loc["K", "K"] == pytest.approx(np.sqrt(12), rel=0.05)
     table = mixed_profiles.table.set_index(["kind", "parameter"])
     assert str(table.loc[("likelihood", "n1"), "compensated_by"]).startswith("c −")
@@ -199,6 +200,29 @@ def test_a_bent_ridge_is_followed_to_its_ends() -> None:
     assert n0.rise[arm] == pytest.approx(along**2 * (n0.values[arm] - 0.3) / bend, abs=0.02)
 
 
+def test_a_valley_apart_from_the_mode_is_found() -> None:
+    """Of two valleys that nothing joins, n0 at 0.5 and at 1.5, the profile of φ follows the lower one."""
+    laws = {"n0": BOX["n0"], "phi": Law("uniform", {}, 0.1, 0.9)}
+    wall, along = 3000.0, 20.0
+
+    def forces(theta: FloatArray) -> FloatArray:
+        n0, phi = theta[:, 1], theta[:, 4]
+        off = wall * (n0 - 0.5) * (n0 - 1.5)
+        return np.stack([off, along * (phi - 0.1 - 0.4 * n0), 0 * off], axis=1)[:, None, :]
+
+    def slopes(theta: FloatArray) -> FloatArray:
+        out = np.zeros((len(theta), 1, 3, 9))
+        out[:, 0, 0, 1] = wall * (2 * theta[:, 1] - 2.0)
+        out[:, 0, 1, 1], out[:, 0, 1, 4] = -0.4 * along, along
+        return out
+
+    density = toy_posterior(Toy(forces, slopes), laws, np.zeros((1, 3)))
+    phi = profiles(density, rng=np.random.default_rng(4)).profile("phi")
+    lower = np.minimum((along * (phi.values - 0.3)) ** 2, (along * (phi.values - 0.7)) ** 2)
+    assert phi.rise == pytest.approx(lower, abs=1e-3)
+    assert phi.pieces == 2
+
+
 def test_a_prior_adds_to_the_posterior_profile_only() -> None:
     """A normal prior multiplies a normal likelihood; the likelihood's profile does not know of it."""
     laws = {"phi": Law("norm", {"loc": 0.5, "scale": 0.05}, 0.1, 0.9)}
@@ -218,3 +242,34 @@ def test_a_point_above_the_profile_is_told() -> None:
     for known, gain in ((0.6, 0.0), (0.7, 2.0)):
         found = profiles(density, rng=np.random.default_rng(6), known=np.array([[known]]))
         assert found.gain["likelihood"] == pytest.approx(gain, abs=1e-4)
+
+
+def made(rise: list[float], agreeing: list[int]) -> Profile:
+    """A profile with given heights at 0, 1, 2, ..."""
+    count = len(rise)
+    path = np.arange(float(count))[:, None]
+    tried = np.full(count, 7)
+    return Profile("n0", "likelihood", path[:, 0], np.array(rise), path, np.array(agreeing), tried)
+
+
+def test_separate_intervals_are_counted_and_their_outer_ends_taken() -> None:
+    """Two valleys below the 95 % threshold are two pieces; the interval spans both."""
+    profile = made([16.0, 1.0, 9.0, 0.0, 1.0, 16.0], [7] * 6)
+    assert profile.pieces == 2
+    low, high = profile.interval(95)
+    assert (low, high) == pytest.approx(((4 - np.sqrt(3.84)) / 3, 4 + (np.sqrt(3.84) - 1) / 3))
+    assert profile.shape == "two-sided"
+    assert profile.best == 3.0
+
+
+def test_an_end_of_what_is_possible_is_no_crossing() -> None:
+    """Where the next point is impossible the profile is open; its interval ends at the last possible one."""
+    profile = made([np.inf, 2.0, 0.0, 9.0], [7] * 4)
+    assert np.isnan(profile.crossings(95)[0])
+    assert profile.interval(95)[0] == 1.0
+    assert profile.shape == "one-sided"
+
+
+def test_trust_is_the_share_of_confirmed_points_that_matter() -> None:
+    """Points that one descent alone reached count against a profile, unless they lie far above."""
+    assert made([0.0, 1.0, 4.0, 7.0, 50.0], [7, 2, 1, 1, 1]).trust == 0.5

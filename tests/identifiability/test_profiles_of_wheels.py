@@ -153,9 +153,8 @@ def test_one_slip_leaves_the_bearing_parameters_open() -> None:
     """From one slip n1 has no effect at all, as n0 keeps N = n0 + n1 s where it is; K_s is flat, too."""
     held = {name: TRUTH[name] for name in ("c", "phi", "K", "c1", "c2")}
     noise = {"sinkage": 2e-3, "drawbar_pull": 3.0, "resistance_moment": 0.6}
-    found = profiles(
-        posterior(study_of(slips=(0.3,), priors=held, noise=noise)), rng=np.random.default_rng(1)
-    )
+    density = posterior(study_of(slips=(0.3,), priors=held, noise=noise))
+    found = profiles(density, rng=np.random.default_rng(1))
     assert found.profile("Ks").shape == "flat"
     n1 = found.profile("n1")
     assert n1.shape == "flat"
