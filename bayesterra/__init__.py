@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
     from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
+    from bayesterra.identifying import IdentifyResult, foresee, identify
     from bayesterra.models import Soil, Wheel
     from bayesterra.noise import Noise
     from bayesterra.posteriors import Posterior, posterior
@@ -29,6 +30,7 @@ _HOMES = {
     "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
     "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
+    "identifying": ("IdentifyResult", "foresee", "identify"),
     "models": ("Soil", "Wheel"),
     "noise": ("Noise",),
     "posteriors": ("Posterior", "posterior"),
@@ -43,6 +45,7 @@ __all__ = [
     "BayesterraError",
     "CalibrationResult",
     "Fit",
+    "IdentifyResult",
     "Law",
     "Noise",
     "Posterior",
@@ -57,6 +60,8 @@ __all__ = [
     "calibrate",
     "compare",
     "fit",
+    "foresee",
+    "identify",
     "load_result",
     "load_study",
     "posterior",

@@ -253,6 +253,42 @@ def calibrate(
     raise typer.Exit(0 if found.calibrated else 3)
 
 
+@app.command()
+def identify(
+    what: Annotated[
+        Path, typer.Argument(metavar="STUDY|DIR", help="A study, which is sampled first, or a result folder.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-identifiability.")
+    ] = None,
+    seed: Seed = 1,
+    prior_only: Annotated[
+        bool, typer.Option("--prior-only", help="What the design could determine; needs no readings.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older analysis of that name.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the verdicts.")] = False,
+) -> None:
+    """Say what these data determine, what is coupled, and what only repeats its prior."""
+    from bayesterra.study import load_study
+
+    if prior_only:
+        loaded = load_study(what, prior_only=True)
+        from bayesterra.identifying import foresee
+        from bayesterra.listing import print_foreseen
+
+        return print_foreseen(foresee(loaded, seed=seed))
+    from bayesterra.identifying import identify_into
+    from bayesterra.listing import print_identified
+
+    name = what.resolve().name if (what / "run.json").is_file() else beside(what, "result").name
+    folder = out or Path(f"{name.removesuffix('-result')}-identifiability")
+    found = identify_into(what, folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    print_identified(found, folder / "report.html")
+    raise typer.Exit(0 if found.record["converged"] else 3)
+
+
 def beside(study: Path, what: str) -> Path:
     """Default folder for what is made from a study, in the working directory."""
     folder = study if study.is_dir() else study.parent

@@ -62,6 +62,17 @@ def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], N
         yield update
 
 
+@contextmanager
+def stages(*, show: bool) -> Iterator[Callable[[str], None]]:
+    """A line on standard error that names the part at work; nothing without ``show`` or a terminal."""
+    console = Console(stderr=True)
+    if not (show and console.is_terminal):
+        yield lambda part: None
+        return
+    with console.status("") as status:
+        yield status.update
+
+
 def _figures(progress: Progress) -> str:
     """Acceptance, effective draws, R-hat and time left, once they are known."""
     diagnosis = progress.diagnosis

@@ -1,1 +1,90 @@
-"""The command ``identify``: what these data determine, as a folder."""
+"""The command ``identify``: what these data determine, as a folder with its page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Self
+
+from bayesterra import report
+from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
+from bayesterra.results import Result
+from bayesterra.study import Study, load_study
+from bayesterra.workflow import load_result
+
+__all__ = ["IdentifyResult", "foresee", "identify", "identify_into", "opened"]
+
+MARK = "identifiability.json"
+"""File by which folders of this kind are known."""
+
+
+class IdentifyResult(Identified):
+    """An identifiability analysis that can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, made: Identified) -> Self:
+        """The same analysis, with a page to write."""
+        return cls(**{field.name: getattr(made, field.name) for field in fields(Identified)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write page, tables and record into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            for name, table in tables(self).items():
+                write_text(part / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
+            record = {"sentence": self.sentence, **self.record}
+            write_text(part / MARK, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+            write_text(part / "report.html", report.identifiability_html(self))
+        return Path(folder) / "report.html"
+
+
+def identify(
+    what: Study | Result, *, seed: int = 1, progress: Callable[[str], None] = lambda part: None
+) -> IdentifyResult:
+    """Find out what the data of a study determine, and what only repeats the prior.
+
+    Parameters
+    ----------
+    what : a result, whose draws are used, or a study, which is sampled first.
+    seed : same seed, same answer.
+    progress : called with the name of each part as it begins.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    if isinstance(what, Result):
+        return IdentifyResult.of(identify_result(what, seed=seed, report=progress))
+    return IdentifyResult.of(identify_study(what, seed=seed, report=progress))
+
+
+def opened(path: Path) -> Study | Result:
+    """The result folder or the study at a path.
+
+    Raises
+    ------
+    BayesterraError : it is neither, or something in it is wrong.
+    """
+    return load_result(path) if (path / "run.json").is_file() else load_study(path)
+
+
+def identify_into(
+    path: Path, out: Path, *, seed: int = 1, overwrite: bool = False, quiet: bool = False
+) -> IdentifyResult:
+    """Analyse the result or study at a path into a new folder, with a word on each part on a terminal."""
+    from bayesterra.console import stages
+
+    check_free(out, overwrite=overwrite, mark=MARK)
+    what = opened(path)
+    with stages(show=not quiet) as show:
+        found = identify(what, seed=seed, progress=show)
+    found.save(out, overwrite=overwrite)
+    return found

@@ -1,4 +1,4 @@
-"""Predictions, comparisons and calibrations as tables on a terminal."""
+"""Predictions, comparisons, calibrations and identifiability as tables on a terminal."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bayesterra.calibration import Calibration
 from bayesterra.calibration.judging import UNSETTLED
 from bayesterra.calibration.quantities import AT_SLIP
 from bayesterra.calibration.ranks import COVERAGES
+from bayesterra.identified import Foreseen, Identified, expected_contraction
 from bayesterra.notebook import evidence_lines
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prediction import PREDICTED, UNANSWERED, Prediction
@@ -162,3 +163,52 @@ def calibration_lines(found: Calibration) -> list[str]:
         f" {power['all']:.2f} in all."
     )
     return lines
+
+
+def print_identified(made: Identified, report: Path, console: Console | None = None) -> None:
+    """Print the finding, the verdict on every parameter with its figures, and the name of the page."""
+    console = console or _console()
+    table = Table(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header, side in IDENTIFIED:
+        table.add_column(header, justify="right" if side == "right" else "left")
+    for row in made.found.verdicts.to_dict("records"):
+        table.add_row(*_identified(row))
+    console.print(table)
+    for row in made.found.verdicts.to_dict("records"):
+        if row["against"]:
+            console.print(f"! {row['parameter']}: {row['against']}.", highlight=False, soft_wrap=True)
+    if not made.record["converged"]:
+        console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
+    console.print(made.sentence, highlight=False, soft_wrap=True)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+IDENTIFIED = (
+    ("", "left"),
+    ("verdict", "left"),
+    ("contraction", "right"),
+    ("with", "left"),
+    ("r", "right"),
+    ("profile", "left"),
+)
+
+
+def _identified(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    partner = row["partner"] if row["partner"] != row["parameter"] else ""
+    figures = (f"{max(row['contraction'], 0.0):.2f}", partner, f"{row['correlation']:+.2f}")
+    return (row["parameter"], row["verdict"], *figures, row["profile"])
+
+
+def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
+    """Print what a design could determine, and what contraction to expect."""
+    console = console or _console()
+    table = Table(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("", "the design could", "contraction to expect"):
+        table.add_column(header, justify="right" if header.startswith("contraction") else "left")
+    seen = made.found.structure.determined
+    for name, expected in zip(made.found.names, expected_contraction(made), strict=True):
+        table.add_row(name, "determine it" if name in seen else "NOT determine it", f"{expected:.2f}")
+    console.print(table)
+    for null in made.found.structure.nulls:
+        console.print(f"{null.words[:1].upper()}{null.words[1:]}.", highlight=False, soft_wrap=True)
+    console.print("Expected over the prior after the physical cut, were the readings made.", highlight=False)

@@ -13,6 +13,7 @@ from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.profiles import profile_panels
+from bayesterra.figures.spectrum import spectrum
 from bayesterra.figures.strip import parameter_strip
 from bayesterra.figures.validation import loo_pit
 
@@ -38,5 +39,6 @@ __all__ = [
     "rank_ecdf",
     "ranks",
     "residuals",
+    "spectrum",
     "trace",
 ]

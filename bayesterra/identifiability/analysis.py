@@ -64,7 +64,7 @@ class Analysis:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a design lets expect before it is measured, over the cut prior; attributes as in :class:`Analysis`."""
+    """What a design lets expect before it is measured, over the cut prior; see :class:`Analysis`."""
 
     names: tuple[str, ...]
     structure: Structure

@@ -6,15 +6,17 @@ from pathlib import Path
 
 from bayesterra.calibration import Calibration
 from bayesterra.folders import write_text
+from bayesterra.identified import Identified
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
 from bayesterra.report.calibration import calibration_page
 from bayesterra.report.contrast import contrast_page
+from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
 
-__all__ = ["calibration_html", "comparison_html", "html", "prior_html", "write"]
+__all__ = ["calibration_html", "comparison_html", "html", "identifiability_html", "prior_html", "write"]
 
 
 def html(result: Result) -> str:
@@ -40,3 +42,8 @@ def comparison_html(comparison: Comparison) -> str:
 def calibration_html(calibration: Calibration) -> str:
     """The report of a calibration as a self-contained HTML page."""
     return render(calibration_page(calibration), "calibration.html")
+
+
+def identifiability_html(made: Identified) -> str:
+    """An identifiability analysis as a self-contained HTML page."""
+    return render(identifiability_page(made), "identifiability.html")
