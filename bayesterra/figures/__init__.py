@@ -8,6 +8,7 @@ from bayesterra.figures.calibration import rank_ecdf
 from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
 from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
+from bayesterra.figures.design import gain_over_slip
 from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
@@ -22,6 +23,7 @@ __all__ = [
     "contrast_prediction",
     "corner",
     "correlations",
+    "gain_over_slip",
     "loo_pit",
     "parameter_strip",
     "prediction",
