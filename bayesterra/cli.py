@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -304,14 +304,9 @@ def design(
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
-    asked = {
-        "slips": slips_of(slip or ()),
-        "loads": load or (),
-        "wheels": wheel or (),
-        "channels": channel or (),
-    }
-    how = {"number": number, "by": by, "seed": seed, "overwrite": overwrite, "quiet": quiet}
-    found = design_into(known, folder, about=names, **asked, **how)
+    asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
+    asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
+    found = design_into(known, folder, overwrite=overwrite, quiet=quiet, **asked)
     print_design(found, folder)
 
 

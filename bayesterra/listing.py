@@ -20,9 +20,12 @@ from bayesterra.design.choosing import UNANSWERED as LOST
 from bayesterra.notebook import evidence_lines
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prediction import PREDICTED, UNANSWERED, Prediction
-from bayesterra.report.design import figures_of, words
+from bayesterra.report.design import figures_of
 from bayesterra.report.numbers import NOTHING, interval, resolution, rounded, with_error
 from bayesterra.side_by_side import Comparison
+
+PRINTED = 15
+"""Candidates in the table on a terminal; design.csv has all."""
 
 
 def print_forecast(points: Sequence[Prediction], folder: Path, console: Console | None = None) -> None:
@@ -191,23 +194,15 @@ def _ranking(design: Design) -> Table:
     return table
 
 
-PRINTED = 15
-"""Candidates in the table on a terminal; design.csv has all."""
-
-
 def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
     candidate, one = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
     mark = " !" if 1 - one.answered > LOST else ""
-    gain = (
-        " ± ".join(with_error(one.values[0] / BIT, one.errors[0] / BIT))
-        if one.values[0] == one.values[0]
-        else NOTHING
-    )
+    known = with_error(one.values[0] / BIT, one.errors[0] / BIT) if np.isfinite(one.values[0]) else (NOTHING,)
     behind = " ± ".join(with_error(lag, lag_error)) if lag > 0 else ""
     changes = (" → ".join(figures_of(design, i, one)[:2]) for i in range(deviations))
-    return (candidate.where + mark, symbols, gain, behind, *changes)
+    return (candidate.where + mark, symbols, " ± ".join(known), behind, *changes)
 
 
 def design_lines(design: Design) -> list[str]:
@@ -226,13 +221,7 @@ def design_lines(design: Design) -> list[str]:
         lines.append(
             "From the prior alone, no readings used; a result folder in place of the study builds on them."
         )
-    marked = [
-        words(one)
-        for one, e in zip(design.candidates, design.ranking.estimates, strict=True)
-        if 1 - e.answered > LOST
-    ]
+    marked = sum(1 - one.answered > LOST for one in design.ranking.estimates)
     if marked:
-        lines.append(
-            f"! The model has no answer for over {LOST:.0%} of the draws at {len(marked)} candidates."
-        )
+        lines.append(f"! At {marked} candidates the model has no answer for over {LOST:.0%} of the draws.")
     return lines

@@ -56,17 +56,17 @@ def words(candidate: Candidate) -> str:
 
 
 def _next(design: Design) -> Verdict:
-    distinct = dict.fromkeys(words(one) for one in design.chosen)
+    distinct = dict.fromkeys(one.where for one in design.chosen)
     many = len(design.picks) > 1
-    word = f"{len(design.picks)} drives" if many else next(iter(distinct))
-    counted = [_times(design, where) for where in distinct] if many else [design.chosen[0].where]
+    word = f"{len(design.picks)} drives" if many else words(design.chosen[0])
+    counted = [_times(design, where) for where in distinct]
     channels = listed(symbol(name) for name in design.chosen[0].channels)
     sentence = Markup("{}; read: {}.").format(listed(counted), channels)
     return Verdict("Next", word, "good", sentence)
 
 
 def _times(design: Design, where: str) -> str:
-    times = sum(words(one) == where for one in design.chosen)
+    times = sum(one.where == where for one in design.chosen)
     return f"{times} × {where}" if times > 1 else where
 
 
