@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bayesterra.calibrating import CalibrationResult, calibrate
+    from bayesterra.designing import Recommendation, recommend
     from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
     from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "calibrating": ("CalibrationResult", "calibrate"),
+    "designing": ("Recommendation", "recommend"),
     "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
     "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
@@ -50,6 +52,7 @@ __all__ = [
     "Noise",
     "Posterior",
     "Prior",
+    "Recommendation",
     "ResultError",
     "RunResult",
     "Soil",
@@ -66,6 +69,7 @@ __all__ = [
     "load_study",
     "posterior",
     "predict",
+    "recommend",
     "run",
     "run_prior",
     "simulate",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,6 +24,13 @@ StudyPath = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
+
+Wheels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--wheel", metavar="NAME|FILE", help="A wheel of the study, or a file of one; may be repeated."
+    ),
+]
 
 
 def _print_version(wanted: bool) -> None:
@@ -160,10 +167,7 @@ def predict(
             metavar="W", help='Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.'
         ),
     ] = None,
-    wheel: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME|FILE", help="A wheel of the study, or a file of one; may be repeated."),
-    ] = None,
+    wheel: Wheels = None,
     slip_reference: Annotated[
         str, typer.Option(metavar="RADIUS", help="Radius behind the slips: rim, tip or shearing.")
     ] = "shearing",
@@ -287,6 +291,59 @@ def identify(
     found = identify_into(what, folder, seed=seed, overwrite=overwrite, quiet=quiet)
     print_identified(found, folder / "report.html")
     raise typer.Exit(0 if found.record["converged"] else 3)
+
+
+@app.command()
+def design(
+    known: Annotated[
+        Path,
+        typer.Argument(metavar="STUDY|DIR", help="A result folder, whose posterior is built on, or a study."),
+    ],
+    about: Annotated[
+        list[str] | None,
+        typer.Option(metavar="P,P", help="Parameters of interest, e.g. c,phi; by default all that are free."),
+    ] = None,
+    slip: Annotated[
+        list[str] | None,
+        typer.Option(metavar="S,S", help="Candidate slips; by default the driven range and some beyond."),
+    ] = None,
+    load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="W", help='Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.'
+        ),
+    ] = None,
+    wheel: Wheels = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=SD", help='A sensor to add, e.g. "resistance_moment=0.15 N m".'),
+    ] = None,
+    number: Annotated[
+        int, typer.Option("-n", "--number", metavar="N", help="Drives to choose together.")
+    ] = 1,
+    by: Annotated[
+        str, typer.Option(metavar="WHAT", help="information (about all of them together) or sd (of each).")
+    ] = "information",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-design.")
+    ] = None,
+    seed: Seed = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older design of that name.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the ranking.")] = False,
+) -> None:
+    """Rank the drives that could come next by what they are expected to tell."""
+    from bayesterra.designing import design_into
+    from bayesterra.followup import slips_of
+    from bayesterra.listing import print_design
+
+    names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
+    folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
+    asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
+    asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
+    found = design_into(known, folder, overwrite=overwrite, quiet=quiet, **asked)
+    print_design(found, folder)
 
 
 def beside(study: Path, what: str) -> Path:

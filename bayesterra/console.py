@@ -73,6 +73,16 @@ def stages(*, show: bool) -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
+@contextmanager
+def design_bar() -> Iterator[Callable[[int], None]]:
+    """A count of judged candidates on standard error, on a terminal only."""
+    console = Console(stderr=True)
+    columns = (TextColumn("judging"), BarColumn(), TextColumn("{task.completed} candidates"))
+    with Bar(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda judged: bar.advance(task, judged)
+
+
 def _figures(progress: Progress) -> str:
     """Acceptance, effective draws, R-hat and time left, once they are known."""
     diagnosis = progress.diagnosis

@@ -1,1 +1,173 @@
 """The command ``design``: which drive to command next, as a folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.random import default_rng
+
+from bayesterra import report
+from bayesterra.design.candidates import Wishes, candidates, parameters_of_interest
+from bayesterra.design.choosing import CRITERIA, Design, choose
+from bayesterra.design.readings import Situation
+from bayesterra.errors import StudyError
+from bayesterra.figures.design import gain_over_slip_png
+from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.messages import did_you_mean
+from bayesterra.models import Wheel
+from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.predicting import wheel_named
+from bayesterra.results import Result
+from bayesterra.study import Study, load_study
+from bayesterra.workflow import load_result
+
+MARK = "design.json"
+"""File by which folders of this kind are known."""
+DRAWS = 2000
+"""Draws, at most, that candidates are judged by: all pairs of them are looked at."""
+MOST = 12
+"""Rows, at most, to choose together."""
+
+
+class Recommendation(Design):
+    """A design that can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, design: Design) -> Self:
+        """The same design, with a page to write."""
+        return cls(**{field.name: getattr(design, field.name) for field in fields(Design)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write page, plot, tables and a record into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            write_text(part / "design.csv", self.table.to_csv(index=False, float_format="%.6g"))
+            write_text(part / "plan.csv", self.plan.to_csv(index=False, float_format="%.6g"))
+            (part / "design.png").write_bytes(gain_over_slip_png(self))
+            write_text(part / "report.html", report.design_html(self))
+            write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
+        return Path(folder) / "report.html"
+
+    def _record(self) -> dict[str, Any]:
+        study = self.situation.study
+        return {
+            "kind": "design",
+            "title": study.title,
+            "bayesterra": version("bayesterra"),
+            "source": self.situation.source,
+            "fingerprints": study.fingerprint,
+            "draws": len(self.situation.draws),
+            "seed": self.seed,
+            "about": list(self.about),
+            "by": self.by,
+            "candidates": len(self.candidates),
+            "method": self.ranking.method,
+            "recommended": [one.where for one in self.chosen],
+            "channels": [list(one.channels) for one in self.chosen],
+        }
+
+
+def situation_of(known: Result | Study, seed: int = 1) -> Situation:
+    """What is known before the drive: the posterior of a result, or the cut prior of a study."""
+    if isinstance(known, Result):
+        draws = known.values()
+        chosen = np.linspace(0, len(draws) - 1, min(len(draws), DRAWS)).astype(np.int64)
+        return Situation(known.study, posterior(known.study), draws[chosen], "posterior")
+    density = posterior(known)
+    return Situation(known, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
+
+
+def recommend(
+    known: Result | Study,
+    *,
+    about: Sequence[str] = (),
+    slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (),
+    wheels: Sequence[str | Wheel] = (),
+    channels: Sequence[str] = (),
+    number: int = 1,
+    by: str = "information",
+    seed: int = 1,
+    report: Callable[[int], None] = lambda judged: None,
+) -> Recommendation:
+    """Rank drives by the information that their readings are expected to give.
+
+    Parameters
+    ----------
+    known : a result, whose posterior is built on, or a study, of which only the prior is used.
+    about : parameters of interest; by default all that are free.
+    slips : candidates, on the shearing radius; by default the driven range and a quarter of it beyond.
+    loads : N or texts with a unit; by default the study's.
+    wheels : of the study by name, files, or other wheels; by default the study's.
+    channels : sensors to add, with their noise: ``"resistance_moment=0.15 N m"``.
+    number : drives to choose together.
+    by : ``information`` about the parameters of interest together, or the ``sd`` of each.
+    seed : same seed, same ranking.
+
+    Raises
+    ------
+    StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
+    """
+    if by not in CRITERIA:
+        raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
+    if not 1 <= number <= MOST:
+        raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
+    study = known.study if isinstance(known, Result) else known
+    names = parameters_of_interest(study, about)
+    wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
+    found = candidates(study, wishes)
+    situation = situation_of(known, seed)
+    return Recommendation.of(choose(situation, found, names, number=number, by=by, seed=seed, report=report))
+
+
+def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
+    return ("other wheel", given) if isinstance(given, Wheel) else wheel_named(study, given)
+
+
+def known_in(path: Path) -> Result | Study:
+    """The result in a folder that ``run`` wrote, else the study, with or without readings."""
+    if (path / "draws.nc").is_file() and not _prior_only(path):
+        return load_result(path)
+    return load_study(path, prior_only=True)
+
+
+def _prior_only(folder: Path) -> bool:
+    try:
+        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get("prior_only"))
+    except (OSError, ValueError):
+        return False
+
+
+def design_into(
+    path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any
+) -> Recommendation:
+    """Recommend the next drive for a result folder or a study, and write the folder ``out``.
+
+    ``asked``: keywords of :func:`recommend`.
+
+    Raises
+    ------
+    ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written.
+    StudyError : as :func:`recommend`.
+    """
+    from bayesterra.console import design_bar, note
+
+    check_free(out, overwrite=overwrite, mark=MARK)
+    known = known_in(path)
+    if isinstance(known, Result) and not known.converged:
+        note(f"the sampling of '{path}' has not converged: gains from its draws may be wrong")
+    with nullcontext(lambda judged: None) if quiet else design_bar() as show:
+        found = recommend(known, **asked, report=show)
+    found.save(out, overwrite=overwrite)
+    return found

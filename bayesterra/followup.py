@@ -18,15 +18,13 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
-from bayesterra.messages import did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.notebook import comparison_table, prediction_table
-from bayesterra.predicting import checked_slips, chosen_wheel, driven_range
+from bayesterra.predicting import checked_slips, driven_range, wheel_named
 from bayesterra.prediction import UNANSWERED, Prediction
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison, check_count, side_by_side
-from bayesterra.wheelfiles import read_wheel
 from bayesterra.workflow import load_result
 
 PREDICTION, COMPARISON = "prediction.json", "comparison.csv"
@@ -51,22 +49,6 @@ def slips_of(texts: Sequence[str]) -> list[float]:
     return found
 
 
-def wheel_of(result: Result, given: str | None) -> tuple[str, Wheel]:
-    """A wheel of the study by its name, or another one from a file.
-
-    Raises
-    ------
-    StudyError : neither.
-    """
-    wheels = result.study.wheels
-    if given is None or given in wheels:
-        return chosen_wheel(result.study, given)
-    if not given.endswith(".toml") and not Path(given).is_file():
-        raise StudyError(f"'{given}' is neither a wheel of the study nor a file{did_you_mean(given, wheels)}")
-    name, wheel = read_wheel(Path(given))
-    return chosen_wheel(result.study, wheel, name)
-
-
 def forecast(
     result: Result,
     *,
@@ -85,7 +67,7 @@ def forecast(
     slip_reference : radius behind ``slips``: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     """
     cases: list[Case] = []
-    for name, wheel in [wheel_of(result, given) for given in wheels or (None,)]:
+    for name, wheel in [wheel_named(result.study, given) for given in wheels or (None,)]:
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
         grid = _grid(result, asked)
@@ -203,7 +185,7 @@ def predict(
     """
     if isinstance(wheel, Wheel):
         return PredictionSheet.of(predicting.predict(result, slip, load=load, wheel=wheel, seed=seed))
-    name, chosen = wheel_of(result, None if wheel is None else str(wheel))
+    name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))
     return PredictionSheet.of(predicting.predict(result, slip, load=load, wheel=chosen, name=name, seed=seed))
 
 
@@ -259,7 +241,7 @@ def compare(
 
 def _common_wheel(results: Mapping[str, Result], given: str) -> tuple[str, Wheel]:
     knows = (result for result in results.values() if given in result.study.wheels)
-    return wheel_of(next(knows, next(iter(results.values()))), given)
+    return wheel_named(next(knows, next(iter(results.values()))).study, given)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator, default_rng
@@ -21,6 +22,7 @@ from bayesterra.prediction import PREDICTED, Prediction
 from bayesterra.results import Result
 from bayesterra.study import Study
 from bayesterra.units import quantity
+from bayesterra.wheelfiles import read_wheel
 
 DRAWS = 2000
 """Posterior draws, at most, that are predicted with."""
@@ -122,6 +124,22 @@ def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tup
     if called not in study.wheels:
         raise StudyError(f"unknown wheel '{called}'{did_you_mean(called, study.wheels)}")
     return called, study.wheels[called]
+
+
+def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
+    """A wheel of the study by its name, by default its first, or another one from a file.
+
+    Raises
+    ------
+    StudyError : neither.
+    """
+    wheels = study.wheels
+    if given is None or given in wheels:
+        return chosen_wheel(study, given)
+    if not given.endswith(".toml") and not Path(given).is_file():
+        raise StudyError(f"'{given}' is neither a wheel of the study nor a file{did_you_mean(given, wheels)}")
+    name, wheel = read_wheel(Path(given))
+    return chosen_wheel(study, wheel, name)
 
 
 def _resolved(wheel: Wheel, phi: float) -> Wheel:

@@ -9,6 +9,7 @@ from bayesterra.figures.chains import ranks, trace
 from bayesterra.figures.checks import predictive, residuals
 from bayesterra.figures.contrast import contrast, contrast_derived, contrast_prediction
 from bayesterra.figures.coupling import contraction_bars, coupling_map, group_coupling
+from bayesterra.figures.design import gain_over_slip
 from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
@@ -27,6 +28,7 @@ __all__ = [
     "corner",
     "correlations",
     "coupling_map",
+    "gain_over_slip",
     "group_coupling",
     "loo_pit",
     "parameter_strip",

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 
 from bayesterra.calibration import Calibration
+from bayesterra.design.choosing import Design
 from bayesterra.folders import write_text
 from bayesterra.identified import Identified
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
 from bayesterra.report.calibration import calibration_page
 from bayesterra.report.contrast import contrast_page
+from bayesterra.report.design import design_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
 
-__all__ = ["calibration_html", "comparison_html", "html", "identifiability_html", "prior_html", "write"]
+__all__ = [
+    "calibration_html",
+    "comparison_html",
+    "design_html",
+    "html",
+    "identifiability_html",
+    "prior_html",
+    "write",
+]
 
 
 def html(result: Result) -> str:
@@ -47,3 +58,8 @@ def calibration_html(calibration: Calibration) -> str:
 def identifiability_html(made: Identified) -> str:
     """An identifiability analysis as a self-contained HTML page."""
     return render(identifiability_page(made), "identifiability.html")
+
+
+def design_html(design: Design) -> str:
+    """Which drive next, as a self-contained HTML page."""
+    return render(design_page(design, version("bayesterra")), "design.html")
