@@ -274,6 +274,8 @@ def identify(
     from bayesterra.study import load_study
 
     if prior_only:
+        if out is not None:
+            raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
         loaded = load_study(what, prior_only=True)
         from bayesterra.identifying import foresee
         from bayesterra.listing import print_foreseen
