@@ -109,7 +109,7 @@ def _verdict_section(made: Identified) -> Section:
 
 def _verdict_table(made: Identified) -> Table:
     rows = tuple(_verdict_row(row) for row in records(made.verdicts))
-    header = ("", "verdict", "contraction", "profile", "95 % of it", "tied to", Markup("<i>r</i>"))
+    header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"))
     last = (Markup("<i>R</i>"), "cloned 16 times")
     caption = Markup(
         "Contraction: 1 − variance over that of the prior after the cut. Profile: of the likelihood over the "
@@ -117,7 +117,7 @@ def _verdict_table(made: Identified) -> Table:
         "<i>R</i>: multiple correlation with all of those. Cloned: whether the same readings sixteen times "
         "would narrow it."
     )
-    return Table(caption, "llrllrrrl", (*header, *last), rows)
+    return Table(caption, "llrllrrl", (*header, *last), rows)
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -127,8 +127,7 @@ def _verdict_row(row: Record) -> tuple[Cell, ...]:
         symbol(name),
         Markup("<b>{}</b>").format(row["verdict"]),
         number(max(row["contraction"], 0.0), 2),
-        row["profile"],
-        _ends(row),
+        Markup("{}{}").format(row["profile"], _ends(row)),
         symbol(row["tied_to"]) if tied else NOTHING,
         signed(row["tie"]) if tied else NOTHING,
         number(row["multiple"], 2) if tied else NOTHING,
@@ -140,10 +139,10 @@ def _ends(row: Record) -> Cell:
     """The profile's interval in the parameter's unit; what bounds no side says nothing."""
     name, low, high = row["parameter"], row["lower_95"], row["upper_95"]
     if low == low and high == high:
-        return amount(name, interval(low, high))
+        return Markup(", {}").format(amount(name, interval(low, high)))
     if low == low:
-        return Markup("above {}").format(amount(name, plain(low)))
-    return Markup("below {}").format(amount(name, plain(high))) if high == high else NOTHING
+        return Markup(", above {}").format(amount(name, plain(low)))
+    return Markup(", below {}").format(amount(name, plain(high))) if high == high else ""
 
 
 def _objections(made: Identified) -> tuple[Block, ...]:
@@ -157,14 +156,14 @@ def _objections(made: Identified) -> tuple[Block, ...]:
 
 def _combinations(made: Identified) -> Table:
     rows = tuple(
-        (row["verdict"], in_symbols(row["combination"]), number(row["contraction"], 3, least=0.0))
+        (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
         for row in records(made.found.combinations)
     )
     caption = (
         "Independent combinations of the parameters, best determined first; weights in standard deviations "
         "of the prior after the cut (of normal scores, so that the scale of a parameter does not matter)."
     )
-    return Table(caption, "llr", ("verdict", "combination", "contraction"), rows)
+    return Table(caption, "lrl", ("verdict", "contraction", "combination"), rows)
 
 
 def _profile_section(made: Identified) -> Section:

@@ -94,10 +94,8 @@ def identifiability_verdict(result: Result) -> Verdict:
     counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
     determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
-    sentence = finding(result) or Markup("Directions whose variance shrinks tenfold or more.")
-    if alone:
-        sentence += Markup(" On their own: {}.").format(symbols(alone))
-    else:
-        sentence += " No parameter on its own."
+    known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
+    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(known)
+    sentence = finding(result) or plain
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
