@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, outlook
 from bayesterra.identifiability.wording import in_a_sentence
 from bayesterra.inference import PRIOR_DRAWS, keep
@@ -113,9 +114,12 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
 
     Raises
     ------
+    StudyError : every parameter is fixed.
     SupportError : the prior leaves no parameter set that fits the conditions of the table.
     """
     target = posterior(study)
+    if not target.names:
+        raise StudyError("every parameter is fixed: there is nothing to determine")
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(SeedSequence(seed))).x
     return Foreseen(study, outlook(target, prior), _record(study, seed, {}, {"draws_from": "the prior"}))
 

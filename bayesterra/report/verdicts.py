@@ -95,7 +95,9 @@ def identifiability_verdict(result: Result) -> Verdict:
     determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
     known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
-    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(known)
+    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
+        known
+    )
     sentence = finding(result) or plain
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
