@@ -99,9 +99,13 @@ def in_symbols(text: str) -> Markup:
     >>> str(in_symbols("K_s − 0.4 n0 of σ(z)"))
     '<i>K</i><sub>s</sub> − 0.4 <i>n</i><sub>0</sub> of <i>σ</i>(<i>z</i>)'
     """
-    return Markup("").join(
-        symbol(PLAIN[part]) if part in PLAIN else Markup("{}").format(part) for part in _PLAIN.split(text)
-    )
+    return Markup("").join(_set(part) for part in _PLAIN.split(text))
+
+
+def _set(part: str) -> Markup:
+    if part in PLAIN:
+        return symbol(PLAIN[part])
+    return Markup("m<sup>N</sup>").join(Markup("{}").format(piece) for piece in part.split("m^N"))
 
 
 def law_text(name: str, law: Law) -> Markup:

@@ -67,7 +67,10 @@ def test_nothing_fixed_is_said_once() -> None:
 @pytest.mark.parametrize(
     ("text", "html"),
     [
-        ("only k_c + 0.165 k_φ is", "only <i>k</i><sub>c</sub> + 0.165 <i>k</i><sub>φ</sub> is"),
+        (
+            "k_c + 0.165 k_φ (kPa/m^N)",
+            "<i>k</i><sub>c</sub> + 0.165 <i>k</i><sub>φ</sub> (kPa/m<sup>N</sup>)",
+        ),
         ("c2 − 0.59 c1", "<i>c</i><sub>2</sub> − 0.59 <i>c</i><sub>1</sub>"),
         ("σ(F_DP) and c", "<i>σ</i>(<i>F</i><sub>DP</sub>) and <i>c</i>"),
         ("each channel costs K < 2", "each channel costs <i>K</i> &lt; 2"),
