@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -15,7 +14,8 @@ from typing import Any, Self
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
 from bayesterra.errors import ResultError
-from bayesterra.folders import check_free, settle, whole_folder, write_text
+from bayesterra.folders import WORK, check_free, part_of, settle, tidy, whole_folder, write_text
+from bayesterra.locking import locked
 from bayesterra.study import Study
 from bayesterra.taskstore import STORE_FILE, TaskStore, finished_tasks
 from bayesterra.writing import write_study
@@ -122,6 +122,7 @@ def calibrate_study(
         for path in (*part.glob(f"{STORE_FILE}*"), part / "status.json"):
             path.unlink(missing_ok=True)
         settle(part, out)
+        tidy(out)
     return found
 
 
@@ -154,20 +155,21 @@ def _made_with(job: Job) -> dict[str, Any]:
 @contextmanager
 def _part_of(folder: Path, *, resume: bool, overwrite: bool) -> Iterator[Path]:
     """The folder to work in; what earlier work left in it stays with ``resume`` only."""
-    part = folder.with_name(folder.name + ".part")
-    finished = finished_tasks(part / STORE_FILE)
-    if finished and not (resume or overwrite):
-        raise ResultError(
-            f"'{part}' holds {finished} finished replications: add --resume to go on, or --overwrite to begin"
-            " anew"
-        )
-    try:
-        if not resume:
-            shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(exist_ok=True)
-        yield part
-    except OSError as error:
-        raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+    part = part_of(folder)
+    with locked(part / WORK / "lock", f"'{part}'"):
+        finished = finished_tasks(part / STORE_FILE)
+        if finished and not (resume or overwrite):
+            raise ResultError(
+                f"'{part}' holds {finished} finished replications: add --resume to go on, or --overwrite to"
+                " begin anew"
+            )
+        try:
+            for path in part.iterdir() if not resume else ():
+                if path.name != WORK:
+                    path.unlink()
+            yield part
+        except OSError as error:
+            raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
 
 
 def _status(progress: Progress) -> dict[str, object]:

@@ -28,7 +28,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.dataclasses import dataclass
-from pydantic_core import ErrorDetails
+from pydantic_core import ArgsKwargs, ErrorDetails
 
 from bayesterra import entries
 from bayesterra.errors import StudyError
@@ -183,14 +183,31 @@ class LeastSquaresOptions(Table):
     methods: tuple[Method, ...] = ("IM1", "IM2", "IM3", "joint")
 
 
+MANY_DRAWS = 10_000
+"""Effective draws asked for beyond which ensembles have twice the walkers."""
+
+
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class SamplingOptions(Table):
-    """When sampling stops, and how many walkers do it."""
+    """When sampling stops, and how many walkers do it: by default 64 an ensemble, 128 for many draws."""
 
     target_ess: Annotated[int, Field(ge=100, strict=True)] = 4000
     ensembles: Annotated[int, Field(ge=4, strict=True)] = 4
-    walkers: Annotated[int, Field(ge=32, multiple_of=2, strict=True)] = 128
+    walkers: Annotated[int, Field(ge=32, multiple_of=2, strict=True)] = 64
     max_steps: Annotated[int, Field(ge=1, strict=True)] = 20000
+
+    @model_validator(mode="before")
+    @classmethod
+    def _more_for_many(cls, content: Any) -> Any:
+        """Twice the walkers cost less than twice the steps."""
+        given = content.kwargs if isinstance(content, ArgsKwargs) else content
+        if not isinstance(given, Mapping) or "walkers" in given:
+            return content
+        asked = given.get("target_ess")
+        if not isinstance(asked, int) or asked <= MANY_DRAWS:
+            return content
+        more = {**given, "walkers": 128}
+        return ArgsKwargs(content.args, more) if isinstance(content, ArgsKwargs) else more
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)

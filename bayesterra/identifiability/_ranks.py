@@ -10,7 +10,8 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.identifiability._directions import NEGLIGIBLE, echelon, gathered
-from bayesterra.identifiability.sensitivities import known_inputs, read_where, sensitivities, without_load
+from bayesterra.identifiability.fisher import without_load
+from bayesterra.identifiability.sensitivities import known_inputs, read_where, sensitivities
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.posteriors import Posterior
 

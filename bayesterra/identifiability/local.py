@@ -25,7 +25,8 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability._directions import NEGLIGIBLE, combination
-from bayesterra.identifiability.sensitivities import read_where, weighted_sensitivities
+from bayesterra.identifiability.fisher import weighted_sensitivities
+from bayesterra.identifiability.sensitivities import read_where
 from bayesterra.posteriors import Posterior
 
 SINGULAR = 1e-11

@@ -105,7 +105,7 @@ class JacobianDropped:
 CASES: dict[str, tuple[str, int, Fit | None]] = {
     "m2": ("M2", 1000, None),
     "m1": ("M1", 300, None),
-    "m2-noise-halved": ("M2", 14, NoiseHalved()),
+    "m2-noise-halved": ("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": ("M2", 500, JacobianDropped()),
 }
 """Model, replications and how posteriors are sampled."""

@@ -75,6 +75,22 @@ def test_what_does_not_belong_together_is_not_resumed(
     assert len(calibrate_study(other, out, overwrite=True, quiet=True).table) == 30
 
 
+def test_two_calibrations_do_not_share_a_folder(job: Job, tmp_path: Path) -> None:
+    """While one is at work, a second one of the same folder is refused and takes nothing from it."""
+    out, refused = tmp_path / "out", []
+
+    def second(progress: Progress) -> None:
+        if progress.done == 5:
+            with pytest.raises(ResultError, match=r"'.*out\.part' is being written by another run \(process"):
+                calibrate_study(job, out, overwrite=True, quiet=True)
+            refused.append(progress.done)
+
+    found = calibrate_study(job, out, quiet=True, watch=second)
+    assert refused == [5]
+    assert len(found.table) == 30
+    assert {path.name for path in out.iterdir()} == FILES
+
+
 def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: Job, tmp_path: Path) -> None:
     """All files are there; verdict and thresholds are in the record; titles and notes are text."""
     found = bt.calibrate(job.study, n=40, seed=5, fit=troubled)

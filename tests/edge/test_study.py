@@ -13,7 +13,7 @@ from bayesterra.models import M1, M2, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.noise import Noise
 from bayesterra.priors import PAPER_BOX, Law
-from bayesterra.study import Study, load_study
+from bayesterra.study import SamplingOptions, Study, load_study
 
 from .conftest import TABLE, Write
 
@@ -358,3 +358,12 @@ def test_a_missing_study_is_refused(tmp_path: Path) -> None:
         load_study(tmp_path / "nowhere.toml")
     with pytest.raises(StudyError, match=r"study\.toml: no such study file"):
         load_study(tmp_path)
+
+
+def test_many_draws_ask_for_more_walkers() -> None:
+    """Beyond 10 000 effective draws ensembles have twice the walkers, unless the study says how many."""
+    cases = {4000: 64, 10_000: 64, 10_001: 128}
+    for target, walkers in cases.items():
+        assert made(sampling={"target_ess": target}).sampling.walkers == walkers
+        assert SamplingOptions(target_ess=target).walkers == walkers
+    assert made(sampling={"target_ess": 20_000, "walkers": 32}).sampling.walkers == 32

@@ -10,8 +10,8 @@ import pytest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.collinearity import collinearity
+from bayesterra.identifiability.fisher import fisher_information
 from bayesterra.identifiability.local import cramer_rao, local_analysis
-from bayesterra.identifiability.sensitivities import fisher_information
 from bayesterra.identifiability.structure import structure
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
 from bayesterra.study import Study, load_study

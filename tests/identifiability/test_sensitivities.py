@@ -9,14 +9,14 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.sensitivities import (
+from bayesterra.identifiability.fisher import (
     fisher_information,
-    known_inputs,
     load_information,
-    sensitivities,
+    score_and_information,
     weighted_sensitivities,
     without_load,
 )
+from bayesterra.identifiability.sensitivities import known_inputs, sensitivities
 from bayesterra.latent import LatentLoad
 from bayesterra.models import MODELS, Soil, Wheel
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
@@ -189,6 +189,27 @@ def test_fisher_information_is_the_sum_over_readings(drive: str) -> None:
         expected = numerical_information(post, point, unit)
         size = np.sqrt(np.diagonal(expected))
         np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("drive", ["load", "sinkage"])
+def test_the_score_is_the_gradient_of_the_log_likelihood(drive: str, kind: str) -> None:
+    """Central differences of the log likelihood give the same gradient, whatever the noise."""
+    target = make(drive=drive, priors=KINDS[kind], noise=MIXED)
+    x = draw_cut_prior(target, 40, np.random.default_rng(4)).x
+    gradient, information = score_and_information(target, x)
+    np.testing.assert_allclose(information, fisher_information(target, x), rtol=1e-12)
+    steps = 1e-6 * x.std(axis=0)
+    for i, step in enumerate(steps):
+        ahead, behind = x.copy(), x.copy()
+        ahead[:, i] += step
+        behind[:, i] -= step
+        levels = [target.log_prior_and_likelihood(points)[1] for points in (ahead, behind)]
+        inside = np.isfinite(levels).all(axis=0) & np.isfinite(gradient[:, i])
+        slope = (levels[0] - levels[1])[inside] / (2 * step)
+        size = np.abs(gradient[inside, i]).max()
+        np.testing.assert_allclose(gradient[inside, i], slope, rtol=1e-4, atol=1e-6 * size)
+        assert inside.sum() >= 20
 
 
 def test_the_information_is_the_covariance_of_the_score() -> None:
