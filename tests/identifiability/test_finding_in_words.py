@@ -73,7 +73,7 @@ def test_nothing_fixed_is_said_once() -> None:
         ),
         ("c2 − 0.59 c1", "<i>c</i><sub>2</sub> − 0.59 <i>c</i><sub>1</sub>"),
         ("σ(F_DP) and c", "<i>σ</i>(<i>F</i><sub>DP</sub>) and <i>c</i>"),
-        ("each channel costs K < 2", "each channel costs <i>K</i> &lt; 2"),
+        ("specific costs of K < 2", "specific costs of <i>K</i> &lt; 2"),
     ],
 )
 def test_plain_symbols_are_set_and_nothing_else(text: str, html: str) -> None:

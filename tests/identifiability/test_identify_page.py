@@ -5,16 +5,26 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
+from numpy.random import default_rng
 
 from bayesterra import report
+from bayesterra.console import _verdict
+from bayesterra.figures.rows import found_rows
 from bayesterra.identified import Identified
+from bayesterra.inference import Analysis
+from bayesterra.notebook import result_table
+from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.report import determined, verdicts
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.pages import VerdictPage
+from bayesterra.report.strip import strip
 from bayesterra.workflow import RunResult, load_result
 
+from .conftest import VARIANTS
 from .test_identified import shown
 
 VOID = {"meta", "img", "link", "br"}
@@ -146,6 +156,29 @@ def test_a_run_says_what_its_design_cannot_tell(pair: RunResult) -> None:
     said = str(determined.identifiability_section(found))
     assert "By the design: Only <i>c</i> + 2 phi is determined &lt;b&gt;." in said
     assert "could tell it, however many and good" in said
+
+
+def test_a_run_judges_its_design() -> None:
+    """Moduli under one wheel width: verdict, groups and the reason, whatever the draws say."""
+    target = posterior(VARIANTS["moduli"]())
+    x = draw_cut_prior(target, 2000, default_rng(1)).x
+    drawn = SimpleNamespace(posterior=target, prior=SimpleNamespace(x=x), kept=SimpleNamespace(flat=x[::2]))
+    found, record = Analysis.identifiability(cast(Analysis, drawn), default_rng(2))
+    words = found.table.set_index("parameter")["verdict"]
+    assert words[words == "structurally not determined"].index.tolist() == ["kc", "kphi"]
+    assert record["unseen"][0].startswith("only k_c + 0.165 k_φ is determined")
+    assert [(row["scope"], row["directions"]) for row in record["groups"][:2]] == [("all", 4), ("P_I", 3)]
+
+
+def test_coupled_with_one_or_with_several(pair: RunResult) -> None:
+    """A strong correlation names its partner; where it takes all together, no single one is named."""
+    table = pair.identifiability.assign(verdict="coupled", tied_to=["phi", "c"], tie=[-0.95, 0.3])
+    found = replace(pair, identifiability=table)
+    one, several = strip(found)
+    assert str(one.remark).startswith("with <i>φ</i>")
+    assert str(several.remark).startswith("with several others")
+    assert [_verdict(row) for row in found_rows(found).values()] == ["coupled with φ", "coupled with several"]
+    assert "coupled with several" in result_table(found)
 
 
 def test_folders_of_older_versions_still_report(pair: RunResult, pair_folder: Path) -> None:
