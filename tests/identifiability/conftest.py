@@ -35,9 +35,10 @@ def trial(
 ) -> Study:
     """Readings of one wheel without error; whatever is not free has its true value."""
     wheel, soil = Wheel(0.15735, 0.165, 0.010, 30, 0.65), Soil(**TRUTH)
-    z = M1().sinkage(soil, wheel, slips, 80.0)
-    forces = M1().forces(soil, wheel, slips, z)
-    read = {"slip": slips, "load [N]": 80.0, "sinkage [m]": z}
+    at = np.array(slips)
+    z = M1().sinkage(soil, wheel, at, 80.0)
+    forces = M1().forces(soil, wheel, at, z)
+    read = {"slip": at, "load [N]": 80.0, "sinkage [m]": z}
     read |= {"drawbar_pull [N]": forces.drawbar_pull, "resistance_moment [N m]": forces.resistance_moment}
     priors = dict(priors or {})
     gone = {*free, *priors, *(["Ks"] if "kc" in priors else [])}

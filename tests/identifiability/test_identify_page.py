@@ -19,6 +19,7 @@ from bayesterra.inference import Analysis
 from bayesterra.notebook import result_table
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.report import determined, verdicts
+from bayesterra.report.blocks import Table
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.strip import strip
@@ -126,10 +127,9 @@ def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage)
     assert reader.open == []
     assert len(reader.pictures) == 5 - 1  # two groups are needed for the coupling of groups
     assert all(picture["alt"] for picture in reader.pictures)
-    for section in page.sections:
-        for block in section.blocks:
-            for row in getattr(block, "rows", ()):
-                assert len(row) == len(block.header) == len(block.align)
+    tables = [block for section in page.sections for block in section.blocks if isinstance(block, Table)]
+    for table in tables:
+        assert {len(row) for row in table.rows} == {len(table.header)} == {len(table.align)}
     assert report.identifiability_html(moduli) == html
 
 
@@ -160,9 +160,11 @@ def test_a_run_says_what_its_design_cannot_tell(pair: RunResult) -> None:
 
 def test_a_run_judges_its_design() -> None:
     """Moduli under one wheel width: verdict, groups and the reason, whatever the draws say."""
-    target = posterior(VARIANTS["moduli"]())
+    study = VARIANTS["moduli"]()
+    target = posterior(study)
     x = draw_cut_prior(target, 2000, default_rng(1)).x
-    drawn = SimpleNamespace(posterior=target, prior=SimpleNamespace(x=x), kept=SimpleNamespace(flat=x[::2]))
+    kept = SimpleNamespace(flat=x[::2])
+    drawn = SimpleNamespace(study=study, posterior=target, prior=SimpleNamespace(x=x), kept=kept)
     found, record = Analysis.identifiability(cast(Analysis, drawn), default_rng(2))
     words = found.table.set_index("parameter")["verdict"]
     assert words[words == "structurally not determined"].index.tolist() == ["kc", "kphi"]
