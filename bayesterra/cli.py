@@ -278,6 +278,8 @@ def identify(
     from bayesterra.study import load_study
 
     if prior_only:
+        if out is not None:
+            raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
         loaded = load_study(what, prior_only=True)
         from bayesterra.identifying import foresee
         from bayesterra.listing import print_foreseen
@@ -286,8 +288,7 @@ def identify(
     from bayesterra.identifying import identify_into
     from bayesterra.listing import print_identified
 
-    name = what.resolve().name if (what / "run.json").is_file() else beside(what, "result").name
-    folder = out or Path(f"{name.removesuffix('-result')}-identifiability")
+    folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     found = identify_into(what, folder, seed=seed, overwrite=overwrite, quiet=quiet)
     print_identified(found, folder / "report.html")
     raise typer.Exit(0 if found.record["converged"] else 3)

@@ -14,6 +14,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from bayesterra.calibration import Progress as CalibrationProgress
+from bayesterra.figures.rows import Found, found_rows
 from bayesterra.parameters import PARAMETERS
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.numbers import interval, resolution, rounded
@@ -124,7 +125,7 @@ def print_prior(result: PriorResult, report: Path) -> None:
 
 
 def _table(result: Result) -> Table:
-    words = {row["parameter"]: _verdict(row) for row in result.identifiability.to_dict("records")}
+    words = {name: _verdict(row) for name, row in found_rows(result).items()}
     table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("parameter", "unit"):
         table.add_column(header)
@@ -145,10 +146,11 @@ def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     return (PARAMETERS[row["parameter"]].symbol, row["unit"], *figures)
 
 
-def _verdict(row: Mapping[Hashable, Any]) -> str:
+def _verdict(row: Found) -> str:
     """The word, with the partner of a coupled parameter."""
-    coupled = row["verdict"] == "coupled"
-    return f"coupled with {PARAMETERS[row['partner']].symbol}" if coupled else str(row["verdict"])
+    if row.verdict != "coupled":
+        return row.verdict
+    return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
 
 
 def verdict_line(result: Result) -> str:

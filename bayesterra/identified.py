@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -13,20 +13,21 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, outlook
-from bayesterra.identifiability.information import ALL
+from bayesterra.identifiability.wording import in_a_sentence
 from bayesterra.inference import PRIOR_DRAWS, keep
 from bayesterra.parameters import PARAMETERS
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.record import PACKAGES
-from bayesterra.results import Result
+from bayesterra.results import Result, field_values
 from bayesterra.sampling.sampler import Progress, sample
 from bayesterra.study import Study
 
-GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle"}
-NUMBERS = ("none", "one", "two", "three")
 LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
-"""Columns of the verdicts that have the unit of their parameter."""
+ENDS = ("lower_95", "lower_68", "best", "upper_68", "upper_95")
+SPREADS = ("prior_sd", "cramer_rao", "with_prior", "local_sd", "posterior_sd")
+"""Columns that have the unit of their parameter, of verdicts, profiles and local analysis."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +48,20 @@ class Identified:
     @property
     def verdicts(self) -> pd.DataFrame:
         """The table of verdicts in field units, with a column ``unit``."""
-        table = self.found.verdicts.copy()
-        parameters = [PARAMETERS[name] for name in table["parameter"]]
-        scale = np.array([parameter.scale for parameter in parameters])
-        table[list(LENGTHS)] = table[list(LENGTHS)].to_numpy() / scale[:, None]
-        table.insert(1, "unit", [parameter.unit for parameter in parameters])
-        return table
+        return in_field_units(self.found.verdicts, LENGTHS)
 
     @property
     def sentence(self) -> str:
         """The finding in a sentence, parameters by their plain symbols."""
-        return in_a_sentence(self.found, lambda name: PARAMETERS[name].symbol)
+        return self.in_words(lambda name: PARAMETERS[name].symbol)
+
+    def in_words(self, symbol: Callable[[str], str]) -> str:
+        """The finding in a sentence, parameters written as ``symbol`` says."""
+        rows = [
+            {str(key): value for key, value in row.items()} for row in self.found.counts.to_dict("records")
+        ]
+        words = self.found.verdicts.set_index("parameter")["verdict"].to_dict()
+        return in_a_sentence(rows, {str(name): word for name, word in words.items()}, symbol)
 
 
 @dataclass(frozen=True)
@@ -67,43 +71,6 @@ class Foreseen:
     study: Study
     found: Outlook
     record: dict[str, Any]
-
-
-def in_a_sentence(found: Analysis, symbol: Callable[[str], str]) -> str:
-    """How many directions of each group are fixed, and which parameters only repeat their prior."""
-    counts = found.counts[found.counts["scope"] != ALL].to_dict("records")
-    parts = [_count(row["scope"], row["determined"], row["directions"]) for row in counts]
-    if not parts:
-        (row,) = found.counts.to_dict("records")
-        parts = [f"{row['determined']} of {row['directions']} directions"]
-    fixed = f"These data fix {_listed(parts)}"
-    words = found.verdicts.groupby("verdict", sort=False)["parameter"].agg(list).to_dict()
-    rest = []
-    if names := words.get("repeats its prior"):
-        rest.append(f"{_listed([symbol(n) for n in names])} {_repeats(len(names))}")
-    if names := words.get("structurally not determined"):
-        rest.append(f"no data of this design can determine {_listed([symbol(n) for n in names])}")
-    return "; ".join([fixed, *rest]) + "."
-
-
-def _repeats(count: int) -> str:
-    return "repeats its prior" if count == 1 else "repeat their priors"
-
-
-def _count(group: str, determined: int, of: int) -> str:
-    """Such as ``two of the three bearing directions``."""
-    many = f"of the {NUMBERS[of]} {GROUP_WORDS[group]} directions" if of in (2, 3) else ""
-    if of == 1:
-        return (
-            f"the one {GROUP_WORDS[group]} parameter" if determined else f"no {GROUP_WORDS[group]} parameter"
-        )
-    if determined == of:
-        return f"{'both' if of == 2 else f'all {NUMBERS[of]}'} {GROUP_WORDS[group]} directions"
-    return f"{NUMBERS[determined]} {many}"
-
-
-def _listed(parts: list[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def identify_result(
@@ -147,9 +114,12 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
 
     Raises
     ------
+    StudyError : every parameter is fixed.
     SupportError : the prior leaves no parameter set that fits the conditions of the table.
     """
     target = posterior(study)
+    if not target.names:
+        raise StudyError("every parameter is fixed: there is nothing to determine")
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(SeedSequence(seed))).x
     return Foreseen(study, outlook(target, prior), _record(study, seed, {}, {"draws_from": "the prior"}))
 
@@ -169,7 +139,7 @@ def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str
 
 
 def tables(made: Identified) -> dict[str, pd.DataFrame]:
-    """Everything that was measured, by file name; SI where a column ``unit`` does not say otherwise."""
+    """Everything that was measured, by file name; field units, named in a column ``unit`` or a header."""
     found, drawn = made.found, made.found.drawn
     return {
         "verdicts": made.verdicts,
@@ -179,11 +149,11 @@ def tables(made: Identified) -> dict[str, pd.DataFrame]:
         "information": drawn.information.parameters,
         "coupling": drawn.coupling.pairs,
         "coupling_of_groups": drawn.coupling.between,
-        "profiles": found.profiles.table,
+        "profiles": in_field_units(found.profiles.table, ENDS),
         "profile_points": _points(found),
         "compensation": found.profiles.compensation().rename_axis("profile").reset_index(),
-        "local": found.spread.table,
-        "local_at_best": found.best.table,
+        "local": in_field_units(found.spread.table, SPREADS),
+        "local_at_best": in_field_units(found.best.table, SPREADS),
         "spectrum": pd.DataFrame(found.spread.spectra, columns=_numbered(len(found.names))),
         "collinearity": found.collinearity.table,
         "importance": found.collinearity.importance,
@@ -194,19 +164,37 @@ def tables(made: Identified) -> dict[str, pd.DataFrame]:
     }
 
 
+def in_field_units(table: pd.DataFrame, columns: Sequence[str], name: str = "parameter") -> pd.DataFrame:
+    """A table whose ``columns`` are in the field unit of their row's parameter, with a column ``unit``."""
+    parameters = [PARAMETERS[parameter] for parameter in table[name]]
+    scale = np.array([parameter.scale for parameter in parameters])[:, None]
+    converted = table.assign(**dict(zip(columns, (table[list(columns)].to_numpy() / scale).T, strict=True)))
+    converted.insert(list(table).index(name) + 1, "unit", [parameter.unit for parameter in parameters])
+    return converted
+
+
 def _numbered(count: int) -> list[str]:
     return [f"eigenvalue_{i + 1}" for i in range(count)]
 
 
 def _points(found: Analysis) -> pd.DataFrame:
     """Every point of every profile, with the path of all parameters."""
-    parts = []
+    parts, names = [], found.names
     for kind, profiles in found.profiles.found.items():
         for profile in profiles:
-            path = pd.DataFrame(profile.path, columns=list(found.names))
-            head = {"kind": kind, "profile": profile.name, "value": profile.values, "rise": profile.rise}
+            path = pd.DataFrame(
+                {_headed(n): field_values(n, x) for n, x in zip(names, profile.path.T, strict=True)}
+            )
+            values = {"value": field_values(profile.name, profile.values), "rise": profile.rise}
+            head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit, **values}
             parts.append(pd.DataFrame(head).join(path))
     return pd.concat(parts, ignore_index=True)
+
+
+def _headed(name: str) -> str:
+    """A column of a table, such as ``phi [deg]``."""
+    unit = PARAMETERS[name].unit
+    return name if unit == "-" else f"{name} [{unit}]"
 
 
 def expected_contraction(made: Foreseen) -> FloatArray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from bayesterra import report
+from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
 from bayesterra.results import Result
@@ -40,7 +41,8 @@ class IdentifyResult(Identified):
             for name, table in tables(self).items():
                 write_text(part / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
             record = {"sentence": self.sentence, **self.record}
-            write_text(part / MARK, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+            text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False)
+            write_text(part / MARK, text + "\n")
             write_text(part / "report.html", report.identifiability_html(self))
         return Path(folder) / "report.html"
 
@@ -73,7 +75,12 @@ def opened(path: Path) -> Study | Result:
     ------
     BayesterraError : it is neither, or something in it is wrong.
     """
-    return load_result(path) if (path / "run.json").is_file() else load_study(path)
+    if (path / "run.json").is_file():
+        return load_result(path)
+    if path.is_file() or (path / "study.toml").is_file():
+        return load_study(path)
+    missing = "neither run.json nor study.toml in it" if path.is_dir() else "no such file or folder"
+    raise ResultError(f"'{path}' is neither a study nor a result: {missing}")
 
 
 def identify_into(
@@ -82,8 +89,8 @@ def identify_into(
     """Analyse the result or study at a path into a new folder, with a word on each part on a terminal."""
     from bayesterra.console import stages
 
-    check_free(out, overwrite=overwrite, mark=MARK)
     what = opened(path)
+    check_free(out, overwrite=overwrite, mark=MARK)
     with stages(show=not quiet) as show:
         found = identify(what, seed=seed, progress=show)
     found.save(out, overwrite=overwrite)

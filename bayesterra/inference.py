@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.comparison import Standing, stand
 from bayesterra.crosscheck import Weighted, against_nested, check_installed
 from bayesterra.diagnostics import thinning
-from bayesterra.identifiability import identifiability
+from bayesterra.identifiability import Identifiability, identifiability
+from bayesterra.identifiability import structure as structures
+from bayesterra.identifiability.information import information
 from bayesterra.identification import Fit, fit_all, report_table
 from bayesterra.mode import Mode, find_mode
 from bayesterra.parameters import PRIOR_PARAMETERS
@@ -105,7 +108,8 @@ def run(
         check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    sampling, prior_stream, predicting, validating, weighing, nesting = SeedSequence(seed).spawn(6)
+    streams = SeedSequence(seed).spawn(7)
+    sampling, prior_stream, predicting, validating, weighing, nesting, informing = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report, journal=journal)
     report(Progress("comparing", 1.0))
@@ -119,7 +123,7 @@ def run(
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused)
     report(Progress("checking", 1.0))
-    result = analysis.result(seed, default_rng(predicting), validating, started)
+    result = analysis.result(seed, default_rng(predicting), (validating, informing), started)
     if not crosscheck:
         return result
     ours = Weighted.equal("bayesterra", kept.flat, integral.log_z, integral.error)
@@ -141,14 +145,19 @@ class Analysis:
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
 
-    def result(self, seed: int, rng: Generator, validating: SeedSequence, started: float) -> Result:
-        """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then."""
+    def result(
+        self, seed: int, rng: Generator, streams: tuple[SeedSequence, SeedSequence], started: float
+    ) -> Result:
+        """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
+
+        ``rng`` predicts; ``streams`` are for the checks and for what the data added to the prior.
+        """
+        validating, informing = streams
         rows = predict_rows(self.study, self.posterior, self.kept.flat, rng)
         before = predict_rows(self.study, self.posterior, self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
         standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
-        ranges = [self.study.prior.laws[name].range for name in self.posterior.names]
-        found = identifiability(self.posterior.names, ranges, self.prior.x, self.kept.flat)
+        found, directions = self.identifiability(default_rng(informing))
         findings = {
             "verdict": record.of_diagnosis(self.samples.diagnosis),
             "sampling": record.of_samples(self.samples, self.kept.every),
@@ -158,7 +167,7 @@ class Analysis:
             "fits": {name: record.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
             "standings": {name: record.of_standing(standing) for name, standing in standings.items()},
-            "directions": record.of_directions(found),
+            "directions": directions,
             **validate(self.study, self.posterior, self.kept.flat, before, validating).record(),
         }
         summary = summary_table(
@@ -174,6 +183,15 @@ class Analysis:
             predictive=predictive_table(self.study, rows),
             record=record.run_record(self.study, seed, findings, seconds),
         )
+
+    def identifiability(self, rng: Generator) -> tuple[Identifiability, dict[str, Any]]:
+        """Verdicts on the parameters, and the record of the directions that design and data determine."""
+        names, prior, draws = self.posterior.names, self.prior.x, self.kept.flat
+        seen = structures.structure(self.posterior, prior[: structures.DRAWS])
+        ranges = [self.study.prior.laws[name].range for name in names]
+        structural = np.isin(names, seen.determined)
+        found = identifiability(names, ranges, prior, draws, structural)
+        return found, record.of_directions(found, seen, information(self.posterior, prior, draws, rng))
 
     def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
         shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])

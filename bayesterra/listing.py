@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from bayesterra.calibration import Calibration
@@ -175,34 +175,36 @@ def print_identified(made: Identified, report: Path, console: Console | None = N
     """Print the finding, the verdict on every parameter with its figures, and the name of the page."""
     console = console or _console()
     table = Table(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header, side in IDENTIFIED:
-        table.add_column(header, justify="right" if side == "right" else "left")
+    for header in IDENTIFIED:
+        side: JustifyMethod = "right" if header == "contraction" else "left"
+        table.add_column(header, justify=side, no_wrap=header != "verdict")
     for row in made.found.verdicts.to_dict("records"):
         table.add_row(*_identified(row))
     console.print(table)
     for row in made.found.verdicts.to_dict("records"):
         if row["against"]:
-            console.print(f"! {row['parameter']}: {row['against']}.", highlight=False, soft_wrap=True)
+            symbol = PARAMETERS[row["parameter"]].symbol
+            console.print(f"! {symbol}: {row['against']}.", highlight=False, soft_wrap=True)
     if not made.record["converged"]:
         console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
     console.print(made.sentence, highlight=False, soft_wrap=True)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
-IDENTIFIED = (
-    ("", "left"),
-    ("verdict", "left"),
-    ("contraction", "right"),
-    ("with", "left"),
-    ("r", "right"),
-    ("profile", "left"),
-)
+IDENTIFIED = ("", "verdict", "contraction", "tied to", "profile")
+PROFILES = {"bounded only by the prior": "prior-bound"}
+"""Classes of profiles in fewer letters, so that no row of the table breaks on 80 columns."""
 
 
 def _identified(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
-    partner = row["partner"] if row["partner"] != row["parameter"] else ""
-    figures = (f"{max(row['contraction'], 0.0):.2f}", partner, f"{row['correlation']:+.2f}")
-    return (row["parameter"], row["verdict"], *figures, row["profile"])
+    tied = row["tied_to"] != row["parameter"]
+    tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
+    profile = PROFILES.get(row["profile"], row["profile"])
+    return (PARAMETERS[row["parameter"]].symbol, row["verdict"], _share(row["contraction"]), tie, profile)
+
+
+def _share(contraction: float) -> str:
+    return f"{max(contraction, 0.0):.2f}"
 
 
 def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
@@ -213,7 +215,8 @@ def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
         table.add_column(header, justify="right" if header.startswith("contraction") else "left")
     seen = made.found.structure.determined
     for name, expected in zip(made.found.names, expected_contraction(made), strict=True):
-        table.add_row(name, "determine it" if name in seen else "NOT determine it", f"{expected:.2f}")
+        word = "determine it" if name in seen else "NOT determine it"
+        table.add_row(PARAMETERS[name].symbol, word, _share(expected))
     console.print(table)
     for null in made.found.structure.nulls:
         console.print(f"{null.words[:1].upper()}{null.words[1:]}.", highlight=False, soft_wrap=True)

@@ -24,7 +24,9 @@ def result_table(result: Result) -> str:
     for name, row in summary_rows(result).items():
         step = resolution(*row.hdi)
         word = found[name].verdict if name in found else ""
-        word = f"{word} with {QUANTITIES[found[name].partner].symbol}" if word == "coupled" else word
+        if word == "coupled":
+            partner = found[name].coupled_with
+            word = f"{word} with {QUANTITIES[partner].symbol if partner else 'several'}"
         values = (rounded(row.median, step), interval(*row.hdi), rounded(row.mode, step))
         rows.append((with_unit(name), angles(QUANTITIES[name].description), *values, word))
     verdict = sampling_verdict(result)

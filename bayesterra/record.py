@@ -14,6 +14,8 @@ from bayesterra.checkpoints import digest
 from bayesterra.comparison import Standing
 from bayesterra.diagnostics import Diagnosis
 from bayesterra.identifiability import Identifiability
+from bayesterra.identifiability.information import Information
+from bayesterra.identifiability.structure import Structure
 from bayesterra.identification import Fit
 from bayesterra.identity import identity
 from bayesterra.posteriors import INSIDE, REASONS, PriorDraws
@@ -125,10 +127,13 @@ def of_standing(standing: Standing) -> dict[str, Any]:
     }
 
 
-def of_directions(found: Identifiability) -> dict[str, Any]:
-    """How many independent directions the data determine."""
+def of_directions(found: Identifiability, seen: Structure, added: Information) -> dict[str, Any]:
+    """How many independent directions the data determine, of each group too, and what the design cannot."""
+    columns = ["scope", "view", "directions", "determined", "effective", "cut_effective"]
     return {
         "determined": found.determined,
         "of": len(found.contractions),
         "contractions": found.contractions.tolist(),
+        "groups": added.counts[columns].to_dict("records"),
+        "unseen": [null.words for null in seen.nulls],
     }

@@ -13,6 +13,7 @@ from bayesterra.figures.style import DATA, GRID, INK, POSTERIOR, PRIOR, label, o
 from bayesterra.identifiability.coupling import Coupling
 from bayesterra.identifiability.information import Information
 from bayesterra.identifiability.verdicts import DETERMINED, WEAK
+from bayesterra.identifiability.wording import GROUP_WORDS as WORDS
 from bayesterra.parameters import PARAMETERS
 
 
@@ -65,7 +66,7 @@ def _name_cells(ax: Axes, names: Sequence[str]) -> None:
     ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
     ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
     ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
-    ax.tick_params(length=0)
+    ax.tick_params(length=0, labelsize=10)
     ax.xaxis.tick_top()
     ax.spines[:].set_visible(False)
 
@@ -82,10 +83,10 @@ def group_coupling(found: Coupling, ax: Axes | None = None) -> Axes:
         table["nearest"], places + 0.14, xerr=table["nearest_error"], fmt="o", color=DATA, markersize=4,
         markerfacecolor="none",
     )  # fmt: skip
-    names = [f"{_group(a)} – {_group(b)}" for a, b in zip(table["first"], table["second"], strict=True)]
+    names = [f"{WORDS[a]} –\n{WORDS[b]}" for a, b in zip(table["first"], table["second"], strict=True)]
     ax.set(yticks=places, yticklabels=names, xlabel="mutual information [nat]")
     ax.set_xlim(left=min(0.0, float(table["nearest"].min())) if len(table) else 0.0)
-    ax.tick_params(axis="y", length=0)
+    ax.tick_params(axis="y", length=0, labelsize=9)
     near = Line2D(
         [], [], color=DATA, marker="o", markerfacecolor="none", linestyle="none", label="neighbours"
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
 import pandas as pd
 
+from bayesterra.identifiability import COUPLED
 from bayesterra.results import Result
 
 
@@ -43,6 +45,14 @@ class Found:
     partner: str
     correlation: float
     bound: str
+    tied_to: str
+    tie: float
+    multiple: float
+
+    @property
+    def coupled_with(self) -> str:
+        """The one parameter that a coupled one hangs on; empty if it takes several, or it is not coupled."""
+        return self.tied_to if self.verdict == "coupled" and abs(self.tie) >= COUPLED else ""
 
 
 def summary_rows(result: Result) -> dict[str, Row]:
@@ -60,6 +70,10 @@ def found_rows(result: Result) -> dict[str, Found]:
             str(row["partner"]),
             float(row["correlation"]),
             str(row["bound"]),
+            # folders of versions that did not have these columns coupled with any parameter
+            str(row.get("tied_to", row["partner"])),
+            float(row.get("tie", row["correlation"])),
+            float(row.get("multiple", np.nan)),
         )
         for name, row in _records(result.identifiability)
     }

@@ -16,6 +16,8 @@ STEEPEST = 1e16
 """Curvature of the barrier beyond which digits are lost."""
 FIRST = 0.1
 """Least slack to begin with, in units of the range."""
+LEAST, MOST = 1e-60, 1e60
+"""Bounds of slacks and multipliers on the way: those of problems without a solution go to 0 and infinity."""
 ROUNDING = 1e-13
 """Added to unit diagonals: a matrix that rounding made singular is none."""
 LOOSE = 1e-10
@@ -118,7 +120,7 @@ class _Problems:
         ahead = ((s + _reach(s, ds) * ds) * (z + _reach(z, dz) * dz)).mean(axis=1, keepdims=True)
         dp, ds, dz = newton(s * z + ds * dz - (ahead / gap) ** 3 * gap)
         forward, back = 0.995 * _reach(s, ds), 0.995 * _reach(z, dz)
-        return p + forward * dp, s + forward * ds, z + back * dz, solved
+        return p + forward * dp, np.maximum(s + forward * ds, LEAST), np.minimum(z + back * dz, MOST), solved
 
 
 def _reach(value: FloatArray, change: FloatArray) -> FloatArray:

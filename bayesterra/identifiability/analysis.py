@@ -19,10 +19,10 @@ from bayesterra.identifiability.information import information
 from bayesterra.identifiability.local import LocalAnalysis, local_analysis
 from bayesterra.identifiability.powerscaling import power_scaling
 from bayesterra.identifiability.profiles import Profiles, profiles
+from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
 from bayesterra.identifiability.structure import Structure, structure
 from bayesterra.posteriors import Posterior
 
-STRUCTURE_DRAWS = 300
 LOCAL_DRAWS = 400
 CLONES = (1, 2, 4, 8, 16)
 """Up to sixteen times the readings: what that many do not narrow, a campaign will not."""

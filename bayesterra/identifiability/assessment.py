@@ -22,6 +22,7 @@ from bayesterra.identifiability.verdicts import (
     WEAK,
     Correlated,
     disagreements,
+    tied_to,
     ties,
     word,
 )
@@ -74,7 +75,12 @@ class Assessment:
         partners = np.abs(others).argmax(axis=1)
         contraction = self.drawn.information.parameters["contraction"].to_numpy()
         found = ties(contraction, Correlated(plain, coupling.copula, coupling.prior_copula))
-        table = pd.DataFrame({"partner": [names[i] for i in partners]})
+        table = pd.DataFrame(
+            {
+                "partner": [names[i] for i in partners],
+                "tied_to": [names[i] for i in tied_to(contraction, plain)],
+            }
+        )
         return table.assign(correlation=others[np.arange(len(plain)), partners], **found)
 
     def _elsewhere(self) -> pd.DataFrame:
@@ -100,6 +106,8 @@ class Assessment:
         table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)][["combination", "contraction"]]
         rated = table.assign(verdict=[rated_as(value) for value in table["contraction"]])
         nulls = [(null.words, np.nan, STRUCTURAL) for null in self.structure.nulls]
+        if not nulls:
+            return rated.reset_index(drop=True)
         return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
 
     def counts(self) -> pd.DataFrame:

@@ -17,6 +17,7 @@ from bayesterra.identifiability.verdicts import (
     DETERMINED,
     Correlated,
     Evidence,
+    tied_to,
     ties,
     word,
 )
@@ -32,8 +33,9 @@ class Identifiability:
     Attributes
     ----------
     table : one row per parameter: parameter, verdict, contraction, partner (of the strongest correlation),
-        correlation, tie, multiple, given_others, bound (one of ``BOUNDS``), structural, prior_sd,
-        posterior_sd (SI); see :class:`bayesterra.identifiability.verdicts.Evidence`.
+        correlation, tied_to (the strongest correlation among those not determined; itself if there is none),
+        tie, multiple, given_others, bound (one of ``BOUNDS``), structural, prior_sd, posterior_sd (SI); see
+        :class:`bayesterra.identifiability.verdicts.Evidence`.
     contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
     directions : those directions in units of the prior's standard deviations, columns (d, d).
     """
@@ -68,6 +70,7 @@ def identifiability(
         {
             "contraction": contraction,
             "correlation": correlation[np.arange(len(names)), partners],
+            "tied_to": [names[i] for i in tied_to(contraction, correlation)],
             **ties(contraction, scores),
             "bound": [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)],
             "structural": np.ones(len(names), dtype=bool) if structural is None else structural,

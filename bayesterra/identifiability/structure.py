@@ -26,6 +26,9 @@ from bayesterra.identifiability.sensitivities import has_own_sd, read_where
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.posteriors import Posterior
 
+DRAWS = 300
+"""Draws of the cut prior that are plenty."""
+
 
 @dataclass(frozen=True)
 class Null:

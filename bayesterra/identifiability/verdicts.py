@@ -123,6 +123,18 @@ class Correlated:
     prior_scores: FloatArray
 
 
+def tied_to(contraction: FloatArray, correlation: FloatArray) -> IntArray:
+    """For each parameter (d,) the other, not determined, that it is tied to most; itself where there is none.
+
+    Parameters
+    ----------
+    correlation : of the posterior's draws (d, d).
+    """
+    strength = np.abs(correlation) * (contraction < DETERMINED)
+    np.fill_diagonal(strength, 1e-300)
+    return np.asarray(strength.argmax(axis=1))
+
+
 def ties(contraction: FloatArray, found: Correlated) -> dict[str, FloatArray]:
     """How each parameter hangs together with the others that are not determined.
 

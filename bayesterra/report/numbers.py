@@ -74,6 +74,17 @@ def plain(value: float | None, digits: int = 3) -> str:
     return rounded(value, _significant(abs(value), digits))
 
 
+def number(value: float | None, places: int, *, least: float = -math.inf) -> str:
+    """A value to some decimals, ``least`` where it is below that.
+
+    >>> number(-0.123, 2), number(-0.1, 1, least=0.0), number(float("nan"), 2)
+    ('−0.12', '0.0', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return rounded(max(value, least), 10.0**-places)
+
+
 def moments(mean: float, sd: float) -> tuple[str, str]:
     """A mean and a standard deviation, both to the second digit of the latter.
 

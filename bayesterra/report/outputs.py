@@ -1,4 +1,4 @@
-"""What came out: sampling quality, the posterior, predictive checks and what the data determine."""
+"""What came out: sampling quality, the posterior and predictive checks."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from markupsafe import Markup
 from bayesterra import figures
 from bayesterra.adequacy import complete_soils
 from bayesterra.figures.posterior import PRIOR_MASS
-from bayesterra.figures.rows import found_rows, summary_rows
-from bayesterra.identifiability import DETERMINED, WEAK
+from bayesterra.figures.rows import summary_rows
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.driving import slip_table
@@ -239,43 +238,3 @@ def _residuals(result: Result) -> Gallery:
         f"their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
     )
     return Gallery("small", pictures, caption)
-
-
-def identifiability_section(result: Result) -> Section:
-    """What the data determine."""
-    bars = drawing(figures.contraction(result), "Contraction of every parameter")
-    cells = drawing(
-        figures.combinations(result), "Weights of the parameters in the combinations, best determined first"
-    )
-    text = Markup(
-        "A parameter is <b>determined</b> where its variance shrinks by {:.0f} % or more (sd below a third "
-        "of the prior's), but <b>one-sided</b> where it then leans on a bound of its prior: that end is not "
-        "from the data. Otherwise it is <b>coupled</b> where its correlation with another is 0.8 or "
-        "stronger, <b>weakly</b> determined from {:.0f} % on, or else <b>repeats its prior</b>."
-    ).format(100 * DETERMINED, 100 * WEAK)
-    caption = Markup(
-        "Left: contraction 1 − var(posterior)/var(prior) of each parameter, with the limits {:.1f} and "
-        "{:.1f}. Right: the independent combinations of parameters, best determined first, with their own "
-        "contraction; weights in units of the prior's sd. Combinations at the bottom are what a next "
-        "measurement should aim at."
-    ).format(WEAK, DETERMINED)
-    return Section(
-        "identifiability",
-        "Identifiability",
-        (Text(text), _identifiability(result), Gallery("half", (bars, cells), caption)),
-    )
-
-
-def _identifiability(result: Result) -> Table:
-    rows = tuple(
-        (
-            symbol(name),
-            row.verdict,
-            f"{max(row.contraction, 0.0):.2f}",
-            symbol(row.partner),
-            f"{row.correlation:+.2f}".replace("-", "−"),
-        )
-        for name, row in found_rows(result).items()
-    )
-    header = ("", "verdict", "contraction", "strongest coupling", "correlation")
-    return Table("Verdict of every parameter.", "llrlr", header, rows)

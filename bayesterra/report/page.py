@@ -10,14 +10,10 @@ from markupsafe import Markup
 from bayesterra.adequacy import fit_checks
 from bayesterra.report.blocks import Section
 from bayesterra.report.closing import methods_section, prior_section, reproduce_section
+from bayesterra.report.determined import identifiability_section
 from bayesterra.report.driving import Driving, driving
 from bayesterra.report.inputs import data_section
-from bayesterra.report.outputs import (
-    identifiability_section,
-    posterior_section,
-    predictive_section,
-    sampling_section,
-)
+from bayesterra.report.outputs import posterior_section, predictive_section, sampling_section
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
 from bayesterra.report.validation import cross_validation_section

@@ -119,7 +119,8 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     if word != "coupled":
         return word, Markup("")
     alone = ", alone like its prior" if row.contraction < WEAK else ""
-    return word, Markup("with {}{}").format(symbol(row.partner), alone)
+    partner = symbol(row.coupled_with) if row.coupled_with else Markup("several others")
+    return word, Markup("with {}{}").format(partner, alone)
 
 
 def _drawing(result: Result, name: str, along: Axis) -> Markup:

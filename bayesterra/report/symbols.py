@@ -18,6 +18,11 @@ QUANTITIES: dict[str, Parameter | Channel] = {
     **DERIVED,
     EFFICIENCY.name: EFFICIENCY,
 }
+PLAIN = {parameter.symbol: name for name, parameter in PARAMETERS.items()}
+"""Parameters by their plain symbols."""
+_PLAIN = re.compile(
+    r"(?<![\w_])({})(?![\w_])".format("|".join(re.escape(s) for s in sorted(PLAIN, key=len, reverse=True)))
+)
 
 
 def symbol(name: str) -> Markup:
@@ -86,6 +91,21 @@ def listed(items: Iterable[str | Markup], last: str = "and") -> Markup:
 def symbols(names: Iterable[str], last: str = "and") -> Markup:
     """Symbols as in a sentence."""
     return listed((symbol(name) for name in names), last)
+
+
+def in_symbols(text: str) -> Markup:
+    """Text with the plain symbols in it set as in the literature.
+
+    >>> str(in_symbols("K_s − 0.4 n0 of σ(z)"))
+    '<i>K</i><sub>s</sub> − 0.4 <i>n</i><sub>0</sub> of <i>σ</i>(<i>z</i>)'
+    """
+    return Markup("").join(_set(part) for part in _PLAIN.split(text))
+
+
+def _set(part: str) -> Markup:
+    if part in PLAIN:
+        return symbol(PLAIN[part])
+    return Markup("m<sup>N</sup>").join(Markup("{}").format(piece) for piece in part.split("m^N"))
 
 
 def law_text(name: str, law: Law) -> Markup:

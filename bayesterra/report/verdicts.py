@@ -10,6 +10,8 @@ from markupsafe import Markup
 
 from bayesterra.adequacy import FitCheck
 from bayesterra.figures.rows import found_rows
+from bayesterra.identifiability.information import ALL
+from bayesterra.report.determined import finding, marginal
 from bayesterra.report.numbers import plain
 from bayesterra.report.symbols import listed, symbols
 from bayesterra.report.validation import alarm_sentence
@@ -89,12 +91,13 @@ def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
 def identifiability_verdict(result: Result) -> Verdict:
     """How many independent combinations of parameters the data determine."""
     found = result.record["directions"]
-    determined, of = found["determined"], found["of"]
+    counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
+    determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
-    sentence = Markup("Directions of the parameter space whose variance shrinks tenfold or more.")
-    if alone:
-        sentence += Markup(" On their own: {}.").format(symbols(alone))
-    else:
-        sentence += " No parameter on its own."
+    known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
+    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
+        known
+    )
+    sentence = finding(result) or plain
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)

@@ -97,6 +97,7 @@ def test_a_determined_partner_ties_nothing() -> None:
     found = identifiability(("a", "b"), [ANYWHERE] * 2, normal(np.eye(2)), normal(tied, seed=2)).table
     np.testing.assert_allclose(found["correlation"], 0.95, atol=1e-6)
     assert found["verdict"].tolist() == ["repeats its prior", "determined"]
+    assert found["tied_to"].tolist() == ["a", "a"]  # the first to nothing but itself
 
 
 def test_a_known_sum_of_three_couples_all_three() -> None:

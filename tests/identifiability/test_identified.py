@@ -1,0 +1,148 @@
+"""Tables, units and words of an identifiability analysis, for studies of every kind."""
+
+import math
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesterra.errors import StudyError
+from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
+from bayesterra.identifying import IdentifyResult
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report import identifiability_html
+from bayesterra.study import Study
+from bayesterra.workflow import RunResult
+
+from .conftest import VARIANTS, analysed, trial
+
+TABLES = {
+    "cloning", "cloning_directions", "collinearity", "combinations", "compensation", "coupling",
+    "coupling_of_groups", "directions", "groups", "importance", "information", "local", "local_at_best",
+    "power_scaling", "profile_points", "profiles", "spectrum", "structure", "verdicts",
+}  # fmt: skip
+SENTENCES = {
+    "one parameter": "These data fix the one shearing parameter.",
+    "noise only": "These data fix no direction at all.",
+    "offset and c3": "These data fix the one shearing parameter and no contact-angle parameter; c3 repeats",
+    "unknown load": "These data fix one of the two shearing directions.",
+    "tied": "These data fix the one bearing parameter and the one shearing parameter.",
+    "one slip": "These data fix one of the three bearing directions; K_s repeats its prior; no data of this"
+    " design can determine n0 and n1.",
+}
+
+
+def shown(html: str) -> str:
+    """A page without its pictures and tags."""
+    return re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", html, flags=re.DOTALL))
+
+
+@pytest.mark.parametrize("name", SENTENCES)
+def test_every_kind_of_study_has_its_sentence_and_page(name: str) -> None:
+    """Ties, an offset, a free c3, unknown loads, one parameter, noise alone: words, no NaN on the page."""
+    made = analysed(VARIANTS[name]())
+    assert made.sentence.startswith(SENTENCES[name])
+    text = shown(identifiability_html(made))
+    assert not re.search(r"\b(nan|inf|NaN|NaT)\b", text)
+    assert set(tables(made)) == TABLES
+
+
+def test_one_wheel_width_hides_the_moduli(moduli: Identified) -> None:
+    """Of k_c and k_φ under one width only a sum counts: verdicts, sentence, combinations and page say so."""
+    words = moduli.verdicts.set_index("parameter")["verdict"]
+    assert words[["kc", "kphi"]].tolist() == ["structurally not determined"] * 2
+    assert moduli.sentence.endswith("no data of this design can determine k_c and k_φ.")
+    last = moduli.found.combinations.iloc[-1]
+    assert last["combination"].startswith("only k_c + 0.165 k_φ is determined")
+    assert math.isnan(last["contraction"])
+    text = shown(identifiability_html(moduli))
+    assert "Rank 3 of 4" in text
+    assert not re.search(r"\bnan\b", text)
+
+
+def test_tables_have_the_units_that_they_say(moduli: Identified) -> None:
+    """Ends of profiles and standard deviations are in the unit of their row, paths in their header's."""
+    found, written = moduli.found, tables(moduli)
+    scale = {name: PARAMETERS[name].scale for name in found.names}
+    local = written["local"].set_index("parameter")
+    assert local.loc["kphi", "unit"] == "kPa/m^N"
+    np.testing.assert_allclose(
+        local["prior_sd"] * pd.Series(scale), found.spread.table.set_index("parameter")["prior_sd"]
+    )
+    verdicts = written["verdicts"].set_index("parameter")
+    assert verdicts.loc["noise_sinkage", "unit"] == "mm"
+    assert 0.5 < verdicts["prior_sd"]["noise_sinkage"] < 2.0
+    profiles = written["profiles"]
+    assert profiles[profiles["parameter"] == "kphi"]["best"].between(500, 5000).all()
+    points = written["profile_points"]
+    own = points[points["profile"] == "kphi"]
+    np.testing.assert_allclose(own["value"], own["kphi [kPa/m^N]"], rtol=1e-9)
+    assert own["value"].max() == pytest.approx(5000.0)
+    assert set(own["unit"]) == {"kPa/m^N"}
+    assert "n0" in points
+
+
+def test_tables_are_complete(moduli: Identified) -> None:
+    """Every parameter has its row, every pair, subset and profile too, and indices that a reader can join."""
+    written, names = tables(moduli), list(moduli.found.names)
+    for name in (
+        "verdicts",
+        "information",
+        "local",
+        "local_at_best",
+        "structure",
+        "cloning",
+        "power_scaling",
+    ):
+        assert written[name]["parameter"].tolist() == names
+    assert len(written["coupling"]) == 6
+    assert sorted(written["profiles"]["parameter"]) == sorted(2 * names)
+    assert written["compensation"].columns.tolist() == ["profile", *names]
+    assert written["spectrum"].shape[1] == 4
+    assert written["combinations"].dtypes["contraction"] == np.float64
+
+
+def test_a_study_and_its_result_agree(pair: RunResult) -> None:
+    """Sampled here or read from a result, words and counts are the same, and both name their draws."""
+    fresh, read = identify_study(pair.study, seed=2), identify_result(pair)
+    assert fresh.found.verdicts["verdict"].tolist() == read.found.verdicts["verdict"].tolist()
+    assert fresh.sentence == read.sentence
+    assert (fresh.record["draws_from"], read.record["draws_from"]) == ("here", "the result")
+    assert read.record["draws"] == len(pair.values())
+
+
+def test_the_same_seed_gives_the_same_answer(pair: RunResult) -> None:
+    """All tables again, number by number; another seed moves what is estimated from draws."""
+    once, again, other = (tables(identify_result(pair, seed=seed)) for seed in (3, 3, 4))
+    for name, table in once.items():
+        pd.testing.assert_frame_equal(table, again[name])
+    assert not once["coupling"]["null"].equals(other["coupling"]["null"])
+
+
+def test_nothing_free_is_refused() -> None:
+    """Where every parameter is fixed there is nothing to identify."""
+    with pytest.raises(StudyError, match="every parameter is fixed"):
+        identify_study(trial())
+    with pytest.raises(StudyError, match="every parameter is fixed"):
+        foresee(trial())
+
+
+def test_a_design_is_judged_without_its_readings() -> None:
+    """Readings change nothing in what is foreseen; a design of one slip cannot part n0 from n1."""
+    study = VARIANTS["one slip"]()
+    empty = Study(
+        pd.DataFrame({"slip": [0.3], "load [N]": [80.0]}), study.wheels, slip_reference="shearing",
+        prior_only=True, noise=dict(study.noise), priors=dict(study.prior.entries),
+    )  # fmt: skip
+    measured, planned = foresee(study), foresee(empty)
+    pd.testing.assert_frame_equal(measured.found.structure.table, planned.found.structure.table)
+    pd.testing.assert_frame_equal(measured.found.spread.table, planned.found.spread.table)
+    assert planned.found.structure.determined == ("Ks",)
+
+
+def test_an_analysis_with_a_page_is_the_same_analysis(moduli: Identified) -> None:
+    """The class that Python users get only adds saving."""
+    made = IdentifyResult.of(moduli)
+    assert made.sentence == moduli.sentence
+    assert made.found is moduli.found
