@@ -22,7 +22,7 @@ ONLY_IN = {
     "jinja2": {"report"},
     "corner": {"figures"},
     "matplotlib": {"figures"},
-    "typer": {"cli.py", "__main__.py"},
+    "typer": {"cli", "__main__.py"},
 }
 """Outside libraries that one part of the package only may import."""
 

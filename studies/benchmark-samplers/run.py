@@ -21,7 +21,7 @@ DRIVES, SPACES = ("load", "sinkage"), ("raw", "ours")
 BUDGETS = {"emcee": 60, "zeus": 40, "nuts": 60, "dynesty": 120, "nautilus": 100}
 """Processor seconds that each peer is given; NUTS has a number of draws instead."""
 LONG = {("emcee", "raw"): 300, ("zeus", "raw"): 80}
-PATIENCE = 900
+PATIENCE = 2400
 """Wall seconds after which a run is given up."""
 
 
