@@ -135,14 +135,14 @@ def _transform(job: Job) -> Callable[[FloatArray], FloatArray]:
     return lambda q: low + q * (high - low)
 
 
-def dynesty(job: Job) -> Run:
-    """The NestedSampler of dynesty as it comes: 500 live points, its own choice of moves, until it stops."""
+def dynesty(job: Job, sample: str = "auto") -> Run:
+    """The NestedSampler of dynesty: 500 live points, its own choice of moves, until it stops."""
     import dynesty as library
 
     one = job.space.densities.one
     started = time.process_time()
     sampler = library.NestedSampler(
-        lambda u: max(one(u), -1e300), _transform(job), 8, rstate=job.streams(1)[0]
+        lambda u: max(one(u), -1e300), _transform(job), 8, sample=sample, rstate=job.streams(1)[0]
     )
     how = "stopped by itself"
     for step in sampler.sample(dlogz=1e-3 * 499 + 0.01):
@@ -155,6 +155,11 @@ def dynesty(job: Job) -> Run:
     x = job.physical(found.samples)
     note = f"{how}, {int(np.sum(found.ncall))} calls, {len(x)} points"
     return Run(of_weighted(x, found.logwt, job.reference), seconds, note)
+
+
+def dynesty_walks(job: Job) -> Run:
+    """The same with random walks for moves, which dynesty leaves to more than ten dimensions."""
+    return dynesty(job, "rwalk")
 
 
 def nautilus(job: Job) -> Run:
@@ -218,6 +223,7 @@ PEERS: dict[str, Callable[[Job], Run]] = {
     "emcee": emcee,
     "zeus": zeus,
     "dynesty": dynesty,
+    "dynesty-rwalk": dynesty_walks,
     "nautilus": nautilus,
     "nuts": nuts,
 }

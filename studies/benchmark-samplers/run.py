@@ -18,9 +18,11 @@ import pandas as pd  # noqa: E402  threads are limited before NumPy starts
 
 HERE = Path(__file__).parent
 DRIVES, SPACES = ("load", "sinkage"), ("raw", "ours")
-BUDGETS = {"emcee": 60, "zeus": 40, "nuts": 60, "dynesty": 120, "nautilus": 100}
+BUDGETS = {"emcee": 60, "zeus": 40, "nuts": 60, "dynesty": 120, "dynesty-rwalk": 240, "nautilus": 100}
 """Processor seconds that each peer is given; NUTS has a number of draws instead."""
 LONG = {("emcee", "raw"): 300, ("zeus", "raw"): 80}
+REPEATED = {"dynesty-rwalk": 3}
+"""Peers whose draws are now right and now wrong are run with several seeds."""
 PATIENCE = 2400
 """Wall seconds after which a run is given up."""
 
@@ -52,8 +54,10 @@ def one(name: str, drive: str, space: str, seed: int) -> dict[str, object]:
 def jobs(drive: str) -> list[tuple[str, str, str, int]]:
     """Sampler, drive, space and seed of every row; ours first, last and between any two peers."""
     found = [("bayesterra", drive, "ours", 1)]
-    for seed, name in enumerate(BUDGETS, start=2):
-        found += [*((name, drive, space, 1) for space in SPACES), ("bayesterra", drive, "ours", seed)]
+    for number, name in enumerate(BUDGETS, start=2):
+        seeds = range(1, REPEATED.get(name, 1) + 1)
+        found += [(name, drive, space, seed) for space in SPACES for seed in seeds]
+        found.append(("bayesterra", drive, "ours", number))
     return found
 
 

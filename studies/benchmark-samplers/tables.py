@@ -26,7 +26,8 @@ def ratios(table: pd.DataFrame, drive: str) -> dict[str, tuple[str, float]]:
     rows = table[table["drive"] == drive]
     ours = rows[rows["sampler"] == "bayesterra"]["per_second"].mean()
     peers = rows[rows["sampler"] != "bayesterra"]
-    right = peers[peers["right"].astype(bool)]
+    always = peers.groupby(["sampler", "space"])["right"].transform("all").astype(bool)
+    right = peers[always]  # with every seed
     chosen = {
         "emcee's default move in raw parameters": peers[
             (peers["sampler"] == "emcee") & (peers["space"] == "raw")

@@ -12,7 +12,7 @@ import resource
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -102,13 +102,26 @@ class JacobianDropped:
             return self.fit(simulated, seed)
 
 
-CASES: dict[str, tuple[str, int, Fit | None]] = {
-    "m2": ("M2", 1000, None),
-    "m1": ("M1", 300, None),
-    "m2-noise-halved": ("M2", 20, NoiseHalved()),
-    "m2-jacobian-dropped": ("M2", 500, JacobianDropped()),
+class Case(NamedTuple):
+    """A model, the number of replications, how posteriors are sampled, and the noise, 1 being ``NOISE``."""
+
+    model: str
+    n: int
+    fit: Fit | None = None
+    noise: float = 1.0
+
+    @property
+    def study(self) -> bt.Study:
+        """What is calibrated."""
+        return study(self.model, self.noise)
+
+
+CASES = {
+    "m2": Case("M2", 1000),
+    "m1": Case("M1", 300),
+    "m2-noise-halved": Case("M2", 20, NoiseHalved()),
+    "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
 }
-"""Model, replications and how posteriors are sampled."""
 
 
 def resident() -> tuple[float, float]:
@@ -119,7 +132,7 @@ def resident() -> tuple[float, float]:
 
 def run(case: str) -> CalibrationResult:
     """Run one case, or what is missing of it; a finished one is only judged again."""
-    model, n, fit = CASES[case]
+    todo = CASES[case]
     out, rows = HERE / case, []
     if (out / "ranks.csv").is_file():
         return judged(case)
@@ -129,7 +142,7 @@ def run(case: str) -> CalibrationResult:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    found = calibrate_study(Job(study(model), n, fit=fit), out, resume=True, quiet=True, watch=note)
+    found = calibrate_study(Job(todo.study, todo.n, fit=todo.fit), out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
     table.to_csv(out / "memory.csv", index=False, float_format="%.1f")
     return found
@@ -144,7 +157,7 @@ def judged(case: str) -> CalibrationResult:
     origin = {
         name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")
     }
-    found = CalibrationResult(study(CASES[case][0]), table, origin)
+    found = CalibrationResult(CASES[case].study, table, origin)
     memory = out / "memory.csv"
     kept = memory.read_bytes() if memory.is_file() else None
     found.save(out, overwrite=True)
