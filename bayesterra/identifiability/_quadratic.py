@@ -13,7 +13,7 @@ ROUNDS = 25
 SOLVED = 1e-9
 """Complementarity, in units of the slope, at which a problem counts as solved."""
 HOPELESS = 1e20
-"""Multiplier, in units of the slope, from which nothing satisfies the inequalities; on and on it would grow."""
+"""Multiplier, in units of the slope, from which nothing satisfies the inequalities; it would only grow."""
 STEEPEST = 1e16
 """Curvature of the barrier beyond which digits are lost."""
 FIRST = 0.1
