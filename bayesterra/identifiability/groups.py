@@ -18,7 +18,7 @@ GROUPS = ("P_I", "P_II", "P_III")
 KNOTS = 65
 """Points at which the normal score of a law is taken from its draws; straight lines in between."""
 TAIL = 10
-"""Pieces, about one unit of the score, whose slope goes on beyond the last knot. That of one piece alone hangs
+"""Pieces, about one unit of the score, whose slope goes on beyond the last knot. That of one piece hangs
 on the gap between two draws, which may be no gap at all."""
 
 
