@@ -12,6 +12,8 @@ ROUNDS = 25
 """Most Newton steps of the interior-point method; it stops once every problem is solved."""
 SOLVED = 1e-9
 """Complementarity, in units of the slope, at which a problem counts as solved."""
+HOPELESS = 1e20
+"""Multiplier, in units of the slope, from which nothing satisfies the inequalities; it would only grow."""
 STEEPEST = 1e16
 """Curvature of the barrier beyond which digits are lost."""
 FIRST = 0.1
@@ -106,6 +108,7 @@ class _Problems:
         primal = p @ self.rows.T + s - self.slack
         gap = (s * z).mean(axis=1, keepdims=True)
         solved = (gap[:, 0] < SOLVED) & (np.abs(primal).max(axis=1) < SOLVED)
+        solved |= z.max(axis=1) > HOPELESS
         outer = (self.rows[:, :, None] * self.rows[:, None, :]).reshape(len(self.rows), -1)
         barrier = (np.minimum(z / s, STEEPEST) @ outer).reshape(self.matrix.shape)
         system = _without(self.matrix + barrier, self.held)

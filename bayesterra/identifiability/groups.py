@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Bearing, Block, Contact, Coordinates, Moduli, coordinates
 from bayesterra.diagnostics import rank_scores
 from bayesterra.parameters import MODULI, PARAMETERS
@@ -17,6 +17,9 @@ GROUPS = ("P_I", "P_II", "P_III")
 """Bearing, shearing, contact angles."""
 KNOTS = 65
 """Points at which the normal score of a law is taken from its draws; straight lines in between."""
+TAIL = 10
+"""Pieces, about one unit of the score, whose slope goes on beyond the last knot. That of one piece hangs
+on the gap between two draws, which may be no gap at all."""
 
 
 def group_columns(names: Sequence[str]) -> dict[str, list[int]]:
@@ -66,12 +69,14 @@ def scores_under(reference: FloatArray, draws: FloatArray) -> FloatArray:
 
 
 def _broken_line(x: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation, continued beyond both ends along the first and the last piece."""
+    """Linear interpolation, continued beyond both ends along the chord of the outermost ``TAIL`` pieces."""
     knots, first = np.unique(knots, return_index=True)
     values = values[first]
-    piece: IntArray = np.clip(np.searchsorted(knots, x) - 1, 0, len(knots) - 2)
-    share = (x - knots[piece]) / (knots[piece + 1] - knots[piece])
-    return np.asarray(values[piece] + share * (values[piece + 1] - values[piece]))
+    inner = min(TAIL, len(knots) - 1)
+    below = (values[inner] - values[0]) / (knots[inner] - knots[0])
+    above = (values[-1] - values[-1 - inner]) / (knots[-1] - knots[-1 - inner])
+    beyond = below * np.minimum(x - knots[0], 0.0) + above * np.maximum(x - knots[-1], 0.0)
+    return np.asarray(np.interp(x, knots, values) + beyond)
 
 
 def in_words(names: Sequence[str], weights: FloatArray, least: float = 0.1) -> str:

@@ -44,6 +44,15 @@ def test_a_group_hidden_by_another_shows_when_that_is_known() -> None:
     assert both.directions([0, 1], MARGINAL)[0] == pytest.approx([0.99, 0.1], abs=0.03)
 
 
+def test_two_outermost_draws_that_nearly_meet_stretch_no_score() -> None:
+    """Scores under a law's own draws keep a spread of 1, whatever the gaps between the last ones."""
+    draws = np.sort(np.random.default_rng(5).uniform(size=(4000, 1)), axis=0)
+    draws[-5:-2] = draws[-3] - np.array([[2e-12], [1e-12], [0.0]])
+    scores = scores_under(draws, draws)
+    assert scores.std() == pytest.approx(1.0, abs=0.01)
+    assert np.abs(scores).max() < 4.5
+
+
 def test_scores_do_not_depend_on_the_scale_of_a_parameter() -> None:
     """The directions of (K, n) and of (log K, n) are the same in scores and differ in plain parameters."""
     rng = np.random.default_rng(3)

@@ -45,6 +45,19 @@ def test_steps_minimise_inside_the_box(held: int) -> None:
             assert p[held] == shift[i]
 
 
+def test_an_entry_held_just_outside_leaves_the_others_in_place() -> None:
+    """Rounding may hold an entry a hair beyond its edge: the others step as if it lay on it."""
+    curvature = np.array([[[2.0, 0.3, 0.1], [0.3, 1.0, 0.9], [0.1, 0.9, 1.0]]])
+    slope, rows = np.array([[0.1, -1.0, 0.2]]), np.vstack([np.eye(3), -np.eye(3)])
+    slack = np.array([[0.0, 0.5, 0.7, 1.0, 0.5, 0.3]])
+    found = [
+        steps(curvature, slope, rows=rows, slack=slack, fixed=np.zeros(1, dtype=int), shift=np.array([shift]))
+        for shift in (0.0, 5e-10)
+    ]
+    np.testing.assert_allclose(found[0], [[0.0, 0.5, -0.3]], atol=1e-8)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-6)
+
+
 def study(drive: str, **options: Any) -> Study:
     """Four rows of two wheels of different width, with noise of every kind."""
     wheels = {"narrow": Wheel(0.157, 0.165, 0.01, 30, 0.65), "wide": Wheel(0.157, 0.28, 0.01, 30, 0.65)}
