@@ -27,6 +27,10 @@ APART = 4.0
 """Standard errors from which two samplers disagree."""
 
 
+MANY = 6
+"""Parameters from which nested sampling walks at random in place of drawing uniformly in ellipsoids."""
+
+
 @dataclass(frozen=True)
 class Weighted:
     """Weighted draws and log evidence of one sampler.
@@ -171,10 +175,22 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
-        sampler = NestedSampler(log_likelihood, physical, len(laws), nlive=live, rstate=default_rng(seed))
+        sampler = NestedSampler(
+            log_likelihood,
+            physical,
+            len(laws),
+            nlive=live,
+            rstate=default_rng(seed),
+            sample=_moves(len(laws)),
+        )
         sampler.run_nested(print_progress=False, dlogz=0.1)
         found = sampler.results
     weights = np.asarray(found.importance_weights())
     weights /= weights.sum()
     size, name = float(1.0 / (weights**2).sum()), f"nested ({live})"
     return Weighted(name, found.samples, weights, size, float(found.logz[-1]), float(found.logzerr[-1]))
+
+
+def _moves(d: int) -> str:
+    """Moves of dynesty: its own choice, which is uniform draws, does not come to an end in eight dimensions."""
+    return "auto" if d < MANY else "rwalk"
