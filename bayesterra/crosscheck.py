@@ -192,5 +192,5 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
 
 
 def _moves(d: int) -> str:
-    """Moves of dynesty: its own choice, which is uniform draws, does not come to an end in eight dimensions."""
+    """Moves of dynesty: its own choice, uniform draws, does not come to an end in eight dimensions."""
     return "auto" if d < MANY else "rwalk"
