@@ -23,7 +23,7 @@ def exact(study, seed):
     return conftest.exact(study, seed)
 
 study = conftest.make("phi")
-calibrate_study(Job(study, 60, seed=2, fit=exact), Path(sys.argv[2]), resume=True, quiet=True)
+calibrate_study(Job(study, 160, seed=2, fit=exact), Path(sys.argv[2]), resume=True, quiet=True)
 """
 
 
