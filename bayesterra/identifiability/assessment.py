@@ -53,7 +53,8 @@ class Assessment:
 
     def verdicts(self) -> pd.DataFrame:
         """One row per parameter; see :class:`bayesterra.identifiability.analysis.Analysis`."""
-        figures = pd.concat([self._own(), self._ties(), self._elsewhere()], axis=1)
+        own = self._own()
+        figures = pd.concat([own, self._ties(own), self._elsewhere()], axis=1)
         found = evidence(figures)
         words = [word(each) for each in found]
         against = ["; ".join(disagreements(*each)) for each in zip(found, words, strict=True)]
@@ -67,18 +68,19 @@ class Assessment:
         table = self.drawn.information.parameters
         return table[["contraction", "divergence", "cut_contraction"]].assign(bound=leaning)
 
-    def _ties(self) -> pd.DataFrame:
+    def _ties(self, own: pd.DataFrame) -> pd.DataFrame:
         """How the parameters hang together."""
         names, coupling = self.posterior.names, self.drawn.coupling
         plain = np.atleast_2d(np.corrcoef(self.draws.T))
         others = plain - np.eye(len(plain))
         partners = np.abs(others).argmax(axis=1)
-        contraction = self.drawn.information.parameters["contraction"].to_numpy()
-        found = ties(contraction, Correlated(plain, coupling.copula, coupling.prior_copula))
+        contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
+        correlated = Correlated(plain, coupling.copula, coupling.prior_copula)
+        found = ties(contraction, bounds, correlated)
         table = pd.DataFrame(
             {
                 "partner": [names[i] for i in partners],
-                "tied_to": [names[i] for i in tied_to(contraction, plain)],
+                "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)],
             }
         )
         return table.assign(correlation=others[np.arange(len(plain)), partners], **found)

@@ -66,13 +66,14 @@ def identifiability(
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
     scores = Correlated(correlation + np.eye(len(names)), *(_scores_correlation(x) for x in (draws, prior)))
+    bounds = [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)]
     table = pd.DataFrame(
         {
             "contraction": contraction,
             "correlation": correlation[np.arange(len(names)), partners],
-            "tied_to": [names[i] for i in tied_to(contraction, correlation)],
-            **ties(contraction, scores),
-            "bound": [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)],
+            "tied_to": [names[i] for i in tied_to(contraction, bounds, correlation)],
+            **ties(contraction, bounds, scores),
+            "bound": bounds,
             "structural": np.ones(len(names), dtype=bool) if structural is None else structural,
         }
     )

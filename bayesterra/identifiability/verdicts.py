@@ -2,9 +2,9 @@
 
 ===========================  ===========================================================================
 structurally not determined  no data of this design can tell it
-determined                   its variance shrinks to a tenth or less of the cut prior's
-one-sided                    that, but one end is its prior's bound; or the data exclude one side only
+determined                   its variance shrinks to a tenth or less of the cut prior's, away from its bounds
 coupled                      not on its own, but in combination with others that are not known either
+one-sided                    one end is its prior's bound, or the data exclude one side only
 weakly                       its variance shrinks by ``WEAK`` or more
 repeats its prior            none of these
 ===========================  ===========================================================================
@@ -12,12 +12,12 @@ repeats its prior            none of these
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
 
 DETERMINED = 0.9
 """Contraction from which a parameter or direction counts as determined: sd below a third of the prior's."""
@@ -69,8 +69,8 @@ def word(found: Evidence) -> str:
     """The verdict, one of ``WORDS``."""
     if not found.structural:
         return STRUCTURAL
-    if found.contraction >= DETERMINED:
-        return "determined" if found.bound == "none" else "one-sided"
+    if found.contraction >= DETERMINED and found.bound == "none":
+        return "determined"
     tied = abs(found.tie) >= COUPLED or found.multiple >= COUPLED_TO_ALL
     if tied and found.given_others >= WEAK:  # what only the prior ties is no finding
         return "coupled"
@@ -80,6 +80,8 @@ def word(found: Evidence) -> str:
 
 
 def _one_sided(found: Evidence) -> bool:
+    if found.contraction >= DETERMINED:
+        return True
     if found.profile:
         return found.profile == "one-sided" and found.excluded >= EXCLUDED
     return found.bound in ("lower", "upper") and found.contraction >= WEAK
@@ -123,31 +125,36 @@ class Correlated:
     prior_scores: FloatArray
 
 
-def tied_to(contraction: FloatArray, correlation: FloatArray) -> IntArray:
+def tied_to(contraction: FloatArray, bounds: Sequence[str], correlation: FloatArray) -> IntArray:
     """For each parameter (d,) the other, not determined, that it is tied to most; itself where there is none.
 
     Parameters
     ----------
+    bounds : of the prior that the parameters lean on, as in :class:`Evidence`.
     correlation : of the posterior's draws (d, d).
     """
-    strength = np.abs(correlation) * (contraction < DETERMINED)
+    strength = np.abs(correlation) * _unknown(contraction, bounds)
     np.fill_diagonal(strength, 1e-300)
     return np.asarray(strength.argmax(axis=1))
 
 
-def ties(contraction: FloatArray, found: Correlated) -> dict[str, FloatArray]:
+def _unknown(contraction: FloatArray, bounds: Sequence[str]) -> BoolArray:
+    """Whether the data leave each parameter (d,) open; one that leans on its prior's end is held by that."""
+    return np.asarray((contraction < DETERMINED) | (np.array(bounds) != "none"))
+
+
+def ties(contraction: FloatArray, bounds: Sequence[str], found: Correlated) -> dict[str, FloatArray]:
     """How each parameter hangs together with the others that are not determined.
 
-    A parameter that is determined leaves its partner's uncertainty with the partner, so it ties nothing.
+    A parameter that is determined leaves its partner's uncertainty with the partner, so it ties nothing. One
+    that leans on a bound of its prior (``bounds``, as in :class:`Evidence`) is held there by the prior alone.
 
     Returns
     -------
     ``tie``, ``multiple`` and ``given_others`` of :class:`Evidence`, (d,) each.
     """
-    unknown = contraction < DETERMINED
-    parts = [
-        _tied(i, np.flatnonzero(unknown | (np.arange(len(unknown)) == i)), found) for i in range(len(unknown))
-    ]
+    numbers, unknown = np.arange(len(contraction)), _unknown(contraction, bounds)
+    parts = [_tied(int(i), np.flatnonzero(unknown | (numbers == i)), found) for i in numbers]
     tie, multiple, before = np.array(parts).T
     left = (1.0 - multiple**2) / np.maximum(1.0 - before**2, 1e-12)
     return {"tie": tie, "multiple": multiple, "given_others": 1.0 - (1.0 - contraction) * left}

@@ -37,6 +37,8 @@ def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
         (Evidence(DETERMINED), "determined"),
         (Evidence(DETERMINED, tie=0.99, multiple=0.99), "determined"),
         (Evidence(DETERMINED, bound="upper"), "one-sided"),
+        (Evidence(DETERMINED, bound="upper", profile="two-sided"), "one-sided"),
+        (Evidence(DETERMINED, bound="upper", tie=COUPLED), "coupled"),
         (Evidence(0.99, structural=False), STRUCTURAL),
         (Evidence(DETERMINED - 1e-9), "weakly"),
         (Evidence(DETERMINED - 1e-9, tie=COUPLED), "coupled"),
@@ -98,6 +100,18 @@ def test_a_determined_partner_ties_nothing() -> None:
     np.testing.assert_allclose(found["correlation"], 0.95, atol=1e-6)
     assert found["verdict"].tolist() == ["repeats its prior", "determined"]
     assert found["tied_to"].tolist() == ["a", "a"]  # the first to nothing but itself
+
+
+def test_a_partner_held_by_its_bound_alone_still_ties() -> None:
+    """A ridge pressed against the end of one prior: both are coupled, though that one hardly varies."""
+    rng = np.random.default_rng(4)
+    held = rng.exponential(size=N)
+    posterior = np.column_stack([0.05 * held, held + 0.02 * rng.standard_normal(N)])
+    prior = np.column_stack([rng.uniform(0, 1.5, N), rng.uniform(-2, 3, N)])
+    found = identifiability(("a", "b"), [(0.0, 1.5), ANYWHERE], prior, posterior).table
+    assert found["contraction"][0] > DETERMINED
+    assert found["bound"].tolist() == ["lower", "none"]
+    assert found["verdict"].tolist() == ["coupled", "coupled"]
 
 
 def test_a_known_sum_of_three_couples_all_three() -> None:
