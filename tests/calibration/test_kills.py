@@ -12,11 +12,13 @@ import pytest
 from bayesterra.taskstore import finished_tasks
 
 CODE = """
-import sys, time
+import signal, sys, time
 sys.path.insert(0, sys.argv[1])
 import conftest
 from pathlib import Path
 from bayesterra.calibrating import Job, calibrate_study
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore Ctrl-C
 
 def exact(study, seed):
     time.sleep(0.03)
