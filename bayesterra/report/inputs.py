@@ -23,6 +23,7 @@ EQUATIONS = {
     "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
     "M2": "closed form with linear stresses, (18) to (24)",
     "M3": "closed form with linear stress cosines, (25) and (26)",
+    "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
 }
 """Equation numbers of Ding et al. 2015."""
 DRIVES = {
