@@ -24,7 +24,8 @@ TEMPLATE = """\
 title = "My wheel on my soil"
 soil = ""
 model = "M1"                    # "M1" integral; "M2", "M3" closed forms; "M2L": M2 with the
-                                # effect of the wheel's own load, (42)
+                                # effect of the wheel's own load, (42); it takes the mean load per
+                                # wheel from mean_load = "64 N" in [model_options], or from the rows
 drive = "load"                  # "load": slip and load given; "sinkage": slip and sinkage given;
                                 # "both": slip given, load and sinkage both read with errors
 # load_range = ["10 N", "40 N"] # flat prior of every load in the drive "both"; left out: the normal
@@ -50,7 +51,6 @@ lug_count = 30
 transition_slips = [0.15, 0.5]  # between these slips, shearing moves from the lug tips to the rim
 # shear_start = "rim"           # or "tip": no transition
 # constant_exponent = true      # N = n0, n1 is held at 0
-# mean_load = "64 N"            # with "M2L": mean load per wheel; left out: the mean of the rows
 
 [noise]                         # one standard deviation per measured channel
 sinkage = "1 mm"                # or { sd = "1 mm", dof = 4 }: Student-t, as single readings may be far out
