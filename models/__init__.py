@@ -1,4 +1,4 @@
-"""Wheel-soil models M1, M2 and M3 of Ding et al. 2015, with exact derivatives; they know no statistics."""
+"""Wheel-soil models M1, M2, M3, M2L of Ding et al. 2015, with exact derivatives; they know no statistics."""
 
 if __name__ != "bayesterra.models":  # the folder is importable under a second name from the repository's root
     raise ImportError(f"import this package as 'bayesterra.models', not {__name__!r}")
@@ -8,20 +8,24 @@ from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.forces import Components, Forces
 from bayesterra.models.integral import M1
 from bayesterra.models.linear import M2, M3
-from bayesterra.models.soil import SOIL_FIELDS, Soil
+from bayesterra.models.load_effect import M2L
+from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
 from bayesterra.models.wheel import Wheel
 
-MODELS: dict[str, type[WheelSoilModel]] = {"M1": M1, "M2": M2, "M3": M3}
+MODELS: dict[str, type[WheelSoilModel]] = {"M1": M1, "M2": M2, "M3": M3, "M2L": M2L}
 
 __all__ = [
+    "LOAD_EFFECT_FIELDS",
     "M1",
     "M2",
+    "M2L",
     "M3",
     "MODELS",
     "SOIL_FIELDS",
     "Components",
     "Conditions",
     "Forces",
+    "LoadEffectSoil",
     "Soil",
     "Status",
     "Wheel",

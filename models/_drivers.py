@@ -7,9 +7,21 @@ import numpy as np
 
 from bayesterra.models import _lanes as at
 from bayesterra.models._compiled import Lanes, Whole, compiled
-from bayesterra.models._evaluate import M1, evaluate
+from bayesterra.models._evaluate import M1, M2L, evaluate
 from bayesterra.models._grid_search import can_fall, search_by_grid
-from bayesterra.models._pairs import LOAD, OK, Codes, Plan, load_lane, pad, scatter, screen, screen_sinkage
+from bayesterra.models._pairs import (
+    LOAD,
+    NORMAL_FORCE,
+    OK,
+    Codes,
+    Plan,
+    load_effects,
+    load_lane,
+    pad,
+    scatter,
+    screen,
+    screen_sinkage,
+)
 from bayesterra.models._quadrature import ROUGH, RULES, choose_rule
 from bayesterra.models._solve import hand_over, refine, rough_search, start
 from bayesterra.models.checks import FloatArray
@@ -35,17 +47,29 @@ def forces(
             which = choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0
             lane = filled[which]
             load_lane(trays[which], lane, theta[i], row, sinkage[i, j])
+            if plan[0] == M2L:
+                load_effects(trays[which], lane, theta[i], row)
             place[which, lane, 0], place[which, lane, 1] = i, j
             filled[which] = lane + 1
             if filled[which] == at.LANES:
-                evaluate(trays[which], plan[0], which)
-                scatter(trays[which], place[which], at.LANES, out)
+                _collect(trays[which], (plan[0], which, at.LANES), place[which], out, status)
                 filled[which] = 0
     for which in range(RULES):
         if filled[which] > 0:
             pad(trays[which], filled[which])
-            evaluate(trays[which], plan[0], which)
-            scatter(trays[which], place[which], filled[which], out)
+            _collect(trays[which], (plan[0], which, filled[which]), place[which], out, status)
+
+
+@compiled
+def _collect(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
+    """Evaluate a tray, `how` = (model, rule, lanes filled), and scatter the forces."""
+    evaluate(ws, how[0], how[1])
+    scatter(ws, place, how[2], out)
+    for lane in range(how[2] if how[0] == M2L else 0):
+        if ws[at.UNDER_ROOT + lane] < 0.0:
+            i, j = place[lane, 0], place[lane, 1]
+            out[i, j, :] = np.nan
+            status[i, j] = NORMAL_FORCE
 
 
 @compiled
@@ -63,6 +87,8 @@ def response(
                 continue
             lane = filled[ROUGH]
             load_lane(trays[ROUGH], lane, theta[i], rows[j + i * plan[1]], 0.0)
+            if plan[0] == M2L:
+                load_effects(trays[ROUGH], lane, theta[i], rows[j + i * plan[1]])
             trays[ROUGH, at.LOAD + lane] = load[i, j]
             place[ROUGH, lane, 0], place[ROUGH, lane, 1] = i, j
             filled[ROUGH] = lane + 1
@@ -97,6 +123,8 @@ def _come_near(
         which = choose_rule(theta[i], row, np.exp(rough[at.X + lane])) if plan[0] == M1 else 0
         slot = filled[which]
         load_lane(trays[which], slot, theta[i], row, 0.0)
+        if plan[0] == M2L:
+            load_effects(trays[which], slot, theta[i], row)
         hand_over(rough, lane, trays[which], slot)
         place[which, slot, 0], place[which, slot, 1] = i, j
         filled[which] = slot + 1
@@ -118,7 +146,7 @@ def _settle(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray,
         out[i, j, 0] = tray[at.Z + spot]
         out[i, j, 1] = tray[at.PULL + spot]
         out[i, j, 2] = tray[at.MOMENT + spot]
-        if tray[at.X + spot] == np.inf:
+        if tray[at.X + spot] == np.inf or (how[0] == M2L and tray[at.UNDER_ROOT + spot] < 0.0):
             out[i, j, :] = np.nan
             status[i, j] = LOAD
 
@@ -129,7 +157,8 @@ def jacobian(
 ) -> None:
     """Fill `out` (n, m, 3, 10) with derivatives by the nine parameters and the sinkage; NaN as in `forces`.
 
-    Eight complex steps side by side; n1 and c2 act only through n0 + n1 s and c1 + c2 s.
+    Eight complex steps side by side; n1 and c2 act only through n0 + n1 s and c1 + c2 s. The four further
+    parameters of M2L stand before the sinkage, (n, m, 3, 14).
     """
     screen(theta, rows, plan, status)
     screen_sinkage(rows, sinkage, plan, status)
@@ -141,12 +170,35 @@ def jacobian(
                 continue
             row = rows[j + i * plan[1]]
             load_lane(ws, 0, theta[i], row, sinkage[i, j])
+            if plan[0] == M2L:
+                load_effects(ws, 0, theta[i], row)
             pad(ws, 1)
             for lane, q in enumerate((at.KS, at.N0, at.C, at.PHI, at.K, at.C1, at.C3, at.Z)):
                 ws[q + lane] += 1j * _STEP
             evaluate(ws, plan[0], choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0)
-            for lane, column in enumerate((0, 1, 3, 4, 5, 6, 8, 9)):
+            if plan[0] == M2L and ws[at.UNDER_ROOT].real < 0.0:
+                out[i, j, :, :] = np.nan
+                status[i, j] = NORMAL_FORCE
+                continue
+            for lane, column in enumerate((0, 1, 3, 4, 5, 6, 8, out.shape[3] - 1)):
                 for f in range(3):
                     out[i, j, f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
             out[i, j, :, 2] = out[i, j, :, 1] * row[1]
             out[i, j, :, 7] = out[i, j, :, 6] * row[0]
+            if plan[0] == M2L:
+                _by_effects(ws, theta[i], row, sinkage[i, j], out[i, j])
+
+
+@compiled
+def _by_effects(ws: Lanes, theta: FloatArray, row: FloatArray, sinkage: float, out: FloatArray) -> None:
+    """Fill the columns of `out` (3, 14) of the load effect; c_P2 acts only through c_P1 + c_P2 s."""
+    load_lane(ws, 0, theta, row, sinkage)
+    load_effects(ws, 0, theta, row)
+    pad(ws, 1)
+    for lane, q in enumerate((at.CP1, at.CDP, at.CM)):
+        ws[q + lane] += 1j * _STEP
+    evaluate(ws, M2L, 0)
+    for lane, column in enumerate((9, 11, 12)):
+        for f in range(3):
+            out[f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
+    out[:, 10] = out[:, 9] * row[0]

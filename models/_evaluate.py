@@ -4,8 +4,9 @@ from bayesterra.models._arc import assemble, measure
 from bayesterra.models._closed_form import close
 from bayesterra.models._compiled import Lanes, compiled
 from bayesterra.models._integral import integrate
+from bayesterra.models._load_effect import close_under_load, scale_pull
 
-M1, M2, M3 = 1, 2, 3
+M1, M2, M3, M2L = 1, 2, 3, 4
 
 
 @compiled
@@ -14,6 +15,10 @@ def evaluate(ws: Lanes, model: int, which: int) -> None:
     measure(ws)
     if model == M1:
         integrate(ws, which)
+    elif model == M2L:
+        close_under_load(ws)
     else:
         close(ws, model == M3)
     assemble(ws)
+    if model == M2L:
+        scale_pull(ws)

@@ -7,6 +7,7 @@ Constant offsets into one array let LLVM prove that nothing overlaps, so loops o
 LANES = 8
 PARAMETERS = 9
 ROW_COLUMNS = 6
+EFFECT_PARAMETERS = 4
 
 
 def _offsets(first: int, count: int) -> range:
@@ -38,4 +39,10 @@ RESULTS = NORMAL
 # wrong, the step it spans; bracket, highest log z, lane done or not; other forces before, their slopes.
 LOAD, X, F, X_BEFORE, F_BEFORE, SLOPE, DOUBT, STEP, LOW, HIGH, TOP, DONE = _offsets(49, 12)
 PULL_BEFORE, MOMENT_BEFORE, PULL_SLOPE, MOMENT_SLOPE = _offsets(61, 4)
-SIZE = 65 * LANES
+
+# The load effect of M2L: further columns of its parameter sets and of its rows; what multiplies F_DP; what is
+# under the root in F_N, negative where (42) has no F_N.
+CP1, CP2, CDP, CM, MEAN_LOAD = _offsets(65, 5)
+PULL_FACTOR, UNDER_ROOT = _offsets(70, 2)
+EFFECTS = CP1
+SIZE = 72 * LANES

@@ -9,7 +9,7 @@ from bayesterra.models.checks import FloatArray
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count
-OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE = range(5)  # conditions.Status
+OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE, NORMAL_FORCE = range(6)  # conditions.Status
 
 
 @compiled
@@ -54,6 +54,14 @@ def load_lane(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray, sinkage:
     ws[at.Z + lane] = sinkage
     for q in range(at.ROW_COLUMNS):
         ws[at.ROW + q * at.LANES + lane] = row[q]
+
+
+@compiled
+def load_effects(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray) -> None:
+    """Copy what M2L has beyond the columns of the other models into a lane."""
+    for q in range(at.EFFECT_PARAMETERS):
+        ws[at.EFFECTS + q * at.LANES + lane] = theta[at.PARAMETERS + q]
+    ws[at.MEAN_LOAD + lane] = row[at.ROW_COLUMNS]
 
 
 @compiled

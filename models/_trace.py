@@ -9,6 +9,7 @@ from bayesterra.models import _lanes as at
 from bayesterra.models._compiled import Lanes, compiled, inlined
 from bayesterra.models._elementary import exp, log
 from bayesterra.models._evaluate import M1, evaluate
+from bayesterra.models._pairs import load_effects
 from bayesterra.models._quadrature import ROUGH, choose_rule
 from bayesterra.models._solve import start
 from bayesterra.models.checks import FloatArray
@@ -37,6 +38,9 @@ def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
     for q in range(at.ROW_COLUMNS):
         for i in range(at.LANES):
             desk[at.ROW + q * at.LANES + i] = row[q]
+    if theta.shape[0] > at.PARAMETERS:
+        for i in range(at.LANES):
+            load_effects(desk, i, theta, row)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What the three models share: checks, broadcasting, and the way to the compiled kernels."""
+"""What the models share: checks, broadcasting, and the way to the compiled kernels."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.contact import Contact
 from bayesterra.models.forces import Components, Forces
 from bayesterra.models.geometry import SHEAR_STARTS, Floats, exponent, shear_start_radius
-from bayesterra.models.soil import Soil
+from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
 from bayesterra.models.wheel import Wheel
 
 Codes = NDArray[np.int8]
@@ -37,6 +37,7 @@ class _Pairs:
         for code, name, rule, value in (
             (Status.EXPONENT, "n0 + n1 s", "must be positive", self.exponent),
             (Status.CONTACT_ANGLE, "c1 + c2 s", _CONTACT_RULE, t[6] + t[7] * slip),
+            (Status.NORMAL_FORCE, "sinkage", "must have a normal force in eq. (42)", self.given),
             (Status.LOAD, "load", "must be carried by a sinkage below the wheel radius", self.given),
         ):
             require(codes != code, name, rule, value.reshape(self.shape))
@@ -48,7 +49,7 @@ class WheelSoilModel(ABC):
 
     Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values
     outside the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter
-    sets (n, 9) in the order of SOIL_FIELDS against m rows, a status code in place of an error, NaN where the
+    sets (n, 9) in the order of `parameters` against m rows, a status code in place of an error, NaN where the
     status is not OK.
     """
 
@@ -59,6 +60,8 @@ class WheelSoilModel(ABC):
     constant_exponent: bool = False
     """Leave slip out of the sinkage exponent: N = n0."""
 
+    parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
+    """Columns of the parameter sets (n, 9) of the batch interface; M2L has four more."""
     _code: ClassVar[int]
 
     def __post_init__(self) -> None:
@@ -71,7 +74,7 @@ class WheelSoilModel(ABC):
 
     @property
     def name(self) -> str:
-        """The model's name: "M1", "M2" or "M3"."""
+        """The model's name: "M1", "M2", "M3" or "M2L"."""
         return type(self).__name__
 
     def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:
@@ -107,7 +110,8 @@ class WheelSoilModel(ABC):
         *theta, n, slips, depth, angles = np.broadcast_arrays(
             *(values.reshape(pairs.shape) for values in inputs), as_floats("angle", angle)
         )
-        contact = Contact.of(Soil(*theta), wheel, slips, depth, self._start_radius(wheel, slips), n)
+        kind = Soil if len(theta) == len(SOIL_FIELDS) else LoadEffectSoil
+        contact = Contact.of(kind(*theta), wheel, slips, depth, self._start_radius(wheel, slips), n)
         normal, shear = self._stresses(contact, angles)
         on_arc = (angles >= contact.leaving) & (angles <= contact.entrance)
         return plain(np.where(on_arc, normal, 0.0)), plain(np.where(on_arc, shear, 0.0))
@@ -122,7 +126,9 @@ class WheelSoilModel(ABC):
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
-        return batch.forces(batch.parameters(theta), self._rows(conditions), sinkage, plan)
+        return batch.forces(
+            batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan
+        )
 
     def response_at(
         self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, every_row: bool = False
@@ -131,7 +137,9 @@ class WheelSoilModel(ABC):
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
-        return batch.response(batch.parameters(theta), self._rows(conditions), load, plan)
+        return batch.response(
+            batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
+        )
 
     def response_of_pairs(
         self, theta: ArrayLike, conditions: Conditions, load: ArrayLike
@@ -145,24 +153,28 @@ class WheelSoilModel(ABC):
         return values[:, 0], status[:, 0]
 
     def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
-        """Return the exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10)."""
+        """Return the exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10), sinkage last."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
-        return batch.jacobian(batch.parameters(theta), self._rows(conditions), sinkage, plan)
+        return batch.jacobian(
+            batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan
+        )
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
         """Return the exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
-        return batch.response_jacobian(batch.parameters(theta), self._rows(conditions), load, plan)
+        return batch.response_jacobian(
+            batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
+        )
 
     def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
         """Return parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
         from bayesterra.models import batch
 
-        return batch.parameters(theta), self._rows(conditions)
+        return batch.parameters(theta, len(self.parameters)), self._rows(conditions)
 
     def plan(self, *, every_row: bool = False) -> tuple[int, int, bool]:
         """Return what compiled code needs to know of the model; see `forces_at` for `every_row`."""
@@ -187,7 +199,7 @@ class WheelSoilModel(ABC):
 
     def _pairs(self, soil: Soil, wheel: Wheel, slip: Floats, **given: Floats) -> _Pairs:
         ((name, value),) = given.items()
-        fields = np.moveaxis(soil.as_array(), -1, 0)
+        fields = np.moveaxis(self._theta(soil), -1, 0)
         *theta, slips, values = np.broadcast_arrays(*fields, as_floats("slip", slip), as_floats(name, value))
         require((slips >= 0) & (slips < 1), "slip", "must lie in [0, 1)", slips)
         flat = np.ascontiguousarray(np.stack([t.ravel() for t in theta], axis=-1))
@@ -198,6 +210,16 @@ class WheelSoilModel(ABC):
         )  # fmt: skip
         n = exponent(flat[:, 1], flat[:, 2], self._exponent_slip(conditions.slip))
         return _Pairs(flat, conditions, np.asarray(n), values.ravel(), slips.shape)
+
+    def _theta(self, soil: Soil) -> FloatArray:
+        """Return the model's parameters along a last axis; ValueError for a load effect it does not know."""
+        values = soil.as_array()
+        for i, name in enumerate(LOAD_EFFECT_FIELDS if isinstance(soil, LoadEffectSoil) else ()):
+            effect = values[..., len(SOIL_FIELDS) + i]
+            require(
+                effect == 0, name, f"must be 0 with {self.name}, as M2L alone knows the load effect", effect
+            )
+        return values[..., : len(SOIL_FIELDS)]
 
     def _start_radius(self, wheel: Wheel | Conditions, slip: Floats) -> Floats:
         return shear_start_radius(

@@ -24,6 +24,8 @@ class Status(IntEnum):
     """No sinkage below the wheel's radius carries the load."""
     SINKAGE = 4
     """The sinkage does not lie inside (0, r)."""
+    NORMAL_FORCE = 5
+    """With c_M < 0, eq. (42) has no normal force at this sinkage."""
 
 
 @dataclass(frozen=True)

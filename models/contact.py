@@ -61,6 +61,13 @@ class Contact:
         normal = self.normal_stress(np.asarray(self.maximum))
         return normal, self.shear_stress(np.asarray(self.maximum), normal)
 
+    def lever_arms(self) -> tuple[FloatArray, FloatArray]:
+        """Return A and B of (24)."""
+        parts = [(self.leaving, self.maximum), (self.maximum, self.entrance)]
+        cosines = [(np.cos(low) - np.cos(high)) / (high - low) for low, high in parts]
+        sines = [(np.sin(high) - np.sin(low)) / (high - low) for low, high in parts]
+        return np.asarray(cosines[1] - cosines[0]), np.asarray(sines[0] - sines[1])
+
     def triangle(self, angle: FloatArray) -> FloatArray:
         """Return the share of the peak on two straight lines from 0 at both ends, eqs. (20), (21)."""
         front = (self.entrance - angle) / (self.entrance - self.maximum)

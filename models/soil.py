@@ -34,7 +34,7 @@ class Soil:
     """Leaving angle over entrance angle."""
 
     def __post_init__(self) -> None:
-        for name, value in zip(SOIL_FIELDS, astuple(self), strict=True):
+        for name, value in zip((field.name for field in fields(self)), astuple(self), strict=True):
             values = as_floats(name, value)
             if name in _RULES:
                 lowest, strict, rule = _RULES[name]
@@ -42,12 +42,33 @@ class Soil:
         require(np.asarray(self.phi) < np.pi / 2, "phi", "must be below pi/2 rad", self.phi)
 
     def as_array(self) -> FloatArray:
-        """Return the parameters in the order of SOIL_FIELDS along a last axis of nine."""
+        """Return the parameters in the order of SOIL_FIELDS along a last axis of nine.
+
+        A :class:`LoadEffectSoil` has thirteen, the last four in the order of LOAD_EFFECT_FIELDS.
+        """
         values = (np.asarray(value, dtype=np.float64) for value in astuple(self))
         return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
+@dataclass(frozen=True)
+class LoadEffectSoil(Soil):
+    """Soil parameters and the coefficients of the load effect, Ding et al. 2015, eq. (42), for M2L.
+
+    They describe a soil under the wheels of one vehicle, with the mean load per wheel for a reference.
+    """
+
+    cP1: float | FloatArray = 0.0
+    """Correction of F_DP at zero slip, factor 1 + c_P1 + c_P2 s."""
+    cP2: float | FloatArray = 0.0
+    """Growth of that factor with slip."""
+    cDP: float | FloatArray = 0.0
+    """Load effect on F_DP, factor 1 + c_DP (W_mean - F_N)/W_mean."""
+    cM: float | FloatArray = 0.0
+    """Load effect on M_DR, factor 1 + c_M (W_mean - F_N)/W_mean of the friction under F_N."""
+
+
 SOIL_FIELDS = tuple(field.name for field in fields(Soil))
+LOAD_EFFECT_FIELDS = tuple(field.name for field in fields(LoadEffectSoil))[len(SOIL_FIELDS) :]
 _RULES = {  # lowest value, whether it is excluded, the rule in words
     "Ks": (0.0, True, "must be positive"),
     "K": (0.0, True, "must be positive"),
