@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from bayesterra.noise import Noise
     from bayesterra.posteriors import Posterior, posterior
     from bayesterra.priors import Law, Prior
+    from bayesterra.rover.geometry import Rover
+    from bayesterra.roving import predict_rover
     from bayesterra.simulation import simulate
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
@@ -37,6 +39,8 @@ _HOMES = {
     "noise": ("Noise",),
     "posteriors": ("Posterior", "posterior"),
     "priors": ("Law", "Prior"),
+    "rover.geometry": ("Rover",),
+    "roving": ("predict_rover",),
     "simulation": ("simulate",),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
@@ -54,6 +58,7 @@ __all__ = [
     "Prior",
     "Recommendation",
     "ResultError",
+    "Rover",
     "RunResult",
     "Soil",
     "Study",
@@ -69,6 +74,7 @@ __all__ = [
     "load_study",
     "posterior",
     "predict",
+    "predict_rover",
     "recommend",
     "run",
     "run_prior",

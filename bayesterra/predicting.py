@@ -117,13 +117,17 @@ def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tup
     study.
     """
     if isinstance(wheel, Wheel):
-        phi = study.prior.entries[study.prior.root("phi")]
-        at = phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
-        return name or "other wheel", _resolved(wheel, at)
+        return name or "other wheel", resolved(wheel, prior_phi(study))
     called = next(iter(study.wheels)) if wheel is None else wheel
     if called not in study.wheels:
         raise StudyError(f"unknown wheel '{called}'{did_you_mean(called, study.wheels)}")
     return called, study.wheels[called]
+
+
+def prior_phi(study: Study) -> float:
+    """The friction angle, rad, at which (2) gives a wheel's shearing radius: the median of its prior."""
+    phi = study.prior.entries[study.prior.root("phi")]
+    return phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
 
 
 def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
@@ -142,7 +146,8 @@ def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
     return chosen_wheel(study, wheel, name)
 
 
-def _resolved(wheel: Wheel, phi: float) -> Wheel:
+def resolved(wheel: Wheel, phi: float) -> Wheel:
+    """The same wheel with its shearing-radius coefficient, by (2) at ``phi`` (rad) where none is given."""
     if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
         return wheel
     try:
@@ -184,12 +189,23 @@ def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str
 
 def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
     """Say where load and wheel leave what was measured."""
+    ends = measured_loads(study)
+    if ends and not 0.999 * ends[0] <= load <= 1.001 * ends[1]:
+        named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
+        yield f"load {load:.4g} N is not among the measured loads, {named} N: extrapolated"
+    yield from wheel_remarks(study, wheel)
+
+
+def measured_loads(study: Study) -> tuple[float, ...]:
+    """Lowest and highest load (N) among the rows in the fit; nothing where none was measured."""
     rows = study.observations.used()
     loads = rows.load if not np.isnan(rows.load).all() else rows.values.get("normal_force", rows.load)
     known = loads[~np.isnan(loads)]
-    if known.size and not 0.999 * known.min() <= load <= 1.001 * known.max():
-        ends = dict.fromkeys(f"{end:.4g}" for end in (known.min(), known.max()))
-        yield f"load {load:.4g} N is not among the measured loads, {' to '.join(ends)} N: extrapolated"
+    return (float(known.min()), float(known.max())) if known.size else ()
+
+
+def wheel_remarks(study: Study, wheel: Wheel) -> Iterator[str]:
+    """Say where a wheel leaves those that were measured."""
     if wheel not in study.wheels.values():
         yield (
             f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"

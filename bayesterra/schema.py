@@ -12,7 +12,7 @@ from dataclasses import asdict, is_dataclass
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     BeforeValidator,
@@ -109,7 +109,11 @@ def _two_slips(value: object) -> tuple[float, float]:
     return first, second
 
 
+T = TypeVar("T")
 Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
+Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
+Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
+Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
 Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
 SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
 AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
@@ -252,18 +256,23 @@ def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
     ------
     StudyError : naming table, key, what must hold and the value got.
     """
+    return checked_by(_ADAPTER, tables, bare=bare)
+
+
+def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool) -> T:
+    """Check tables of another shape in the same way."""
     try:
-        return _ADAPTER.validate_python(dict(tables), context={"bare": bare})
+        return adapter.validate_python(dict(tables), context={"bare": bare})
     except ValidationError as error:
         raise StudyError(_one_line(error.errors()[0])) from error
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; StudyError where that cannot be done."""
+def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
+    """Read a TOML file of a kind; StudyError where that cannot be done."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
-        raise StudyError("no such study file") from error
+        raise StudyError(f"no such {kind} file") from error
     except OSError as error:
         raise StudyError(f"cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

@@ -28,9 +28,14 @@ def read_wheel(path: Path) -> tuple[str, Wheel]:
         tables = content.get("wheels", {path.stem: content})
         if not isinstance(tables, dict) or len(tables) != 1:
             raise StudyError("must describe one wheel: its dimensions, or one table [wheels.<name>]")
-        checked = schema.checked({"data": _DATA, "wheels": tables}, bare=False).wheels
-        ((name, table),) = checked.items()
-        try:
-            return name, Wheel(**asdict(table))
-        except ValueError as error:
-            raise StudyError(f"[wheels.{name}] {error}") from error
+        ((name, table),) = tables.items()
+        return name, wheel_of(name, table)
+
+
+def wheel_of(name: str, table: object) -> Wheel:
+    """The wheel that a table ``[wheels.<name>]`` describes; StudyError for a wrong key or value."""
+    checked = schema.checked({"data": _DATA, "wheels": {name: table}}, bare=False).wheels[name]
+    try:
+        return Wheel(**asdict(checked))
+    except ValueError as error:
+        raise StudyError(f"[wheels.{name}] {error}") from error

@@ -141,6 +141,17 @@ class WheelSoilModel(ABC):
             batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
         )
 
+    def response_of_pairs(
+        self, theta: ArrayLike, conditions: Conditions, load: ArrayLike
+    ) -> tuple[FloatArray, Codes]:
+        """Return z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,)."""
+        from bayesterra.models import batch
+
+        given = np.asarray(load, dtype=np.float64)[:, None]
+        plan = self._plan(paired=True)
+        values, status = batch.response(batch.parameters(theta), self._rows(conditions), given, plan)
+        return values[:, 0], status[:, 0]
+
     def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
         """Return the exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10), sinkage last."""
         from bayesterra.models import batch

@@ -14,6 +14,7 @@ from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.profiles import profile_panels
+from bayesterra.figures.rover import rover_outlook
 from bayesterra.figures.spectrum import spectrum
 from bayesterra.figures.strip import parameter_strip
 from bayesterra.figures.validation import loo_pit
@@ -41,6 +42,7 @@ __all__ = [
     "rank_ecdf",
     "ranks",
     "residuals",
+    "rover_outlook",
     "spectrum",
     "trace",
 ]

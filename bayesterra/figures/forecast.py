@@ -117,25 +117,30 @@ def _ground(ax: Axes, curve: Prediction) -> None:
         ax.axvspan(left - margin, curve.driven[0], **_PALE)
     if right > curve.driven[1]:
         ax.axvspan(curve.driven[1], right + margin, **_PALE)
-    for low, high, share in _stretches(curve):
+    hatch_failing(ax, curve.slip, curve.unanswered)
+
+
+def hatch_failing(ax: Axes, x: FloatArray, shares: FloatArray, colour: str = DOUBTFUL) -> None:
+    """Hatch the stretches of ``x`` (k,) in which over ``UNANSWERED`` of the draws fail; the worst share."""
+    left, right = ax.get_xlim()
+    for low, high, share in _stretches(x, shares):
         ax.axvspan(
-            low, high, facecolor="none", edgecolor=DOUBTFUL, hatch="////", alpha=0.5, linewidth=0, zorder=5
+            low, high, facecolor="none", edgecolor=colour, hatch="////", alpha=0.5, linewidth=0, zorder=5
         )
-        near = min(max(0.5 * (low + high), left + margin), right - margin)
         ax.text(
-            near, 0.97, f"{100 * share:.0f} %", color=DOUBTFUL, transform=ax.get_xaxis_transform(),
-            ha="center", va="top", fontsize=7.5, zorder=7,
+            min(max(0.5 * (low + high), left), right), 0.97, f"{100 * share:.0f} %", color=colour,
+            transform=ax.get_xaxis_transform(), ha="center", va="top", fontsize=7.5, zorder=7,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         )  # fmt: skip
+    ax.set_xlim(left, right)
 
 
-def _stretches(curve: Prediction) -> list[tuple[float, float, float]]:
+def _stretches(x: FloatArray, shares: FloatArray) -> list[tuple[float, float, float]]:
     """Ends of stretches with more than ``UNANSWERED`` of the draws without an answer, and the worst share."""
-    shares = curve.unanswered
     wrong = np.flatnonzero(shares > UNANSWERED)
-    half = 0.5 * float(np.diff(curve.slip).max(initial=0.02))
+    half = 0.5 * float(np.diff(x).max(initial=0.02))
     runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 1) + 1) if wrong.size else []
-    ends = [(float(curve.slip[run[0]]), float(curve.slip[run[-1]])) for run in runs]
+    ends = [(float(x[run[0]]), float(x[run[-1]])) for run in runs]
     worst = [float(shares[run].max()) for run in runs]
     return [(low - half, high + half, share) for (low, high), share in zip(ends, worst, strict=True)]
 
