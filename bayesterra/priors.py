@@ -130,6 +130,15 @@ class Prior:
         return {name: entry for name, entry in entries if isinstance(entry, Law)}
 
     @cached_property
+    def sources(self) -> dict[tuple[str, ...], str]:
+        """Where laws come from, by the free parameters of which that is said."""
+        said = {name: law.source for name, law in self.laws.items() if law.source}
+        return {
+            tuple(name for name in said if said[name] == source): source
+            for source in dict.fromkeys(said.values())
+        }
+
+    @cached_property
     def fixed(self) -> dict[str, float]:
         """Values of the fixed parameters, and of those that are tied to one of them."""
         roots = ((name, self.entries[self.root(name)]) for name in PARAMETERS if name in self.entries)

@@ -112,13 +112,13 @@ class Tabulated(Law):
         """The law whose values at scores z are those of this one at ``factor`` · z, at the same scores."""
         if factor == 1.0:
             return self
-        values = self.at_score(factor * np.array(self.scores))
+        values = [float(f"{value:.6g}") for value in self.at_score(factor * np.array(self.scores))]
         return Tabulated(
             lower=self.lower,
             upper=self.upper,
             source=self.source,
             scores=self.scores,
-            values=tuple(values.tolist()),
+            values=tuple(values),
         )
 
     def __str__(self) -> str:
