@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,10 +13,20 @@ from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, LOAD_EFFECT, MODULI, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import (
+    CHANNELS,
+    LOAD_EFFECT,
+    MODULI,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
 from bayesterra.prior_sets import LOAD_EFFECT_SETS, PRIOR_SETS
 from bayesterra.priors import Entry, Law, Prior, Tie
-from bayesterra.schema import ModelOptions, WheelTable
+from bayesterra.schema import ModelOptions, StatedPriors, WheelTable
+
+if TYPE_CHECKING:
+    from bayesterra.earlier import Taken
 
 DEFAULT_PRIOR_SET = "paper-box"
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
@@ -30,36 +41,83 @@ LOAD_MARGIN = 6.0
 SoilPrior = dict[str, Entry]
 
 
-def soil_prior(
-    given: Mapping[str, Entry | str], model: str, *, constant_exponent: bool
-) -> tuple[SoilPrior, list[str]]:
+@dataclass(frozen=True)
+class StatedSoil:
+    """Prior of the soil parameters as a study states it.
+
+    Attributes
+    ----------
+    entries : laws, fixed values and ties of all soil parameters.
+    correlation : of normal scores, by pair.
+    taken : joint laws from earlier results, whose single laws stand among the entries.
+    notes : what was filled in, and what to keep in mind.
+    """
+
+    entries: SoilPrior
+    correlation: Mapping[str, float]
+    taken: tuple[Taken, ...]
+    notes: tuple[str, ...]
+
+
+def soil_prior(given: StatedPriors, model: str, *, constant_exponent: bool) -> StatedSoil:
     """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
     ----------
-    given : the [priors] table: entries by parameter, and the name of a ``set`` for the others.
+    given : the [priors] table.
     model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
     constant_exponent : N = n0, so n1 is held at 0.
 
     Raises
     ------
     StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent; k_c
-        without k_φ, or beside K_s; the load effect with a model that does not know it.
+        without k_φ, or beside K_s; an earlier result that gives no prior, or what is given already; the load
+        effect with a model that does not know it.
     """
-    entries: SoilPrior = {name: entry for name, entry in given.items() if not isinstance(entry, str)}
-    effects, notes = _load_effect(entries, model)
+    entries: SoilPrior = dict(given.entries)
     if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
         raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
+    idle = {"n1"} if constant_exponent else set()
+    found = _taken(given, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
+    notes = [note for one in found for note in one.notes]
+    correlation = dict(given.correlation)
+    for one in found:
+        _add(entries, one.laws, "'{}' is given and taken from {}", one.label)
+        _add(correlation, one.correlation, "correlation of '{}' is given and taken from {}", one.label)
+    effects, held = _load_effect(entries, model)
+    notes += held
     stiffness = _stiffness(entries)
     needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
     missing = [name for name in needed if name not in entries and name != "c3"]
-    if missing and "set" not in given:
+    if missing and given.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
-    chosen = str(given.get("set", DEFAULT_PRIOR_SET)) if missing or "set" in given else None
+    chosen = given.chosen or (DEFAULT_PRIOR_SET if missing else None)
     known: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, known, chosen)
-    taken = {name: entry for name, entry in known.items() if name in needed}
-    return {"c3": 0.0, **taken, **entries}, notes
+    from_set = {name: entry for name, entry in known.items() if name in needed}
+    return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, found, tuple(notes))
+
+
+def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Taken, ...]:
+    """Joint laws from earlier results of what has use for them: not of the ``idle`` parameters."""
+    if not given.sources:
+        return ()
+    from bayesterra.earlier import taken  # brings ArviZ along, which most studies need not wait for
+
+    other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
+    known = tuple(name for name in PRIOR_PARAMETERS if name not in idle | other)
+    try:
+        return tuple(taken(source, known) for source in given.sources)
+    except StudyError as error:
+        raise StudyError(f"[priors.from] {error}") from error
+
+
+def _add(into: dict[str, Any], found: Mapping[str, Any], rule: str, label: str) -> None:
+    """Add what nothing else gives; StudyError where something does."""
+    for name, value in found.items():
+        if name in into:
+            raise StudyError(f"[priors] {rule.format(name, label)}: leave one of them out")
+        into[name] = value
 
 
 def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
@@ -128,11 +186,11 @@ def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     return MODULI
 
 
-def full_prior(soil: SoilPrior, noise: Mapping[str, Noise], wheels: Mapping[str, Wheel]) -> Prior:
+def full_prior(soil: StatedSoil, noise: Mapping[str, Noise], wheels: Mapping[str, Wheel]) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     try:
-        return Prior({**soil, **estimated}, next(iter(wheels.values())).width)
+        return Prior({**soil.entries, **estimated}, next(iter(wheels.values())).width, soil.correlation)
     except StudyError as error:
         raise StudyError(f"[priors] {error}") from error
 

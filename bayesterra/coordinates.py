@@ -84,17 +84,11 @@ class NormalScore:
 
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
-        below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.law.cdf, self.law.survival))
-        return np.asarray(
-            np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
-        )
+        return self.law.score(x)
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
-        # each half from its own tail: 1 − Φ(u) keeps no digits above u = 8
-        x, upper = np.empty_like(u), u > 0
-        x[~upper] = self.law.quantile(ndtr(u[~upper]))
-        x[upper] = self.law.upper_quantile(ndtr(-u[upper]))
+        x = self.law.at_score(u)
         return x, (_log_normal(u) - self.law.log_density(x)).sum(axis=1)
 
 

@@ -165,10 +165,10 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     check_installed()
     from dynesty import NestedSampler
 
-    laws = [posterior.prior.laws[name] for name in posterior.names]
+    d = len(posterior.names)
 
     def physical(cube: FloatArray) -> FloatArray:
-        return np.array([float(law.quantile(np.array(u))) for law, u in zip(laws, cube, strict=True)])
+        return np.asarray(posterior.prior.quantile(cube[None])[0])
 
     def log_likelihood(x: FloatArray) -> float:
         return float(posterior.log_prior_and_likelihood(x[None])[1][0])
@@ -178,10 +178,10 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
         sampler = NestedSampler(
             log_likelihood,
             physical,
-            len(laws),
+            d,
             nlive=live,
             rstate=default_rng(seed),
-            sample=_moves(len(laws)),
+            sample=_moves(d),
         )
         sampler.run_nested(print_progress=False, dlogz=0.1)
         found = sampler.results

@@ -13,11 +13,14 @@ from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
-from bayesterra.priors import RANGED, Entry, Law, Tie
+from bayesterra.priors import RANGED, Entry, Law, Source, Tie
+from bayesterra.tabulated import TABULATED, Tabulated
 from bayesterra.units import quantity
 
 _LIMITS = ("lower", "upper")
 _SHIFTS = ("loc", "scale")
+_ROWS = ("scores", "values")
+_TAKEN = ("result", "take", "widen")
 _NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
@@ -71,11 +74,11 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
     ``source`` is text.
     """
     dist = entry.pop("dist", None)
+    if dist == TABULATED:
+        return _tabulated(name, entry, dimension, bare=bare)
     if dist is None:
         raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
-    source = entry.pop("source", "")
-    if not isinstance(source, str):
-        raise StudyError(f"'{name}.source' must be text (got {source!r})")
+    source = _source(name, entry)
     shapes = _shape_arguments(name, dist)
     _check_arguments(name, dist, entry, shapes)
     values = {
@@ -87,6 +90,90 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
         return Law(dist, values, **limits, source=source)
     except StudyError as error:
         raise StudyError(f"'{name}': {error}") from error
+
+
+def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Tabulated:
+    """A law by the values at its normal scores."""
+    source = _source(name, entry)
+    for key in entry:
+        if key not in (*_ROWS, *_LIMITS):
+            known = (*_ROWS, *_LIMITS, "source")
+            raise StudyError(f"'{name}': unknown argument '{key}' of {TABULATED}{did_you_mean(key, known)}")
+    columns: dict[str, tuple[float, ...]] = {}
+    for key, unit in zip(_ROWS, ("", dimension), strict=True):
+        column = entry.get(key)
+        if not isinstance(column, list | tuple):
+            raise StudyError(f"'{name}': {TABULATED} needs a list '{key}' (got {column!r})")
+        columns[key] = tuple(quantity(item, unit, f"{name}.{key}", bare=bare) for item in column)
+    limits: dict[str, Any] = {
+        key: quantity(entry[key], dimension, f"{name}.{key}", bare=bare) for key in _LIMITS if key in entry
+    }
+    try:
+        return Tabulated(source=source, scores=columns["scores"], values=columns["values"], **limits)
+    except StudyError as error:
+        raise StudyError(f"'{name}': {error}") from error
+
+
+def _source(name: str, entry: dict[str, Any]) -> str:
+    """Take the text out of an entry that says where it comes from."""
+    source = entry.pop("source", "")
+    if not isinstance(source, str):
+        raise StudyError(f"'{name}.source' must be text (got {source!r})")
+    return source
+
+
+def pair(*names: str) -> str:
+    """Name a pair of parameters, in the package's order: ``"c, phi"``."""
+    return ", ".join(sorted(names, key=list(PARAMETERS).index))
+
+
+def correlations(value: object) -> dict[str, float]:
+    """Correlations of normal scores by pair from a table such as ``{"c, phi" = -0.8}``."""
+    found: dict[str, float] = {}
+    for key, item in table(value, "correlation").items():
+        names = [part.strip() for part in key.split(",")]
+        unknown = [name for name in names if name not in PARAMETERS]
+        if unknown:
+            raise StudyError(
+                f"correlation: unknown parameter '{unknown[0]}'{did_you_mean(unknown[0], PARAMETERS)}"
+            )
+        if len(names) != 2 or names[0] == names[1]:
+            raise StudyError(f"correlation: a key must name two parameters, e.g. \"c, phi\" (got '{key}')")
+        number = quantity(item, "", f"correlation of '{key}'", bare=True)
+        if not -1.0 < number < 1.0:
+            raise StudyError(f"correlation of '{key}' must lie between -1 and 1 (got {number:g})")
+        if pair(*names) in found:
+            raise StudyError(f"correlation of '{pair(*names)}' is given twice")
+        found[pair(*names)] = number
+    return found
+
+
+def sources(value: object) -> tuple[Source, ...]:
+    """What is taken from earlier results, from a list of tables or of :class:`Source`."""
+    items = [value] if isinstance(value, Mapping | Source) else value
+    if not isinstance(items, list | tuple):
+        raise StudyError(f"'from' must be tables [[priors.from]] with a 'result' (got {value!r})")
+    return tuple(item if isinstance(item, Source) else _taken(item) for item in items)
+
+
+def _taken(value: object) -> Source:
+    entry = table(value, "from")
+    for key in entry:
+        if key not in _TAKEN:
+            raise StudyError(f"'from': unknown key '{key}'{did_you_mean(key, _TAKEN)}")
+    if "result" not in entry:
+        raise StudyError("'from' needs a 'result', the folder of a finished result")
+    widen = quantity(entry.get("widen", 1.0), "", "widen")
+    if not widen >= 1.0:
+        raise StudyError(f"'widen' must be at least 1 (got {widen:g})")
+    take = entry.get("take")
+    if take is None:
+        return Source(entry["result"], None, widen)
+    if not isinstance(take, Mapping) or not all(isinstance(there, str) for there in take.values()):
+        raise StudyError(
+            f"'take' must name a parameter there for each here, e.g. {{ n0 = \"n\" }} (got {take!r})"
+        )
+    return Source(entry["result"], table(take, "take"), widen)
 
 
 def _shape_arguments(name: str, dist: object) -> list[str]:

@@ -38,6 +38,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **dict(_wheels(study)),
         **{f"noise of {name}": _without_source(noise) for name, noise in study.noise.items()},
         **{f"prior of {name}": _without_source(entry) for name, entry in study.prior.entries.items()},
+        **{f"prior correlation of {pair}": value for pair, value in study.prior.correlation.items()},
         **_options("least_squares", asdict(study.least_squares)),
         "{} rows of measurements": len(study.observations),
         **dict(_readings(study.observations)),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 from scipy import stats
+from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
@@ -179,6 +180,21 @@ class Law:
         else:
             raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
         return np.asarray(np.clip(raw, *self.range))
+
+    def score(self, x: FloatArray) -> FloatArray:
+        """Normal scores Φ⁻¹(cdf) of values ``x`` (any shape)."""
+        below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.cdf, self.survival))
+        return np.asarray(
+            np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
+        )
+
+    def at_score(self, z: FloatArray) -> FloatArray:
+        """Values at normal scores ``z`` (any shape), the inverse of :meth:`score`."""
+        # each half from its own tail: 1 − Φ(z) keeps no digits above z = 8
+        x, upper = np.empty_like(z), z > 0
+        x[~upper] = self.quantile(ndtr(z[~upper]))
+        x[upper] = self.upper_quantile(ndtr(-z[upper]))
+        return x
 
     @cached_property
     def median(self) -> float:

@@ -16,6 +16,7 @@ from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.priors import RANGED, Entry, Law, Tie
 from bayesterra.simulation import Truth
 from bayesterra.study import Study
+from bayesterra.tabulated import Tabulated
 
 
 def print_overview(study: Study, console: Console | None = None) -> None:
@@ -30,9 +31,10 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     console.print(_general(study))
     console.print(_measurements(study))
     console.print(_priors(study))
-    for name, law in study.prior.laws.items():
-        if law.source:
-            console.print(f"{name}: {law.source}")
+    for names, source in study.prior.sources.items():
+        console.print(f"{', '.join(names)}: {source}")
+    if study.prior.correlation:
+        console.print(_correlations(study))
     shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
     console.print(f"Of the stated prior: {', '.join(shares)}")
     for note in study.notes:
@@ -140,8 +142,24 @@ def _entry(name: str, entry: Entry) -> str:
     return _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
 
 
+def _correlations(study: Study) -> Table:
+    """Correlations of the normal scores of the laws, to two digits; the lower half."""
+    prior = study.prior
+    names = [prior.names[i] for i in prior.correlated]
+    table = Table("", *names[:-1], title="Prior correlations of normal scores")
+    matrix = prior.score_correlation[np.ix_(prior.correlated, prior.correlated)]
+    for i in range(1, len(names)):
+        cells = (f"{value:+.2f}".replace("-", "−") for value in matrix[i, :i])
+        table.add_row(names[i], *cells)
+    return table
+
+
 def _law(name: str, law: Law) -> str:
     """A law in field units; of its arguments ``loc`` and ``scale`` have one."""
+    if isinstance(law, Tabulated):
+        low, middle, high = law.quantile(np.array([0.05, 0.5, 0.95])) / PARAMETERS[name].scale
+        unit = PARAMETERS[name].unit.removesuffix("-")
+        return f"{law.dist}: median {middle:.4g}, 90 % {low:.4g} to {high:.4g} {unit}".rstrip()
     scaled = ("loc", "scale")
     arguments = [f"{k} {field_text(name, v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()]
     if np.isfinite([law.lower, law.upper]).any():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
+from scipy.special import ndtri
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
@@ -22,7 +25,7 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 
-__all__ = ["PAPER_BOX", "RANGED", "Entry", "Law", "Prior", "Tie"]
+__all__ = ["PAPER_BOX", "RANGED", "Entry", "Law", "Prior", "Source", "Tie"]
 
 PAPER_BOX: dict[str, Law | float] = {
     "Ks": Law("uniform", lower=0.1e6, upper=10e6),
@@ -38,6 +41,10 @@ PAPER_BOX: dict[str, Law | float] = {
 """Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
 
 
+SINGULAR = 1e-9
+"""Smallest eigenvalue of a matrix of correlations that can hold at once."""
+
+
 @dataclass(frozen=True)
 class Tie:
     """The prior of a parameter that always has the value of another one."""
@@ -48,13 +55,38 @@ class Tie:
         return f"tied to {self.to}"
 
 
+@dataclass(frozen=True)
+class Source:
+    """What a study takes from an earlier result: its posterior becomes the prior of some parameters.
+
+    Attributes
+    ----------
+    result : the result's folder, or the result itself.
+    take : parameter there by parameter here; None for all of the same name.
+    widen : factor, at least 1, by which normal scores spread.
+    """
+
+    result: Any
+    take: Mapping[str, str] | None = None
+    widen: float = 1.0
+
+    def beside(self, study: Path) -> Source:
+        """The same, with a relative folder understood from that of a study file."""
+        if not isinstance(self.result, str | Path):
+            return self
+        return Source(study.parent / self.result, self.take, self.widen)
+
+
 Entry = Law | float | Tie
 """What a prior says about one parameter: free, fixed, or tied."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Independent laws of the free parameters, before the physical cut, and the fixed and tied values.
+    """Laws of the free parameters, before the physical cut, and the fixed and tied values.
+
+    The laws are independent but for ``correlation``: that of normal scores, which are jointly normal (a
+    Gaussian copula), so that every parameter keeps its own law.
 
     Parameters
     ----------
@@ -62,14 +94,17 @@ class Prior:
         name; ``kc`` and ``kphi`` may stand for ``Ks``, and ``sinkage_offset`` is 0 where it is left out. All
         four coefficients of the load effect, or none.
     width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
+    correlation : correlations of normal scores by pair, ``"c, phi"``, in the package's order; 0 elsewhere.
 
     Raises
     ------
-    StudyError : a soil parameter is missing or doubled, a name is not known, or a tie leads nowhere.
+    StudyError : a soil parameter is missing or doubled, a name is not known, a tie leads nowhere, or the
+        correlations contradict each other.
     """
 
     entries: Mapping[str, Entry]
     width: float = np.nan
+    correlation: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.entries if name not in PARAMETERS]
@@ -80,6 +115,13 @@ class Prior:
             raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
         for name in self.ties:
             self.root(name)
+        for pair in self.correlation:
+            for name in pair.split(", "):
+                if name not in self.laws:
+                    raise StudyError(f"correlation of '{pair}': '{name}' must have a law of its own")
+        if self.correlation and np.linalg.eigvalsh(self.score_correlation)[0] <= SINGULAR:
+            pairs = "; ".join(f"'{pair}' {value:g}" for pair, value in self.correlation.items())
+            raise StudyError(f"correlations must be such that all can hold at once (got {pairs})")
 
     @property
     def _needed(self) -> tuple[str, ...]:
@@ -101,6 +143,15 @@ class Prior:
         """Laws of the free parameters in the package's order."""
         entries = ((name, self.entries.get(name)) for name in PARAMETERS)
         return {name: entry for name, entry in entries if isinstance(entry, Law)}
+
+    @cached_property
+    def sources(self) -> dict[tuple[str, ...], str]:
+        """Where laws come from, by the free parameters of which that is said."""
+        said = {name: law.source for name, law in self.laws.items() if law.source}
+        return {
+            tuple(name for name in said if said[name] == source): source
+            for source in dict.fromkeys(said.values())
+        }
 
     @cached_property
     def fixed(self) -> dict[str, float]:
@@ -185,6 +236,44 @@ class Prior:
             soil[:, 0] = soil[:, len(SOIL_PARAMETERS)] / self.width + soil[:, len(SOIL_PARAMETERS) + 1]
         return soil
 
+    @cached_property
+    def score_correlation(self) -> FloatArray:
+        """Correlation matrix (d, d) of the normal scores of the free parameters."""
+        matrix = np.eye(len(self.names))
+        for pair, value in self.correlation.items():
+            i, j = (self.names.index(name) for name in pair.split(", "))
+            matrix[i, j] = matrix[j, i] = value
+        return matrix
+
+    @cached_property
+    def correlated(self) -> list[int]:
+        """Columns of parameters that correlate with another one."""
+        others = self.score_correlation - np.eye(len(self.names))
+        return np.flatnonzero(others.any(axis=1)).tolist()
+
+    def scores(self, x: FloatArray, columns: list[int] | None = None) -> FloatArray:
+        """Normal scores of parameter sets (n, d) under their own laws, of some columns or all."""
+        laws = list(self.laws.values())
+        chosen = range(len(laws)) if columns is None else columns
+        found = [laws[i].score(x[:, i]) for i in chosen]
+        return np.column_stack(found) if found else np.empty((len(x), 0))
+
+    def log_copula(self, x: FloatArray) -> FloatArray:
+        """Log of the joint density over the product of the laws (n,): −½ zᵀ(R⁻¹ − 1)z − ½ log |R|."""
+        if not self.correlated:
+            return np.zeros(len(x))
+        excess, level, _ = self._copula
+        z = self.scores(x, self.correlated)
+        return np.asarray(level - 0.5 * np.einsum("ni,ij,nj->n", z, excess, z, optimize=True))
+
+    @cached_property
+    def _copula(self) -> tuple[FloatArray, float, FloatArray]:
+        """R⁻¹ − 1, −½ log |R| and the Cholesky factor of R, of the correlated columns."""
+        matrix = self.score_correlation[np.ix_(self.correlated, self.correlated)]
+        factor = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+        excess = np.linalg.inv(matrix) - np.eye(len(matrix))
+        return np.asarray(excess), -float(np.log(np.diagonal(factor)).sum()), factor
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
         columns, low, high, level = self._flat
@@ -193,7 +282,7 @@ class Prior:
         for column, law in enumerate(self.laws.values()):
             if column not in columns:
                 total += law.log_density(x[:, column])
-        return total
+        return total + self.log_copula(x) if self.correlated else total
 
     @cached_property
     def _flat(self) -> tuple[list[int], FloatArray, FloatArray, float]:
@@ -207,6 +296,16 @@ class Prior:
         return self.quantile(rng.random((n, len(self.names))))
 
     def quantile(self, q: FloatArray) -> FloatArray:
-        """Parameter sets (n, d) at probabilities ``q`` (n, d) of each law."""
-        columns = [law.quantile(q[:, i]) for i, law in enumerate(self.laws.values())]
-        return np.column_stack(columns) if columns else np.empty((len(q), 0))
+        """Parameter sets (n, d) at probabilities ``q`` (n, d): independent uniform ones give draws.
+
+        A column is the quantile of its own law, or, where it correlates, of its law given columns before it.
+        """
+        if not self.names:
+            return np.empty((len(q), 0))
+        x = np.column_stack([law.quantile(q[:, i]) for i, law in enumerate(self.laws.values())])
+        if self.correlated:
+            laws = list(self.laws.values())
+            z = ndtri(q[:, self.correlated]) @ self._copula[2].T
+            for i, column in zip(self.correlated, z.T, strict=True):
+                x[:, i] = laws[i].at_score(column)
+        return x

@@ -68,6 +68,7 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "drive": study.drive,
         "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
         "notes": list(study.notes),
+        **({"priors_from": [one.record() for one in study.taken]} if study.taken else {}),
     }
 
 

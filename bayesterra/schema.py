@@ -6,6 +6,7 @@ unit, and calls from Python, where numbers are SI values (``bare`` in the valida
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -36,7 +37,7 @@ from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
-from bayesterra.priors import Entry
+from bayesterra.priors import Entry, Source
 from bayesterra.units import quantity
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
@@ -61,14 +62,42 @@ def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
     return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
 
 
-def _priors(value: object, info: ValidationInfo) -> dict[str, Entry | str]:
+def _priors(value: object, info: ValidationInfo) -> StatedPriors:
+    if isinstance(value, StatedPriors):
+        return value
     content = entries.table(value, "priors")
+    sources, correlation = content.pop("from", ()), content.pop("correlation", {})
     name = content.pop("set", None)
     if name is not None and str(name) not in PRIOR_SETS:
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
-    chosen: dict[str, Entry | str] = {} if name is None else {"set": str(name)}
-    read = {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()}
-    return {**chosen, **read}
+    return StatedPriors(
+        {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()},
+        None if name is None else str(name),
+        entries.sources(sources),
+        entries.correlations(correlation),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class StatedPriors:
+    """The [priors] table as it was read.
+
+    Attributes
+    ----------
+    entries : laws, fixed values and ties by parameter.
+    chosen : name of the prior ``set`` for the other parameters; None where none is named.
+    sources : what is taken ``from`` earlier results.
+    correlation : of normal scores, by pair.
+    """
+
+    entries: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
+    chosen: str | None = None
+    sources: tuple[Source, ...] = ()
+    correlation: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def beside(self, study: Path) -> StatedPriors:
+        """The same, with folders of results understood from that of a study file."""
+        return dataclasses.replace(self, sources=tuple(source.beside(study) for source in self.sources))
 
 
 def _reference(value: object) -> object:
@@ -237,7 +266,7 @@ class StudyContent(Table):
     wheels: dict[str, Annotated[WheelTable, BeforeValidator(_plain)]]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
-    priors: Annotated[dict[str, Entry | str], PlainValidator(_priors)] = Field(default_factory=dict)
+    priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
     published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
     truth: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None

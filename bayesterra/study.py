@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,9 @@ from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.priors import Entry, Prior
 from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
+
+if TYPE_CHECKING:
+    from bayesterra.earlier import Taken
 
 __all__ = ["LeastSquaresOptions", "Reference", "SamplingOptions", "Study", "load_study"]
 
@@ -52,6 +55,7 @@ class Study:
     load_range : N, the flat prior of every row's load with drive ``both``; else None.
     noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
     prior : laws and fixed values of soil parameters and estimated noise.
+    taken : joint laws that the prior holds from earlier results, and how well they stand for those.
     notes : what was filled in, left out or not used; one sentence each.
 
     Raises
@@ -71,6 +75,7 @@ class Study:
     observations: Observations
     noise: Mapping[str, Noise]
     prior: Prior
+    taken: tuple[Taken, ...]
     least_squares: LeastSquaresOptions
     published: Reference | None
     truth: Reference | None
@@ -138,6 +143,7 @@ class Study:
             "noise": [{**asdict(noise), "law": _plain(noise.law)} for noise in self.noise.values()],
             "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
             "least_squares": asdict(self.least_squares),
+            **({"correlation": self.prior.correlation} if self.prior.correlation else {}),
         }
         named = (field.name for field in fields(Observations) if field.name != "notes")
         rows = {name: getattr(self.observations, name) for name in named}
@@ -159,6 +165,7 @@ def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
         given = schema.checked(schema.read_toml(path), bare=False)
         tables = {field.name: getattr(given, field.name) for field in fields(given)}
         described = asdict(tables.pop("data"))
+        tables["priors"] = given.priors.beside(path)
         described["file"] = str(path.parent / given.data.file)
         with errors_in(described["file"]):
             table = read_table(described["file"])
@@ -175,10 +182,10 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
 
 def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
-    soil, prior_notes = assembly.soil_prior(
+    soil = assembly.soil_prior(
         given.priors, given.model, constant_exponent=given.model_options.constant_exponent
     )
-    wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil["phi"])
+    wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil.entries["phi"])
     with errors_in(given.data.file):
         rows, row_notes = assembly.conditioned(
             _rows(data, wheels, given.data), given.drive, expected=expected
@@ -188,11 +195,12 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
-    notes = [*prior_notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
+    notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
+        "taken": soil.taken,
         "notes": tuple(notes + _count_notes(rows, noise, prior)),
     }
 

@@ -18,6 +18,7 @@ from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.priors import Entry, Law, Tie
 from bayesterra.study import Reference, Study
+from bayesterra.tabulated import Tabulated
 from bayesterra.units import text
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -80,6 +81,7 @@ def _lines(
     entries = study.prior.entries
     priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
     yield from _table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
+    yield from _table("priors.correlation", study.prior.correlation)
     yield from _table("least_squares", _least_squares(study))
     for name, reference in references.items():
         if reference is not None:
@@ -128,14 +130,17 @@ def _prior(name: str, entry: Entry) -> object:
 
 def _law(law: Law, dimension: str) -> dict[str, object]:
     """Location, scale and limits have the unit of the parameter, shape arguments have none."""
-    known = {**law.shape, "lower": law.lower, "upper": law.upper}
+    known: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
+    rows: dict[str, object] = {}
+    if isinstance(law, Tabulated):
+        rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
     dimensional = ("loc", "scale", "lower", "upper")
     values = {
         key: text(value, dimension if key in dimensional else "")
         for key, value in known.items()
         if np.isfinite(value)
     }
-    return {"dist": law.dist, **values, **({"source": law.source} if law.source else {})}
+    return {"dist": law.dist, **rows, **values, **({"source": law.source} if law.source else {})}
 
 
 def _value(name: str, value: float) -> object:

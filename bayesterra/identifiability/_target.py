@@ -73,6 +73,10 @@ class Target:
         if self.with_prior:
             first, second = self._prior(y)
             slope = slope - first
+            if self.posterior.prior.correlated:
+                bent, joint = self._copula(y)
+                slope, information = slope - bent, information + joint
+                second[:, self.posterior.prior.correlated] = 0.0
             information = information + np.maximum(-second, 0.0)[:, :, None] * np.eye(y.shape[1])
         slope = slope + PULL * (y - self.anchor)
         return Local(self.value(y), slope, information + PULL * np.eye(y.shape[1]))
@@ -114,3 +118,17 @@ class Target:
             second[:, i] = (above - 2 * here + below) / PRIOR_STEP**2
         first += second * (y - middle)
         return np.nan_to_num(first), np.nan_to_num(second)
+
+    def _copula(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What correlation adds to the slope (n, d) of the log prior, and the whole curvature (n, d, d).
+
+        The curvature is that of zᵀR⁻¹z/2, which is never negative, with the scores z taken as straight.
+        """
+        prior, d = self.posterior.prior, y.shape[1]
+        stretch, precision = np.zeros((len(y), d)), np.linalg.inv(prior.score_correlation)
+        middle = np.clip(y, PRIOR_STEP, 1 - PRIOR_STEP)
+        below, above = (prior.scores(self.chart.to_physical(middle + h)) for h in (-PRIOR_STEP, PRIOR_STEP))
+        stretch[:, prior.correlated] = ((above - below) / (2 * PRIOR_STEP))[:, prior.correlated]
+        z = prior.scores(self.chart.to_physical(y))
+        first = -stretch * (z @ (precision - np.eye(d)))
+        return np.nan_to_num(first), np.nan_to_num(stretch[:, :, None] * precision * stretch[:, None, :])

@@ -8,7 +8,8 @@ A flat law to any power is the same flat law: ordinary power-scaling of the prio
 the prior does. So a law is scaled in the parameter's normal score z under it, where every law is the standard
 normal one: weights exp(−(α − 1) z²/2), which for α > 1 draw it in around its median and for α < 1 push it out
 towards its ends. For a normal law that is ordinary power-scaling; the result does not change with the scale
-that a parameter is stated in. The physical cut is not scaled: it is no opinion.
+that a parameter is stated in. Laws that correlate are scaled together, by weights exp(−(α − 1) zᵀR⁻¹z/2). The
+physical cut is not scaled: it is no opinion.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
+from scipy.sparse.csgraph import connected_components
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import NormalScore
 from bayesterra.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.identifiability.groups import spaced
 from bayesterra.laws import Law
@@ -72,20 +73,42 @@ def power_scaling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rn
     laws = list(posterior.prior.laws.values())
     flat = [bool(np.ptp(law.log_density(x)) < 1e-9) for law, x in zip(laws, draws.T, strict=True)]
     likelihood = Scaled(posterior.log_prior_and_likelihood(draws)[1])
-    return scaled(Stated(posterior.names, laws, flat), likelihood, prior, draws, noise=likelihood.noise(rng))
+    joint = posterior.prior.score_correlation
+    flat = [one and not others for one, others in zip(flat, (joint != 0).sum(axis=0) > 1, strict=True)]
+    stated = Stated(posterior.names, laws, flat, joint)
+    return scaled(stated, likelihood, prior, draws, noise=likelihood.noise(rng))
 
 
 @dataclass(frozen=True)
 class Stated:
-    """The free parameters, their laws, and which of these are flat."""
+    """The free parameters, their laws, which of these are flat, and how their normal scores correlate."""
 
     names: Sequence[str]
     laws: Sequence[Law]
     flat: Sequence[bool]
+    correlation: FloatArray | None = None
 
     def densities(self, x: FloatArray) -> list[Scaled]:
-        """Log densities of the normal scores of parameter sets (n, d), parameter by parameter."""
-        return [Scaled(log_normal(law, column)) for law, column in zip(self.laws, x.T, strict=True)]
+        """Log densities of the normal scores of parameter sets (n, d), parameter by parameter.
+
+        Parameters that correlate in the prior have one law together, which is scaled as a whole.
+        """
+        parts = self._parts(x)
+        joined = connected_components(self._joint != 0)[1]
+        return [Scaled(parts[:, joined == label].sum(axis=1)) for label in joined]
+
+    def together(self, x: FloatArray) -> Scaled:
+        """Log density of the normal scores of parameter sets (n, d) under all laws at once."""
+        return Scaled(self._parts(x).sum(axis=1))
+
+    def _parts(self, x: FloatArray) -> FloatArray:
+        """Terms (n, d) of −½ zᵀR⁻¹z, one for every parameter; those of a joint law belong together."""
+        z = np.column_stack([law.score(column) for law, column in zip(self.laws, x.T, strict=True)])
+        return np.asarray(-0.5 * z * np.linalg.solve(self._joint, z.T).T)
+
+    @property
+    def _joint(self) -> FloatArray:
+        return np.eye(len(self.names)) if self.correlation is None else self.correlation
 
 
 def scaled(
@@ -93,9 +116,9 @@ def scaled(
 ) -> PowerScaling:
     """Sensitivities of draws (n, d) whose likelihood is known, beside those of the cut prior's (m, d)."""
     by_law, cut = stated.densities(draws), stated.densities(prior)
-    together = Scaled(np.sum([each.log_density for each in by_law], axis=0))
+    together = stated.together(draws)
     moved = np.array([[each.sensitivity(x) for each in by_law] for x in draws.T])
-    strongest = moved.argmax(axis=1)
+    strongest = (moved + 1e-12 * np.eye(len(moved))).argmax(axis=1)  # of a joint law, the parameter's own
     table = pd.DataFrame(
         {
             "parameter": list(stated.names),
@@ -132,7 +155,7 @@ def word(own: float, cut_own: float, strongest: float, likelihood: float) -> str
 
 def log_normal(law: Law, x: FloatArray) -> FloatArray:
     """Log density (n,) of the normal scores of values under their law, up to a constant."""
-    return np.asarray(-0.5 * NormalScore(law).from_physical(x) ** 2)
+    return np.asarray(-0.5 * law.score(x) ** 2)
 
 
 @dataclass(frozen=True)

@@ -141,17 +141,22 @@ def _priors(result: Result) -> Table:
         law = stated_law(name, entries[name])
         body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
     caption = (
-        "Prior laws as stated in the study, independent of each other; mean and standard deviation of the "
+        f"Prior laws as stated in the study, {_joined(result.study)}; mean and standard deviation of the "
         "prior after the physical cut, in the same unit. Wherever this report says prior, the cut one is "
         "meant."
     )
     return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
 
 
+def _joined(study: Study) -> str:
+    if not study.prior.correlation:
+        return "independent of each other"
+    return "joined by correlations of their normal scores (a Gaussian copula)"
+
+
 def prior_sources(study: Study) -> tuple[Block, ...]:
     """A table of where the prior laws come from; nothing where none says so."""
-    named = {name: law.source for name, law in study.prior.laws.items() if law.source}
-    rows = tuple((symbol(name), source) for name, source in named.items())
+    rows = tuple((symbols(names), source) for names, source in study.prior.sources.items())
     return (Table("Where the prior laws come from.", "ll", ("", "source"), rows),) if rows else ()
 
 

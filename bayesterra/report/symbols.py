@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from bayesterra.derived import DERIVED, EFFICIENCY
 from bayesterra.parameters import CHANNELS, PARAMETERS, Channel, Parameter
 from bayesterra.priors import RANGED, Law
-from bayesterra.report.numbers import given
+from bayesterra.report.numbers import given, plain
+from bayesterra.tabulated import Tabulated
 
 QUANTITIES: dict[str, Parameter | Channel] = {
     **CHANNELS,
@@ -115,6 +117,9 @@ def law_text(name: str, law: Law) -> Markup:
     'uniform on 0 to 50&nbsp;deg'
     """
     scale = PARAMETERS[name].scale
+    if isinstance(law, Tabulated):
+        low, middle, high = (plain(value / scale, 4) for value in law.quantile(np.array([0.05, 0.5, 0.95])))
+        return Markup("tabulated (median {}, 90 % in {} to {})").format(middle, low, amount(name, high))
     limits = (law.lower / scale, law.upper / scale)
     ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
     if law.dist in RANGED:

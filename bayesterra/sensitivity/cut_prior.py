@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
+from bayesterra.errors import StudyError
 from bayesterra.forward import Forward
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS, MODULI, NOISE_PREFIX, PARAMETERS
@@ -117,7 +118,14 @@ def study_problem(posterior: Posterior, inputs: Inputs, forward: Forward | None 
 
     The prior is cut to the support of the study and to where ``forward`` has an answer. Outputs are in field
     units, those of a row one after the other. A latent load is held at what its row knows best.
+
+    Raises
+    ------
+    StudyError : the prior correlates parameters, which then cannot be drawn given each other's inputs.
     """
+    if posterior.prior.correlated:
+        names = ", ".join(posterior.names[i] for i in posterior.prior.correlated)
+        raise StudyError(f"sensitivity indices need independent prior laws (got correlations of {names})")
     rows = forward or posterior.likelihood.forward
     scales, columns = _chosen(rows)
 
