@@ -266,6 +266,6 @@ def _notes(drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity) -> list[st
         a, b = fidelity.pair
         notes.append(
             f"correlations stand badly for the posterior of {drawn.label}, above all about {a} and {b}"
-            f" (probabilities off by up to {fidelity.difference:.2f}); each parameter for itself keeps its law"
+            f" (probabilities off by up to {fidelity.difference:.2f}); single parameters keep their laws"
         )
     return notes

@@ -170,9 +170,7 @@ def _taken(value: object) -> Source:
     if take is None:
         return Source(entry["result"], None, widen)
     if not isinstance(take, Mapping) or not all(isinstance(there, str) for there in take.values()):
-        raise StudyError(
-            f"'take' must name a parameter there for each here, e.g. {{ n0 = \"n\" }} (got {take!r})"
-        )
+        raise StudyError(f"'take' must be a table such as {{ n0 = \"n\" }}: here = there (got {take!r})")
     return Source(entry["result"], table(take, "take"), widen)
 
 

@@ -202,6 +202,7 @@ class _Map:
 
     def score_and_slope(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores and log dz/dx of values inside the range (any shape)."""
+        shape, x = np.shape(x), np.ravel(x)
         start, z_start, width, height, secant, first, last = self._parts(self.x, x)
         t = np.clip((x - start) / width, 0.0, 1.0)
         bend = t * (1 - t)
@@ -215,10 +216,11 @@ class _Map:
         if right.any():
             mirrored, log_slope[right] = self.above.score_and_slope(-x[right])
             z[right] = -mirrored
-        return z, log_slope
+        return z.reshape(shape), log_slope.reshape(shape)
 
     def value(self, z: FloatArray) -> FloatArray:
         """Values at scores (any shape)."""
+        shape, z = np.shape(z), np.ravel(z)
         start, z_start, width, height, secant, first, last = self._parts(self.z, z)
         up = np.clip(z - z_start, 0.0, height)
         excess = up * (first + last - 2 * secant)
@@ -229,4 +231,4 @@ class _Map:
             x[left] = self.below.value(z[left])
         if right.any():
             x[right] = -self.above.value(-z[right])
-        return x
+        return x.reshape(shape)

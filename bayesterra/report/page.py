@@ -8,6 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.adequacy import fit_checks
+from bayesterra.report.added import added_sections
 from bayesterra.report.blocks import Section
 from bayesterra.report.closing import methods_section, prior_section, reproduce_section
 from bayesterra.report.determined import identifiability_section
@@ -62,6 +63,7 @@ def page(result: Result) -> Page:
             data_section(result),
             sampling_section(result),
             posterior_section(result),
+            *added_sections(result),
             predictive_section(result),
             cross_validation_section(result),
             identifiability_section(result),
