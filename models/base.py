@@ -142,14 +142,22 @@ class WheelSoilModel(ABC):
         )
 
     def response_of_pairs(
-        self, theta: ArrayLike, conditions: Conditions, load: ArrayLike
+        self,
+        theta: ArrayLike,
+        conditions: Conditions,
+        load: ArrayLike,
+        *,
+        mean_load: FloatArray | None = None,
     ) -> tuple[FloatArray, Codes]:
-        """Return z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,)."""
+        """Return z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,).
+
+        `mean_load` (n,) is W-bar of every row, in place of the option of M2L; other models know none.
+        """
         from bayesterra.models import batch
 
-        given = np.asarray(load, dtype=np.float64)[:, None]
-        plan = self._plan(paired=True)
-        values, status = batch.response(batch.parameters(theta), self._rows(conditions), given, plan)
+        sets, given = batch.parameters(theta, len(self.parameters)), np.asarray(load, dtype=np.float64)
+        rows = self._rows(conditions) if mean_load is None else self._rows_under(conditions, mean_load)
+        values, status = batch.response(sets, rows, given[:, None], self._plan(paired=True))
         return values[:, 0], status[:, 0]
 
     def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
@@ -233,6 +241,10 @@ class WheelSoilModel(ABC):
         start = np.asarray(self._start_radius(conditions, slip))
         wheel = (conditions.radius, conditions.width, start, conditions.shearing_radius)
         return np.ascontiguousarray(np.stack((slip, self._exponent_slip(slip), *wheel), axis=-1))
+
+    def _rows_under(self, conditions: Conditions, mean_load: FloatArray) -> FloatArray:
+        """Return the rows with a mean load of their own, (n,), where the model knows one."""
+        return self._rows(conditions)
 
     def _exponent_slip(self, slip: FloatArray) -> FloatArray:
         return np.zeros_like(slip) if self.constant_exponent else slip

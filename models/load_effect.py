@@ -57,5 +57,7 @@ class M2L(WheelSoilModel):
         return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)
 
     def _rows(self, conditions: Conditions) -> FloatArray:
-        rows = super()._rows(conditions)
-        return np.column_stack([rows, np.full(len(rows), self.mean_load)])
+        return self._rows_under(conditions, np.full(len(conditions.slip), self.mean_load))
+
+    def _rows_under(self, conditions: Conditions, mean_load: FloatArray) -> FloatArray:
+        return np.column_stack([super()._rows(conditions), mean_load])

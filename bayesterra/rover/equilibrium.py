@@ -37,9 +37,10 @@ In (42) the mean load per wheel is that on the slope, G cos α / 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -81,8 +82,8 @@ OUTCOMES = {
     Outcome.NO_ANSWER: "the model has no answer: N ≤ 0, or θm outside (θ2, θ1)",
     Outcome.UNSETTLED: "the loads do not settle",
 }
-_OF_STATUS = np.zeros(max(Status) + 1, dtype=np.int64)
-_OF_STATUS[[Status.EXPONENT, Status.CONTACT_ANGLE]] = Outcome.NO_ANSWER
+_OF_STATUS = np.full(max(Status) + 1, Outcome.NO_ANSWER, dtype=np.int64)
+_OF_STATUS[Status.OK] = Outcome.HELD
 _OF_STATUS[[Status.LOAD, Status.SINKAGE]] = Outcome.SINKS
 
 
@@ -100,22 +101,29 @@ class Ground(Protocol):
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soils (n, 9 or 12), as every forward model takes them, through a wheel-soil model."""
+    """Soils, as every forward model takes them or as the model's own parameters, through a model."""
 
     model: WheelSoilModel
     rover: Rover
     soil: FloatArray
+
+    @cached_property
+    def _parameters(self) -> tuple[FloatArray, ...]:
+        """The model's parameters (n, 9 or 13) under the wheels of each axle."""
+        if self.soil.shape[1] == len(self.model.parameters):
+            return (self.soil, self.soil)
+        return tuple(soil_at(self.soil, wheel.width) for wheel in self.rover.wheels)
 
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
     ) -> tuple[FloatArray, IntArray]:
         """See :class:`Ground`."""
         values, outcomes = np.empty((*slip.shape, 3)), np.zeros(len(slip), dtype=np.int64)
-        model = under_mean_load(self.model, mean_load)
-        for axle, wheel in enumerate(self.rover.wheels):
-            theta = soil_at(self.soil, wheel.width)[soils]
-            conditions = _conditions(wheel, slip[:, axle])
-            values[:, axle], status = model.response_of_pairs(theta, conditions, load[:, axle])
+        for axle, theta in enumerate(self._parameters):
+            conditions = _conditions(self.rover.wheels[axle], slip[:, axle])
+            values[:, axle], status = self.model.response_of_pairs(
+                theta[soils], conditions, load[:, axle], mean_load=mean_load
+            )
             outcomes = np.maximum(outcomes, _OF_STATUS[status])
         return values, outcomes
 
@@ -124,12 +132,6 @@ def _conditions(wheel: Wheel, slip: FloatArray) -> Conditions:
     """As ``Conditions.of``, without its checks, which would take longer than the forces."""
     radii = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
     return Conditions(slip, *(np.full(len(slip), value) for value in radii))
-
-
-def under_mean_load(model: WheelSoilModel, mean_load: FloatArray) -> WheelSoilModel:
-    """The model with the mean load per wheel of (42), where it knows one; M1 to M3 do not."""
-    known: dict[str, Any] = {"mean_load": mean_load} if hasattr(model, "mean_load") else {}
-    return replace(model, **known)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,9 @@ class Assumption:
     note: str
 
     def __str__(self) -> str:
-        return f"{self.key.replace('_', ' ')} {self.value} is an assumption: {self.note}"
+        *tables, last = self.key.replace("_", " ").split(".")
+        of = "".join(f" of the {table}" for table in reversed(tables))
+        return f"{last}{of} {self.value} is an assumption: {self.note}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,112 @@
+"""The figure of the assumed rovers, and the tables of the README from the stored files."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rover_drives import MODELS, drive
+
+from bayesterra.figures.style import MARKS, POSTERIOR, new_figure, styled
+from bayesterra.rover.geometry import Rover
+
+
+@styled
+def figure(rover: Rover, rovers: list[Rover]) -> bytes:
+    """Slip and wheel loads over slope and tow force, with the spread of the assumed rovers."""
+    drawn = new_figure(9.2, 6.0)
+    axes = drawn.subplots(2, 2)
+    colours = {"M2L": POSTERIOR, "M2": MARKS["IM1"].colour}
+    for line, row in zip(axes, ("slope", "flat"), strict=True):
+        for model in MODELS:
+            one = drive(rover, model, row)
+            line[0].plot(one.values, one.slip, "o-", markersize=3.5, color=colours[model], label=f"{model}")
+            for axle, style in ((0, "--"), (1, "-")):
+                name = f"{model}, {('front', 'rear')[axle]} wheel"
+                line[1].plot(one.values, one.state.load[0, :, axle], style, color=colours[model], label=name)
+        for other in rovers:
+            one = drive(other, "M2L", row)
+            line[0].plot(one.values, one.slip, color=POSTERIOR, alpha=0.18, linewidth=0.7, zorder=0)
+        along = "slope α [°]" if row == "slope" else "tow force on the flat [N]"
+        line[0].set(xlabel=along, ylabel="slip ratio $s$ [–]", ylim=(0, 0.8))
+        line[1].set(xlabel=along, ylabel="load of a wheel [N]", ylim=(0, None))
+    axes[0, 0].plot([], [], color=POSTERIOR, alpha=0.3, linewidth=0.7, label="M2L, other assumed rovers")
+    axes[0, 0].legend(loc="upper left")
+    axes[0, 1].legend(loc="lower left")
+    buffer = BytesIO()
+    drawn.savefig(buffer, format="png", dpi=130, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def fill(folder: Path) -> None:
+    """Put the stored tables into the README, between their comments."""
+    readme = folder / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    for name, make in BLOCKS.items():
+        before, opened, rest = text.partition(f"<!-- {name} -->\n")
+        _, closed, after = rest.partition("<!-- end -->")
+        if not (opened and closed):
+            raise ValueError(f"the README must hold the comments of the table '{name}'")
+        text = f"{before}{opened}{make(folder)}\n{closed}{after}"
+    readme.write_text(text, encoding="utf-8")
+
+
+def statements_block(folder: Path) -> str:
+    """Every statement with its verdict."""
+    found = pd.read_csv(folder / "statements.csv", keep_default_na=False)
+    found["verdict"] = found["verdict"].where(
+        found["verdict"] == "reproduced", "**" + found["verdict"] + "**"
+    )
+    return _table(
+        ["where", "the paper says", "printed", "ours", "difference", "verdict", "why"], found.to_numpy()
+    )
+
+
+def climbs_block(folder: Path) -> str:
+    """Slip of the small rover on every slope without a tow force, and the share of draws that cannot."""
+    found = pd.read_csv(folder / "bands.csv")
+    rows = []
+    for tow in sorted(set(found["tow [N]"])):
+        one = found[(found["tow [N]"] == tow) & (found["axle"] == "rear")]
+        slips = one[one["quantity"] == "slip"].set_index("slope [deg]")
+        depth = one[one["quantity"] == "sinkage"].set_index("slope [deg]")
+        for slope, row in slips.iterrows():
+            z = depth.loc[slope]
+            known = np.isfinite(row["q50"]) and row["cannot"] < 0.5
+            rows.append(
+                [
+                    f"{slope:.0f}",
+                    f"{tow:.0f}",
+                    f"{row['q50']:.2f} ({row['q05']:.2f}–{row['q95']:.2f})" if known else "–",
+                    f"{z['q50']:.0f} ({z['q05']:.0f}–{z['q95']:.0f})" if known else "–",
+                    f"{100 * row['cannot']:.0f}",
+                    f"{100 * row['unanswered']:.0f}",
+                ]
+            )
+    head = ["slope, °", "tow, N", "slip", "sinkage of the rear wheels, mm", "cannot, %", "no answer, %"]
+    return _table(head, rows)
+
+
+def greatest_block(folder: Path) -> str:
+    """Greatest slope and tow force of the small rover."""
+    found = pd.read_csv(folder / "greatest.csv")
+    rows = [
+        [
+            row["quantity"].replace("_", " "),
+            "all to 0.95" if row["slips"] == "all" else "driven, to 0.6",
+            *(f"{row[name]:.1f}" for name in ("q05", "q25", "q50", "q75", "q95")),
+            "°" if row["unit"] == "deg" else "N",
+        ]
+        for _, row in found.iterrows()
+    ]
+    return _table(["", "slips", "5 %", "25 %", "median", "75 %", "95 %", ""], rows)
+
+
+def _table(head: list[str], rows: object) -> str:
+    lines = [head, ["---"] * len(head), *rows]  # type: ignore[misc]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+BLOCKS = {"statements": statements_block, "climbs": climbs_block, "greatest": greatest_block}

@@ -1,0 +1,171 @@
+"""A rover on the draws of a result: predict_rover, and predict --rover."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayesterra as bt
+from bayesterra.__main__ import main
+from bayesterra.errors import StudyError
+from bayesterra.figures.rover import rover_outlook
+from bayesterra.figures.style import figure_of
+from bayesterra.forward import soil_at
+from bayesterra.models import Conditions, Wheel
+from bayesterra.rover.equilibrium import Outcome
+from bayesterra.roving import RoverSheet
+from bayesterra.workflow import RunResult
+
+FILE = """\
+weight = "320 N"
+wheelbase = { value = "0.8 m", assumption = "read from a drawing" }
+wheel = "Wh32"
+[centre_of_gravity]
+height = "0.3 m"
+ahead_of_rear_axle = "0.4 m"
+"""
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of a rover on the study's wheel."""
+    path = tmp_path_factory.mktemp("rover") / "rover.toml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def sheet(wide: RunResult, file: Path) -> RoverSheet:
+    """Three slopes with and without a tow force."""
+    return bt.predict_rover(wide, file, slopes=["5 deg", "10 deg", "16 deg"], tows=["0 N", "20 N"])
+
+
+def test_every_draw_drives_on_its_own_soil(wide: RunResult, sheet: RoverSheet) -> None:
+    """The pull at the reported slip and load is the model's for that draw, and holds slope and tow."""
+    states = sheet.asked
+    chain, number = sheet.index[7]
+    draw = wide.values().reshape(wide.draws["posterior"].sizes["chain"], -1, len(wide.names))[chain, number]
+    study = wide.study
+    wheel = study.wheels["Wh32"]
+    theta = soil_at(study.prior.soil_values(draw[None]), wheel.width)
+    held = states.outcome[7] == Outcome.HELD
+    assert held.sum() > 2
+    for axle in (0, 1):
+        conditions = Conditions.of(wheel, states.slip[7, held, axle])
+        values, _ = study.model.response_at(theta, conditions, states.load[7, held, axle])
+        np.testing.assert_allclose(values[0, :, 1], states.pull[7, held, axle], rtol=1e-7)
+    asked = 320 * np.sin(states.slope[7, held]) + states.tow[7, held]
+    np.testing.assert_allclose(2 * states.pull[7, held].sum(axis=1), asked, rtol=1e-8)
+
+
+def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
+    """A row per slope, tow, axle and quantity; more of either needs more slip, and more draws fail."""
+    table = sheet.table
+    assert len(table) == 6 * 2 * 5
+    slips = table.query("quantity == 'slip' and axle == 'rear'").set_index(["slope [deg]", "tow [N]"])
+    assert slips.loc[(10, 20), "q50"] > slips.loc[(10, 0), "q50"] > slips.loc[(5, 0), "q50"]
+    drawn = sheet.to_dataframe().query("`slope [deg]` > 9 and `slope [deg]` < 11 and `tow [N]` == 20")
+    assert len(drawn) == len(sheet.index)
+    expected = np.quantile(drawn["rear_slip"].dropna(), 0.95)
+    assert slips.loc[(10, 20), "q95"] == pytest.approx(expected)
+    counted = table[["pulls_too_little", "sinks", "lifts"]].sum(axis=1) / len(sheet.index)
+    np.testing.assert_allclose(table["cannot"], counted)
+    assert 0.05 < slips.loc[(16, 0), "cannot"] < slips.loc[(16, 20), "cannot"]
+
+
+def test_the_greatest_slope_is_a_distribution(sheet: RoverSheet) -> None:
+    """Its share above a slope is the probability to climb, and the share of draws that hold that slope."""
+    greatest = sheet.greatest_slope
+    assert greatest.shape == (len(sheet.index),)
+    asked = sheet.asked
+    column = int(np.flatnonzero((asked.slope[0] > 0.27) & (asked.tow[0] == 0))[0])
+    fails = sheet.cannot[column] + sheet.unanswered[column]
+    assert sheet.probability_to_climb(np.radians(16)) == pytest.approx(1 - fails, abs=0.01)
+    assert sheet.probability_to_climb(np.radians(60)) == 0
+    at_driven = sheet.slopes_driven
+    assert float((at_driven.value - greatest).max()) < 1e-5
+    assert at_driven.slip.max() <= 0.6 + 1e-9
+    climb = sheet.climb_table.set_index("slope [deg]")["probability"]
+    assert climb.loc[16.0] == pytest.approx(float((greatest >= np.radians(16)).mean()), abs=1e-3)
+    assert climb.iloc[-1] == 0
+
+
+def test_notes_name_assumptions_and_what_is_left(wide: RunResult, sheet: RoverSheet, file: Path) -> None:
+    """Assumed numbers, loads and wheels that were not measured, and the model's own error."""
+    notes = "\n".join(sheet.notes)
+    assert "wheelbase 0.8 m is an assumption: read from a drawing" in notes
+    assert "tow height 300 mm is an assumption: none is given" in notes
+    assert "all wheels turn at one speed and slip alike" in notes
+    assert "leave the measured loads, 80 N: extrapolated" in notes
+    assert "the error of the wheel-soil model itself is not in them" in notes
+    assert "the wheel was not driven" not in notes
+    small = bt.Rover(
+        name="small", weight=100.0, wheelbase=0.5, centre_height=0.2, centre_ahead=0.25, tow_height=0.1,
+        wheels=(Wheel(0.1, 0.1, 0.005, 24),) * 2, gravity=1.62,
+    )  # fmt: skip
+    notes = "\n".join(bt.predict_rover(wide, small, slopes=["25 deg"]).notes)
+    assert "the wheel was not driven (Wh32 was)" in notes
+    assert "under 1.62 m/s²" in notes
+    assert "at 25° the median slip lies above the driven slips" in notes or "greatest slope" in notes
+
+
+def test_the_figure_has_a_row_for_slopes_and_one_for_tow(
+    wide: RunResult, sheet: RoverSheet, file: Path
+) -> None:
+    """Four panels a row; without a tow force there is no second row."""
+    axes = rover_outlook(sheet)
+    assert axes.shape == (2, 4)
+    figure_of(axes).canvas.draw()
+    assert rover_outlook(bt.predict_rover(wide, file, slopes=["5 deg"])).shape == (1, 4)
+
+
+def test_the_command_writes_and_prints(saved: Path, file: Path, tmp_path: Path, capsys: Captured) -> None:
+    """A folder with tables, figure and record; slopes in degrees; a second time needs --overwrite."""
+    out = tmp_path / "driven"
+    call = ["predict", str(saved / "wide-result"), "--rover", str(file), "--slope", "5,12", "--out", str(out)]
+    assert main([*call, "--tow", "0 N,20 N"]) == 0
+    printed = capsys.readouterr().out
+    assert "Greatest slope:" in printed
+    assert "read from a drawing" in printed
+    bands = pd.read_csv(out / "bands.csv")
+    assert sorted(set(bands["slope [deg]"].round(9))) == [5, 12]
+    assert sorted(set(bands["tow [N]"])) == [0, 20]
+    for name in ("draws.csv", "greatest.csv", "climb.csv", "rover.json"):
+        assert (out / name).stat().st_size > 0
+    assert (out / "rover.png").read_bytes().startswith(b"\x89PNG")
+    assert main(call) == 2
+    assert "add --overwrite" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--rover", "none.toml"], "none.toml: no such rover file"),
+        (["--rover", "{file}", "--slope", "steep"], "'slope' must be degrees with commas, e.g. 0,5,10 (got"),
+        (["--rover", "{file}", "--slope", "50"], "'slope' must lie between 0 and 45 deg (got 50 deg)"),
+        (["--rover", "{file}", "--tow", "35"], "'tow' needs a unit"),
+        (["--rover", "{file}", "--tow", "-1 N"], "'tow' must not be below 0 N (got -1 N)"),
+        (["--rover", "{file}", "--load", "80 N"], "'--load' does not go with '--rover'"),
+        (["--slope", "5"], "'--slope' needs '--rover FILE'"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_one_line(
+    arguments: list[str], message: str, saved: Path, file: Path, tmp_path: Path, capsys: Captured,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Bad input ends with 2 and one line that names it; no folder appears."""
+    monkeypatch.chdir(tmp_path)
+    given = [argument.format(file=file) for argument in arguments]
+    assert main(["predict", str(saved / "wide-result"), *given]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_in_python_are_radians(wide: RunResult, file: Path) -> None:
+    """A slope of 10 is refused with the value in degrees."""
+    with pytest.raises(StudyError, match=r"'slope' must lie between 0 and 45 deg \(got 573 deg\)"):
+        bt.predict_rover(wide, file, slopes=[10.0])
