@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
     from bayesterra.identifying import IdentifyResult, foresee, identify
+    from bayesterra.leaving import HoldoutResult, leave_out
     from bayesterra.models import Soil, Wheel
     from bayesterra.noise import Noise
     from bayesterra.posteriors import Posterior, posterior
@@ -35,6 +36,7 @@ _HOMES = {
     "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
     "identifying": ("IdentifyResult", "foresee", "identify"),
+    "leaving": ("HoldoutResult", "leave_out"),
     "models": ("Soil", "Wheel"),
     "noise": ("Noise",),
     "posteriors": ("Posterior", "posterior"),
@@ -51,6 +53,7 @@ __all__ = [
     "BayesterraError",
     "CalibrationResult",
     "Fit",
+    "HoldoutResult",
     "IdentifyResult",
     "Law",
     "Noise",
@@ -70,6 +73,7 @@ __all__ = [
     "fit",
     "foresee",
     "identify",
+    "leave_out",
     "load_result",
     "load_study",
     "posterior",

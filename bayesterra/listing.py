@@ -17,12 +17,13 @@ from bayesterra.calibration.quantities import AT_SLIP
 from bayesterra.calibration.ranks import COVERAGES
 from bayesterra.design.choosing import BIT, Design
 from bayesterra.design.choosing import UNANSWERED as LOST
+from bayesterra.holdout import Holdout
 from bayesterra.identified import Foreseen, Identified, expected_contraction
 from bayesterra.notebook import evidence_lines
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prediction import PREDICTED, UNANSWERED, Prediction
 from bayesterra.report.design import figures_of
-from bayesterra.report.numbers import NOTHING, interval, resolution, rounded, with_error
+from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, with_error
 from bayesterra.rover.geometry import AXLES
 from bayesterra.rover.outlook import RoverOutlook
 from bayesterra.side_by_side import Comparison
@@ -323,3 +324,31 @@ def design_lines(design: Design) -> list[str]:
     if marked:
         lines.append(f"! At {marked} candidates the model has no answer for over {LOST:.0%} of the draws.")
     return lines
+
+
+def print_holdout(found: Holdout, folder: Path, console: Console | None = None) -> None:
+    """Print coverage and mean scores of model and baselines, and where the files are."""
+    console = console or _console()
+    title = f"{len(found.levels)} levels left out, one at a time"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %"):
+        table.add_column(header, justify="right" if header else "left", no_wrap=True)
+    rows = found.summary[found.summary["part"] == "all"] if len(found.table) else found.table
+    for channel in rows["channel"].unique():
+        for row in rows[rows["channel"] == channel].to_dict("records"):
+            table.add_row(*_scored(row))
+        table.add_section()
+    console.print(table)
+    for outcome in found.outcomes:
+        if outcome.status != "converged":
+            line = f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
+            console.print(line, highlight=False, soft_wrap=True)
+    console.print(
+        f"Page: {folder / 'report.html'}   Plot: {folder / 'holdout.png'}", highlight=False, soft_wrap=True
+    )
+
+
+def _scored(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    shares = (f"{number(100 * row[name], 0)} %" for name in ("covered50", "covered90"))
+    score = f"{plain(row['crps'])} ± {plain(row['crps_se'], 2)} {row['unit']}"
+    return (CHANNELS[row["channel"]].symbol, row["predictor"], str(row["rows"]), score, *shares)

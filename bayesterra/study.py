@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra import assembly, schema
-from bayesterra.arrays import FloatArray, frozen
+from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.data import Observations, observations, read_table
 from bayesterra.messages import errors_in
 from bayesterra.models import Wheel, WheelSoilModel
@@ -130,6 +130,13 @@ class Study:
         merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
         other = copy(self)
         object.__setattr__(other, "observations", replace(self.observations, values=merged))
+        return other
+
+    def with_use(self, use: BoolArray) -> Study:
+        """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
+        other = copy(self)
+        rows = replace(self.observations, use=frozen(np.asarray(use), np.bool_))
+        object.__setattr__(other, "observations", rows)
         return other
 
     @property

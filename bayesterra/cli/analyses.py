@@ -1,4 +1,4 @@
-"""Commands that examine a study: calibrate, identify, design."""
+"""Commands that examine a study: calibrate, identify, design, holdout."""
 
 from __future__ import annotations
 
@@ -135,3 +135,35 @@ def design(
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
     found = design_into(known, folder, overwrite=overwrite, quiet=quiet, **asked)
     print_design(found, folder)
+
+
+@app.command()
+def holdout(
+    what: Annotated[
+        Path, typer.Argument(metavar="STUDY|DIR", help="A study, or a result folder with its study.")
+    ],
+    by: Annotated[
+        str, typer.Option(metavar="WHAT", help="What is left out at a time: a level of slip, a wheel, a row.")
+    ] = "slip",
+    tolerance: Annotated[
+        float, typer.Option(metavar="D", help="Slips nearer than this are one level.")
+    ] = 0.03,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-holdout.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Annotated[int, typer.Option(min=1, metavar="K", help="Worker processes.")] = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older check of that name.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the scores.")] = False,
+) -> None:
+    """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
+    from bayesterra.leaving import leave_out_into
+    from bayesterra.listing import print_holdout
+
+    folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
+    asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed, "workers": workers}
+    found = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, **asked)
+    print_holdout(found, folder)
+    raise typer.Exit(0 if found.converged else 3)

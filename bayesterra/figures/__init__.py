@@ -11,6 +11,7 @@ from bayesterra.figures.contrast import contrast, contrast_derived, contrast_pre
 from bayesterra.figures.coupling import contraction_bars, coupling_map, group_coupling
 from bayesterra.figures.design import gain_over_slip
 from bayesterra.figures.forecast import prediction, predictions
+from bayesterra.figures.holdout import all_left_out, bands_without, left_out
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.profiles import profile_panels
@@ -20,6 +21,8 @@ from bayesterra.figures.strip import parameter_strip
 from bayesterra.figures.validation import loo_pit
 
 __all__ = [
+    "all_left_out",
+    "bands_without",
     "combinations",
     "contraction",
     "contraction_bars",
@@ -31,6 +34,7 @@ __all__ = [
     "coupling_map",
     "gain_over_slip",
     "group_coupling",
+    "left_out",
     "loo_pit",
     "parameter_strip",
     "prediction",

@@ -8,12 +8,14 @@ from pathlib import Path
 from bayesterra.calibration import Calibration
 from bayesterra.design.choosing import Design
 from bayesterra.folders import write_text
+from bayesterra.holdout import Holdout
 from bayesterra.identified import Identified
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
 from bayesterra.report.calibration import calibration_page
 from bayesterra.report.contrast import contrast_page
 from bayesterra.report.design import design_page
+from bayesterra.report.holdout import holdout_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
 from bayesterra.results import Result
@@ -23,6 +25,7 @@ __all__ = [
     "calibration_html",
     "comparison_html",
     "design_html",
+    "holdout_html",
     "html",
     "identifiability_html",
     "prior_html",
@@ -63,3 +66,8 @@ def identifiability_html(made: Identified) -> str:
 def design_html(design: Design) -> str:
     """Which drive next, as a self-contained HTML page."""
     return render(design_page(design, version("bayesterra")), "design.html")
+
+
+def holdout_html(found: Holdout) -> str:
+    """Levels left out and predicted, as a self-contained HTML page."""
+    return render(holdout_page(found, version("bayesterra")), "holdout.html")
