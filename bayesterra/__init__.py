@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bayesterra.posteriors import Posterior, posterior
     from bayesterra.priors import Law, Prior
     from bayesterra.simulation import simulate
+    from bayesterra.streaming.stream import Stream
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
@@ -38,6 +39,7 @@ _HOMES = {
     "posteriors": ("Posterior", "posterior"),
     "priors": ("Law", "Prior"),
     "simulation": ("simulate",),
+    "streaming.stream": ("Stream",),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
@@ -56,6 +58,7 @@ __all__ = [
     "ResultError",
     "RunResult",
     "Soil",
+    "Stream",
     "Study",
     "StudyError",
     "SupportError",
