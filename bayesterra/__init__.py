@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bayesterra.posteriors import Posterior, posterior
     from bayesterra.priors import Law, Prior
     from bayesterra.simulation import simulate
-    from bayesterra.streaming.stream import Stream
+    from bayesterra.streaming.stream import Stream, load_stream
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
@@ -39,7 +39,7 @@ _HOMES = {
     "posteriors": ("Posterior", "posterior"),
     "priors": ("Law", "Prior"),
     "simulation": ("simulate",),
-    "streaming.stream": ("Stream",),
+    "streaming.stream": ("Stream", "load_stream"),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
@@ -69,6 +69,7 @@ __all__ = [
     "foresee",
     "identify",
     "load_result",
+    "load_stream",
     "load_study",
     "posterior",
     "predict",

@@ -128,6 +128,12 @@ class Study:
         object.__setattr__(other, "observations", replace(self.observations, values=merged))
         return other
 
+    def with_rows(self, rows: Observations) -> Study:
+        """The same study with other rows, which hold what its drive conditions on and the same channels."""
+        other = copy(self)
+        object.__setattr__(other, "observations", rows)
+        return other
+
     @property
     def fingerprint(self) -> dict[str, str]:
         """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
@@ -145,10 +151,11 @@ class Study:
         return {"study": _digest(content), "data": _digest(rows)}
 
 
-def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
+def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None) -> Study:
     """Read a study file, or the ``study.toml`` of a folder, and its measurements.
 
-    With ``prior_only`` the table needs no readings: it says what is going to be measured.
+    With ``prior_only`` the table needs no readings: it says what is going to be measured. A ``table`` that is
+    given takes the place of the file of measurements.
 
     Raises
     ------
@@ -162,7 +169,7 @@ def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
         described = asdict(tables.pop("data"))
         described["file"] = str(path.parent / given.data.file)
         with errors_in(described["file"]):
-            table = read_table(described["file"])
+            table = read_table(described["file"]) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)
 
 

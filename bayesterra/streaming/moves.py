@@ -101,7 +101,7 @@ def log_likelihoods(known: Posterior, likelihood: Likelihood, x: FloatArray) -> 
 
 @dataclass
 class _Points:
-    """Particles in straight coordinates v and physical ones x, with log prior (Jacobians included) and rows."""
+    """Particles in straight coordinates v and physical ones x; log prior there, Jacobians included; rows."""
 
     v: FloatArray
     x: FloatArray
@@ -180,7 +180,7 @@ def rejuvenate(
 def _fitted(
     cloud: Cloud, levels: Levels, before: FloatArray, rng: Generator
 ) -> tuple[_Place, FloatArray, IntArray]:
-    """A proposal fitted to the weighted particles; those alive in sampling coordinates, and which they are."""
+    """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
     chosen = coordinates(levels.known)
     alive = np.flatnonzero(cloud.log_weights > -np.inf)
     with np.errstate(all="ignore"):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
 
 import numpy as np
 import pandas as pd
@@ -70,11 +71,14 @@ def read_row(study: Study, table: pd.DataFrame, number: int, references: Referen
             table, study.wheels, slip_reference=references.slip, sinkage_reference=references.sinkage
         )
         row, _ = assembly.conditioned(row, study.drive)
+        if not len(row) or not row.use[0]:
+            raise StudyError("'use' must be 1 in a row that is added (got 0, row 1)")
         _check_noise(study, row)
         assembly.outcome_noise(row, study.noise, study.drive, expected=True)
     except StudyError as error:
-        raise StudyError(str(error).replace("row 1)", f"row {number})")) from error
-    return row
+        text = str(error).replace("row 1)", f"row {number})")
+        raise StudyError(text if f"row {number}" in text else f"row {number}: {text}") from error
+    return replace(assembly.awaited(row, study.noise, study.drive), rows=(number,))
 
 
 def _check_noise(study: Study, row: Observations) -> None:
@@ -130,6 +134,12 @@ class Rows:
         self._wheel[self._length : end] = [self.wheels.index(name) for name in rows.wheel]
         self._length = end
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all rows."""
+        cells, wheel = self._cells[: self._length], self._wheel[: self._length]
+        return sha256(np.where(np.isnan(cells), np.nan, cells).tobytes() + wheel.tobytes()).hexdigest()
+
     def drop_last(self) -> None:
         """Forget the last row."""
         self._length -= 1
@@ -139,7 +149,7 @@ class Rows:
         return self.between(0, self._length if number is None else number)
 
     def between(self, start: int, end: int) -> Observations:
-        """Rows ``start`` to ``end``, counted from 0, the last one excluded; numbers stay those of the stream."""
+        """Rows ``start`` to ``end``, counted from 0, the last one excluded; their numbers stay."""
         cells = self._cells[start:end].view()
         cells.flags.writeable = False
         k = len(self.channels)
