@@ -167,7 +167,7 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
         given = schema.checked(schema.read_toml(path), bare=False)
         tables = {field.name: getattr(given, field.name) for field in fields(given)}
         described = asdict(tables.pop("data"))
-        described["file"] = str(path.parent / given.data.file)
+        described["file"] = str(path.parent / given.data.file) if table is None else "the rows"
         with errors_in(described["file"]):
             table = read_table(described["file"]) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)

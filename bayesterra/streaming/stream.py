@@ -221,10 +221,12 @@ class Stream:
         self.rows.append(row)
         try:
             learned = learn(cloud, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
-        except SupportError as error:
+            alarm = self.watch.see(number, len(self), cloud, newest, learned.log_predictive)
+        except BaseException as error:  # an interruption too must not leave half a row
             self.rows.drop_last()
-            raise SupportError(f"row {number}: {error}") from error
-        alarm = self.watch.see(number, len(self), cloud, newest, learned.log_predictive)
+            if isinstance(error, SupportError):
+                raise SupportError(f"row {number}: {error}") from error
+            raise
         self._cloud = learned.cloud
         self.log_evidence += learned.log_predictive
         self._variance += learned.variance

@@ -23,6 +23,7 @@ from bayesterra.data import Observations
 from bayesterra.inference import keep
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.posteriors import draw_cut_prior
+from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.evidence import evidence
 from bayesterra.sampling.sampler import Samples, Target, sample
 from bayesterra.streaming.cloud import weighted_quantiles
@@ -45,6 +46,8 @@ SLIPS, LOADS = (0.05, 0.6), (60.0, 100.0)
 ROWS = 500
 SEEDS = (1, 2, 3)
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+PLAN = AdaptationOptions(particles=512, components=16, refinements=(4, 4, 8), shores=20)
+"""Half the adaptation of ``bt.run``: with 500 rows it takes most of the time."""
 PAPER_MS = {"drawbar_pull": 21.916, "normal_force": 17.842, "resistance_moment": 29.209}
 """Computing times of IM3 for wheel Wh32, ms, Ding et al. 2015, Table 15, force by force."""
 
@@ -107,7 +110,9 @@ def streamed(
     return stream, steps
 
 
-def quantiles_with_errors(x: FloatArray, weights: FloatArray, effective: FloatArray) -> tuple[FloatArray, FloatArray]:
+def quantiles_with_errors(
+    x: FloatArray, weights: FloatArray, effective: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Quantiles (k, d) of weighted draws (n, d), and their Monte Carlo errors at effective numbers (d,)."""
     found = weighted_quantiles(x, weights, QUANTILES)
     errors = np.empty_like(found)
@@ -123,7 +128,7 @@ def batch(study: bt.Study) -> tuple[Samples, FloatArray, float, float]:
     """The sampler of ``bt.run`` on all rows at once: draws (n, d), log evidence and its error."""
     density = bt.posterior(study)
     sampling, weighing = SeedSequence(1).spawn(2)
-    samples = sample(density, study.sampling, sampling)
+    samples = sample(density, study.sampling, sampling, adaptation=PLAN)
     proposals = [one.proposal for one in samples.adaptations]
     found = evidence(Target(density, samples.coordinates).densities, proposals, default_rng(weighing))
     return samples, keep(samples.chains).flat, found.log_z, found.error
@@ -132,49 +137,83 @@ def batch(study: bt.Study) -> tuple[Samples, FloatArray, float, float]:
 def agreement() -> None:
     """500 rows one by one against all at once: quantiles and evidence; in another order too."""
     study = driven(drive(ROWS, default_rng(2015)), TRUTH, seed=5)
+    point_estimates(study)
     samples, draws, log_z, error = batch(study)
-    print(samples.diagnosis.converged, samples.seconds, log_z, error, flush=True)
+    print("batch", samples.diagnosis.converged, samples.seconds, log_z, error, flush=True)
     names, diagnosis = samples.names, samples.diagnosis
     size = np.minimum(diagnosis.ess_bulk, diagnosis.ess_tail)
-    scale = np.array([PARAMETERS[name].scale for name in names])
     even = np.full(len(draws), 1 / len(draws))
-    reference, reference_error = quantiles_with_errors(draws, even, np.asarray(size))
+    reference = quantiles_with_errors(draws, even, np.asarray(size))
     runs = [(f"seed {seed}", seed, np.arange(ROWS)) for seed in SEEDS]
-    runs += [("other order", 4, default_rng(4).permutation(ROWS))]
-    table, weighed = [], [{"run": "batch", "log_evidence": log_z, "error": error, "effective": size.min()}]
+    runs += [("another order", 4, default_rng(4).permutation(ROWS))]
+    table: list[dict[str, Any]] = []
+    weighed: list[dict[str, Any]] = [
+        {"run": "batch", "log_evidence": log_z, "error": error, "effective": size.min(), "alarm": None}
+    ]
     for name, seed, order in runs:
         stream, steps = streamed(study, order, seed=seed)
         if seed == SEEDS[0]:
             pd.DataFrame(steps).to_csv(HERE / "rows.csv", index=False, float_format="%.5g")
         cloud = stream.cloud
-        found, errors = quantiles_with_errors(cloud.x, cloud.weights, np.full(len(names), cloud.effective))
-        for j, parameter in enumerate(names):
-            for i, p in enumerate(QUANTILES):
-                both = float(np.hypot(errors[i, j], reference_error[i, j]))
-                table.append(
-                    {
-                        "run": name,
-                        "parameter": parameter,
-                        "unit": PARAMETERS[parameter].unit,
-                        "probability": p,
-                        "batch": reference[i, j] / scale[j],
-                        "stream": found[i, j] / scale[j],
-                        "error": both / scale[j],
-                        "errors_apart": (found[i, j] - reference[i, j]) / both,
-                    }
-                )
+        found = quantiles_with_errors(cloud.x, cloud.weights, np.full(len(names), cloud.effective))
+        table += compared(name, names, reference, found)
+        alarm = stream.alarm.row if stream.alarm else None
         weighed.append(
             {
                 "run": name,
                 "log_evidence": stream.log_evidence,
                 "error": stream.log_evidence_error,
                 "effective": cloud.effective,
-                "alarm": stream.alarm.row if stream.alarm else None,
+                "alarm": alarm,
             }
         )
+        pd.DataFrame(table).to_csv(HERE / "agreement.csv", index=False, float_format="%.5g")
+        pd.DataFrame(weighed).to_csv(HERE / "evidence.csv", index=False, float_format="%.6g")
         print(weighed[-1], max(abs(one["errors_apart"]) for one in table), flush=True)
-    pd.DataFrame(table).to_csv(HERE / "agreement.csv", index=False, float_format="%.5g")
-    pd.DataFrame(weighed).to_csv(HERE / "evidence.csv", index=False, float_format="%.6g")
+    linear = driven(drive(ROWS, default_rng(2015), "M2"), TRUTH, seed=5)
+    _, steps = streamed(linear, np.arange(ROWS), seed=1)
+    kept = ["row", "cpu_ms", "wall_ms", "sweeps", "steps", "effective"]
+    pd.DataFrame(steps)[kept].to_csv(HERE / "rows-M2.csv", index=False, float_format="%.5g")
+
+
+def compared(
+    run: str,
+    names: tuple[str, ...],
+    reference: tuple[FloatArray, FloatArray],
+    found: tuple[FloatArray, FloatArray],
+) -> list[dict[str, Any]]:
+    """Every quantile of every parameter beside the batch's, in field units and in Monte Carlo errors."""
+    table = []
+    for j, parameter in enumerate(names):
+        for i, p in enumerate(QUANTILES):
+            both, scale = float(np.hypot(found[1][i, j], reference[1][i, j])), PARAMETERS[parameter].scale
+            table.append(
+                {
+                    "run": run,
+                    "parameter": parameter,
+                    "unit": PARAMETERS[parameter].unit,
+                    "probability": p,
+                    "batch": reference[0][i, j] / scale,
+                    "stream": found[0][i, j] / scale,
+                    "error": both / scale,
+                    "errors_apart": (found[0][i, j] - reference[0][i, j]) / both,
+                }
+            )
+    return table
+
+
+def point_estimates(study: bt.Study, repeats: int = 3) -> None:
+    """Computing time of IM3, a point estimate, on six rows as in the paper and on all of them."""
+    found = []
+    for rows in (6, ROWS):
+        part = study.with_rows(study.observations.take(np.arange(ROWS) < rows))
+        bt.fit(part, methods=("IM3",))
+        for _ in range(repeats):
+            cpu = time.process_time()
+            bt.fit(part, methods=("IM3",))
+            found.append({"method": "IM3", "rows": rows, "cpu_ms": 1e3 * (time.process_time() - cpu)})
+    pd.DataFrame(found).to_csv(HERE / "point-estimates.csv", index=False, float_format="%.5g")
+    print(found, flush=True)
 
 
 if __name__ == "__main__":
