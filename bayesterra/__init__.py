@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayesterra.rover.geometry import Rover
     from bayesterra.roving import predict_rover
     from bayesterra.simulation import simulate
+    from bayesterra.streaming.stream import Stream, load_stream
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
@@ -44,6 +45,7 @@ _HOMES = {
     "rover.geometry": ("Rover",),
     "roving": ("predict_rover",),
     "simulation": ("simulate",),
+    "streaming.stream": ("Stream", "load_stream"),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
@@ -64,6 +66,7 @@ __all__ = [
     "Rover",
     "RunResult",
     "Soil",
+    "Stream",
     "Study",
     "StudyError",
     "SupportError",
@@ -75,6 +78,7 @@ __all__ = [
     "identify",
     "leave_out",
     "load_result",
+    "load_stream",
     "load_study",
     "posterior",
     "predict",

@@ -134,8 +134,11 @@ class Study:
 
     def with_use(self, use: BoolArray) -> Study:
         """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
+        return self.with_rows(replace(self.observations, use=frozen(np.asarray(use), np.bool_)))
+
+    def with_rows(self, rows: Observations) -> Study:
+        """The same study with other rows, which hold what its drive conditions on and the same channels."""
         other = copy(self)
-        rows = replace(self.observations, use=frozen(np.asarray(use), np.bool_))
         object.__setattr__(other, "observations", rows)
         return other
 
@@ -157,10 +160,11 @@ class Study:
         return {"study": _digest(content), "data": _digest(rows)}
 
 
-def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
+def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None) -> Study:
     """Read a study file, or the ``study.toml`` of a folder, and its measurements.
 
-    With ``prior_only`` the table needs no readings: it says what is going to be measured.
+    With ``prior_only`` the table needs no readings: it says what is going to be measured. A ``table`` that is
+    given takes the place of the file of measurements.
 
     Raises
     ------
@@ -173,9 +177,9 @@ def load_study(path: str | Path, *, prior_only: bool = False) -> Study:
         tables = {field.name: getattr(given, field.name) for field in fields(given)}
         described = asdict(tables.pop("data"))
         tables["priors"] = given.priors.beside(path)
-        described["file"] = str(path.parent / given.data.file)
+        described["file"] = str(path.parent / given.data.file) if table is None else "the rows"
         with errors_in(described["file"]):
-            table = read_table(described["file"])
+            table = read_table(described["file"]) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)
 
 

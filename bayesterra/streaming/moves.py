@@ -1,0 +1,224 @@
+"""Moves that spread a resampled cloud again: on the posterior of all rows so far, until it has forgotten."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.coordinates import Coordinates, coordinates
+from bayesterra.likelihood import Likelihood
+from bayesterra.posteriors import Posterior, likelihood_of
+from bayesterra.sampling.importance import systematic
+from bayesterra.sampling.unbending import Proposal, fit_proposal
+from bayesterra.streaming.cloud import Cloud
+from bayesterra.streaming.rows import Rows
+from bayesterra.study import Study
+
+PAIRS = 100_000
+"""Parameter sets times rows, at most, that are modelled at once: memory must not grow with the rows."""
+PER_COMPONENT = 150
+"""Particles for each component of the mixture that is proposed from."""
+MOST_COMPONENTS = 12
+DEFENCE = 0.1
+FORGOTTEN = 0.2
+"""Largest correlation with where they came from at which particles count as moved."""
+FEWEST, MOST = 2, 24
+"""Sweeps of one rejuvenation."""
+
+
+@dataclass(frozen=True)
+class Rejuvenation:
+    """What it took to spread the particles again.
+
+    Attributes
+    ----------
+    sweeps : moves of every particle.
+    acceptance : share of accepted independence proposals.
+    correlation : largest correlation over the coordinates, before with after.
+    temperature : power of the newest row's likelihood, 1 where it was taken in at once.
+    """
+
+    sweeps: int
+    acceptance: float
+    correlation: float
+    temperature: float
+
+    @property
+    def moved(self) -> bool:
+        """Whether the particles have forgotten where they came from."""
+        return self.correlation <= FORGOTTEN
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Log densities of a parameter set: prior, earlier rows, newest row.
+
+    Attributes
+    ----------
+    known : posterior of all rows, the newest one too.
+    earlier : likelihood of the rows before it, None where there are none.
+    newest : likelihood of the newest row.
+    """
+
+    known: Posterior
+    earlier: Likelihood | None
+    newest: Likelihood
+
+    @classmethod
+    def of(cls, study: Study, rows: Rows) -> Levels:
+        """Of all rows, of which the last is the newest."""
+        last = len(rows) - 1
+        earlier = likelihood_of(study, rows.first(last)) if last else None
+        known = Posterior(study.prior, likelihood_of(study, rows.first()))
+        return cls(known, earlier, likelihood_of(study, rows.between(last, last + 1)))
+
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log prior, and log likelihood of the earlier rows and of the newest, (n,) each; −inf outside."""
+        prior, earlier, newest = self.known.log_prior(x), np.full(len(x), -np.inf), np.full(len(x), -np.inf)
+        inside = np.flatnonzero(prior > -np.inf)
+        newest[inside] = self._in_parts(self.newest, x[inside])
+        inside = np.flatnonzero(newest > -np.inf)
+        earlier[inside] = 0.0 if self.earlier is None else self._in_parts(self.earlier, x[inside])
+        return prior, earlier, newest
+
+    def _in_parts(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+        return log_likelihoods(self.known, likelihood, x)
+
+
+def log_likelihoods(known: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+    """Log likelihood (n,) of parameter sets (n, d), a part of them at a time."""
+    size = max(16, PAIRS // max(1, len(likelihood.observations)))
+    soil, noise = known.prior.soil_values(x), known.noise_values(x)
+    parts = [
+        likelihood.log_likelihood(soil[start : start + size], noise[start : start + size])
+        for start in range(0, len(x), size)
+    ]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+@dataclass
+class _Points:
+    """Particles in straight coordinates v and physical ones x; log prior there, Jacobians included; rows."""
+
+    v: FloatArray
+    x: FloatArray
+    prior: FloatArray
+    earlier: FloatArray
+    newest: FloatArray
+
+    def level(self, temperature: float) -> FloatArray:
+        """Log density (n,) with the newest row's likelihood to a power."""
+        inside = (self.prior > -np.inf) & (self.earlier > -np.inf) & (self.newest > -np.inf)
+        total = np.full(len(self.v), -np.inf)
+        total[inside] = self.prior[inside] + self.earlier[inside] + temperature * self.newest[inside]
+        return total
+
+    def replace_where(self, taken: BoolArray, new: _Points) -> None:
+        """Take new points where ``taken`` (n,) holds."""
+        for name in ("v", "x", "prior", "earlier", "newest"):
+            getattr(self, name)[taken] = getattr(new, name)[taken]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A target in straight coordinates."""
+
+    levels: Levels
+    coordinates: Coordinates
+    proposal: Proposal
+
+    def points(self, v: FloatArray) -> _Points:
+        u, bent = self.proposal.unbending.bend(v)
+        x, log_jacobian = self.coordinates.to_physical(u)
+        log_jacobian = log_jacobian + bent
+        safe = np.isfinite(log_jacobian) & np.isfinite(x).all(axis=1)
+        prior, earlier, newest = self.levels(np.where(safe[:, None], x, np.nan))
+        prior = np.where(safe & (prior > -np.inf), prior + np.where(safe, log_jacobian, 0.0), -np.inf)
+        return _Points(v, x, prior, earlier, newest)
+
+
+def rejuvenate(
+    cloud: Cloud, levels: Levels, temperature: float, before: FloatArray, rng: Generator
+) -> tuple[Cloud, FloatArray, Rejuvenation]:
+    """Resample a weighted cloud and move its particles until they have forgotten where they came from.
+
+    Parameters
+    ----------
+    cloud : weighted for the earlier rows and the newest one to the power ``temperature``.
+    before : draws of the prior (k, d); they say which coordinates the data have narrowed.
+
+    Returns
+    -------
+    The cloud, evenly weighted, its likelihood that of the earlier rows; the newest row's log likelihood (n,);
+    and what it took.
+    """
+    n = len(cloud)
+    place, u, alive = _fitted(cloud, levels, before, rng)
+    chosen = systematic(cloud.weights[alive], n, rng)
+    points = place.points(place.proposal.unbending.straighten(u)[0][chosen])
+    start, accepted, tried = points.v.copy(), 0, 0
+    correlation, sweeps = 1.0, 0
+    while sweeps < FEWEST or (sweeps < MOST and correlation > FORGOTTEN):
+        independent = sweeps % 3 < 2
+        v, log_ratio = _proposed(points.v, place.proposal, independent, rng)
+        new = place.points(v)
+        with np.errstate(invalid="ignore"):
+            log_ratio = log_ratio + new.level(temperature) - points.level(temperature)
+        taken = np.log(rng.random(n)) < log_ratio
+        points.replace_where(taken, new)
+        sweeps += 1
+        if independent:
+            accepted, tried = accepted + int(taken.sum()), tried + n
+        correlation = _correlation(start, points.v)
+    moved = Cloud.even(points.x, points.earlier)
+    return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, temperature)
+
+
+def _fitted(
+    cloud: Cloud, levels: Levels, before: FloatArray, rng: Generator
+) -> tuple[_Place, FloatArray, IntArray]:
+    """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
+    chosen = coordinates(levels.known)
+    alive = np.flatnonzero(cloud.log_weights > -np.inf)
+    with np.errstate(all="ignore"):
+        u = chosen.from_physical(cloud.x[alive])
+        widths = _spread(chosen.from_physical(before))
+    sound = np.isfinite(u).all(axis=1)
+    u, alive = u[sound], alive[sound]
+    components = max(1, min(MOST_COMPONENTS, int(cloud.effective) // PER_COMPONENT))
+    proposal = fit_proposal(u, cloud.weights[alive], widths, components, DEFENCE, rng)
+    return _Place(levels, chosen, proposal), u, alive
+
+
+def _spread(u: FloatArray) -> FloatArray:
+    """Standard deviation of every coordinate over the prior's draws (k, d) that have one."""
+    found = np.array(
+        [column[np.isfinite(column)].std() if np.isfinite(column).any() else 0 for column in u.T]
+    )
+    return np.where(found > 0, found, 1.0)
+
+
+def _proposed(
+    v: FloatArray, proposal: Proposal, independent: bool, rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Proposals (n, d), and log of the ratio of their proposal densities, old to new."""
+    mixture = proposal.mixture
+    if independent:
+        new = mixture.sample(len(v), rng)
+        return new, mixture.log_density(v) - mixture.log_density(new)
+    n, d = v.shape
+    first = rng.integers(n, size=n)
+    second = (first + 1 + rng.integers(n - 1, size=n)) % n
+    # steps along differences of random pairs (ter Braak 2006)
+    step = 2.38 / np.sqrt(2 * d) * rng.uniform(0.3, 1.0, size=(n, 1)) * (v[first] - v[second])
+    return v + step, np.zeros(n)
+
+
+def _correlation(before: FloatArray, after: FloatArray) -> float:
+    """Largest correlation, over the coordinates, of where particles were with where they are."""
+    first, second = before - before.mean(axis=0), after - after.mean(axis=0)
+    norm = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
+    return float(np.max(np.abs((first * second).sum(axis=0)) / np.maximum(norm, 1e-300)))

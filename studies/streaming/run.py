@@ -1,0 +1,220 @@
+"""A rover's posterior row by row: against the batch, time per row, and planted changes of soil.
+
+Run ``python studies/streaming/run.py agreement``, ``time`` or ``changes``; each rewrites its tables. One
+process each. All readings are simulated.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator, SeedSequence, default_rng
+
+import bayesterra as bt
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.data import Observations
+from bayesterra.inference import keep
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.posteriors import draw_cut_prior
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.evidence import evidence
+from bayesterra.sampling.sampler import Samples, Target, sample
+from bayesterra.streaming.cloud import weighted_quantiles
+
+HERE = Path(__file__).parent
+WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
+TRUTH = {
+    "Ks": 2499.3e3,
+    "n0": 0.849,
+    "n1": 1.063,
+    "c": 268.0,
+    "phi": float(np.radians(29.3)),
+    "K": 0.0101,
+    "c1": 0.339,
+    "c2": -0.017,
+}
+"""Wheel Wh32 and its soil, Ding et al. 2015, Tables 1 and 10."""
+NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
+SLIPS, LOADS = (0.05, 0.6), (60.0, 100.0)
+ROWS = 500
+SEEDS = (1, 2, 3)
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+PLAN = AdaptationOptions(particles=512, components=16, refinements=(4, 4, 8), shores=20)
+"""Half the adaptation of ``bt.run``: with 500 rows it takes most of the time."""
+PAPER_MS = {"drawbar_pull": 21.916, "normal_force": 17.842, "resistance_moment": 29.209}
+"""Computing times of IM3 for wheel Wh32, ms, Ding et al. 2015, Table 15, force by force."""
+
+
+def drive(rows: int, rng: Generator, model: str = "M1") -> bt.Study:
+    """A drive of so many rows at slips and loads drawn at random; its readings are yet to be made."""
+    table = pd.DataFrame(
+        {
+            "slip": rng.uniform(*SLIPS, rows),
+            "load [N]": rng.uniform(*LOADS, rows),
+            **{f"{name} [{CHANNELS[name].dimension}]": np.full(rows, 1e-3) for name in NOISE},
+        }
+    )
+    return bt.Study(table, {"Wh32": WHEEL}, **_tables(model))
+
+
+def driven(plan: bt.Study, truth: dict[str, float], seed: int) -> bt.Study:
+    """The same drive with simulated readings of a soil."""
+    table = bt.simulate(plan, truth, seed=seed)
+    return bt.Study(table, {"Wh32": WHEEL}, **_tables(plan.model.name))
+
+
+def _tables(model: str) -> dict[str, Any]:
+    tables: dict[str, Any] = {"model": model, "noise": NOISE, "slip_reference": "shearing"}
+    return {**tables, "kind": "simulated", "source": "studies/streaming/run.py", "title": "Wh32, simulated"}
+
+
+def row(rows: Observations, index: int) -> Observations:
+    """One row of a table."""
+    return rows.take(np.arange(len(rows)) == index)
+
+
+def streamed(
+    study: bt.Study, order: Sequence[int] | IntArray, **options: Any
+) -> tuple[bt.Stream, list[dict[str, Any]]]:
+    """All rows of a study in some order, one by one; the stream, and what every row took."""
+    stream, steps = bt.Stream(study, **options), []
+    for index in order:
+        wall, cpu = time.perf_counter(), time.process_time()
+        update = stream.learn(row(study.observations, index))
+        steps.append(
+            {
+                "row": update.row,
+                "cpu_ms": 1e3 * (time.process_time() - cpu),
+                "wall_ms": 1e3 * (time.perf_counter() - wall),
+                "sweeps": sum(event.sweeps for event in update.rejuvenations),
+                "steps": len(update.rejuvenations),
+                "correlation": max((event.correlation for event in update.rejuvenations), default=np.nan),
+                "effective": update.effective,
+                "log_statistic": update.log_statistic,
+                **{
+                    f"{name}_{key}": value / PARAMETERS[name].scale
+                    for name, column in zip(update.names, update.quantiles.T, strict=True)
+                    for key, value in zip(("q05", "q50", "q95"), column, strict=True)
+                },
+            }
+        )
+        if update.rejuvenated:
+            print(steps[-1]["row"], round(steps[-1]["cpu_ms"]), steps[-1]["sweeps"], flush=True)
+    return stream, steps
+
+
+def quantiles_with_errors(
+    x: FloatArray, weights: FloatArray, effective: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Quantiles (k, d) of weighted draws (n, d), and their Monte Carlo errors at effective numbers (d,)."""
+    found = weighted_quantiles(x, weights, QUANTILES)
+    errors = np.empty_like(found)
+    for i, p in enumerate(QUANTILES):
+        for j in range(x.shape[1]):
+            half = np.sqrt(p * (1 - p) / effective[j])
+            ends = weighted_quantiles(x[:, j : j + 1], weights, (max(0.0, p - half), min(1.0, p + half)))
+            errors[i, j] = 0.5 * (ends[1, 0] - ends[0, 0])
+    return found, errors
+
+
+def batch(study: bt.Study) -> tuple[Samples, FloatArray, float, float]:
+    """The sampler of ``bt.run`` on all rows at once: draws (n, d), log evidence and its error."""
+    density = bt.posterior(study)
+    sampling, weighing = SeedSequence(1).spawn(2)
+    samples = sample(density, study.sampling, sampling, adaptation=PLAN)
+    proposals = [one.proposal for one in samples.adaptations]
+    found = evidence(Target(density, samples.coordinates).densities, proposals, default_rng(weighing))
+    return samples, keep(samples.chains).flat, found.log_z, found.error
+
+
+def agreement() -> None:
+    """500 rows one by one against all at once: quantiles and evidence; in another order too."""
+    study = driven(drive(ROWS, default_rng(2015)), TRUTH, seed=5)
+    point_estimates(study)
+    samples, draws, log_z, error = batch(study)
+    print("batch", samples.diagnosis.converged, samples.seconds, log_z, error, flush=True)
+    names, diagnosis = samples.names, samples.diagnosis
+    size = np.minimum(diagnosis.ess_bulk, diagnosis.ess_tail)
+    even = np.full(len(draws), 1 / len(draws))
+    reference = quantiles_with_errors(draws, even, np.asarray(size))
+    runs = [(f"seed {seed}", seed, np.arange(ROWS)) for seed in SEEDS]
+    runs += [("another order", 4, default_rng(4).permutation(ROWS))]
+    table: list[dict[str, Any]] = []
+    weighed: list[dict[str, Any]] = [
+        {"run": "batch", "log_evidence": log_z, "error": error, "effective": size.min(), "alarm": None}
+    ]
+    for name, seed, order in runs:
+        stream, steps = streamed(study, order, seed=seed)
+        if seed == SEEDS[0]:
+            pd.DataFrame(steps).to_csv(HERE / "rows.csv", index=False, float_format="%.5g")
+        cloud = stream.cloud
+        found = quantiles_with_errors(cloud.x, cloud.weights, np.full(len(names), cloud.effective))
+        table += compared(name, names, reference, found)
+        alarm = stream.alarm.row if stream.alarm else None
+        weighed.append(
+            {
+                "run": name,
+                "log_evidence": stream.log_evidence,
+                "error": stream.log_evidence_error,
+                "effective": cloud.effective,
+                "alarm": alarm,
+            }
+        )
+        pd.DataFrame(table).to_csv(HERE / "agreement.csv", index=False, float_format="%.5g")
+        pd.DataFrame(weighed).to_csv(HERE / "evidence.csv", index=False, float_format="%.6g")
+        print(weighed[-1], max(abs(one["errors_apart"]) for one in table), flush=True)
+    linear = driven(drive(ROWS, default_rng(2015), "M2"), TRUTH, seed=5)
+    _, steps = streamed(linear, np.arange(ROWS), seed=1)
+    kept = ["row", "cpu_ms", "wall_ms", "sweeps", "steps", "effective"]
+    pd.DataFrame(steps)[kept].to_csv(HERE / "rows-M2.csv", index=False, float_format="%.5g")
+
+
+def compared(
+    run: str,
+    names: tuple[str, ...],
+    reference: tuple[FloatArray, FloatArray],
+    found: tuple[FloatArray, FloatArray],
+) -> list[dict[str, Any]]:
+    """Every quantile of every parameter beside the batch's, in field units and in Monte Carlo errors."""
+    table = []
+    for j, parameter in enumerate(names):
+        for i, p in enumerate(QUANTILES):
+            both, scale = float(np.hypot(found[1][i, j], reference[1][i, j])), PARAMETERS[parameter].scale
+            table.append(
+                {
+                    "run": run,
+                    "parameter": parameter,
+                    "unit": PARAMETERS[parameter].unit,
+                    "probability": p,
+                    "batch": reference[0][i, j] / scale,
+                    "stream": found[0][i, j] / scale,
+                    "error": both / scale,
+                    "errors_apart": (found[0][i, j] - reference[0][i, j]) / both,
+                }
+            )
+    return table
+
+
+def point_estimates(study: bt.Study, repeats: int = 3) -> None:
+    """Computing time of IM3, a point estimate, on six rows as in the paper and on all of them."""
+    found = []
+    for rows in (6, ROWS):
+        part = study.with_rows(study.observations.take(np.arange(ROWS) < rows))
+        bt.fit(part, methods=("IM3",))
+        for _ in range(repeats):
+            cpu = time.process_time()
+            bt.fit(part, methods=("IM3",))
+            found.append({"method": "IM3", "rows": rows, "cpu_ms": 1e3 * (time.process_time() - cpu)})
+    pd.DataFrame(found).to_csv(HERE / "point-estimates.csv", index=False, float_format="%.5g")
+    print(found, flush=True)
+
+
+if __name__ == "__main__":
+    {"agreement": agreement}[sys.argv[1]]()
