@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bayesterra.posteriors import Posterior, posterior
     from bayesterra.priors import Law, Prior
     from bayesterra.simulation import simulate
+    from bayesterra.soiltesting import load_soil_test, soil_test
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
@@ -38,6 +39,7 @@ _HOMES = {
     "posteriors": ("Posterior", "posterior"),
     "priors": ("Law", "Prior"),
     "simulation": ("simulate",),
+    "soiltesting": ("load_soil_test", "soil_test"),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
@@ -66,6 +68,7 @@ __all__ = [
     "foresee",
     "identify",
     "load_result",
+    "load_soil_test",
     "load_study",
     "posterior",
     "predict",
@@ -73,6 +76,7 @@ __all__ = [
     "run",
     "run_prior",
     "simulate",
+    "soil_test",
 ]
 
 

@@ -16,8 +16,10 @@ from bayesterra.report.contrast import contrast_page
 from bayesterra.report.design import design_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
+from bayesterra.report.soiltests import soil_test_page
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
+from bayesterra.soiltests.analysis import SoilTestResult
 
 __all__ = [
     "calibration_html",
@@ -26,6 +28,7 @@ __all__ = [
     "html",
     "identifiability_html",
     "prior_html",
+    "soil_test_html",
     "write",
 ]
 
@@ -63,3 +66,8 @@ def identifiability_html(made: Identified) -> str:
 def design_html(design: Design) -> str:
     """Which drive next, as a self-contained HTML page."""
     return render(design_page(design, version("bayesterra")), "design.html")
+
+
+def soil_test_html(result: SoilTestResult) -> str:
+    """The result of a soil test as a self-contained HTML page."""
+    return render(soil_test_page(result), "soiltest.html")
