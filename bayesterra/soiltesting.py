@@ -137,7 +137,9 @@ def _lines(test: SoilTest) -> Iterator[str]:
         if known is not None:
             yield from toml_table(name, _reference(known))
     sampling = test.sampling
-    yield from toml_table("sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__})
+    yield from toml_table(
+        "sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__}
+    )
 
 
 def _entry(name: str, entry: Law | float) -> object:

@@ -138,12 +138,14 @@ def _value(name: str, value: float) -> object:
 
 
 def toml_table(name: str, content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of a table; none where it is empty."""
     if content:
         yield from ("", f"[{name}]")
         yield from assignments(content)
 
 
 def assignments(content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of keys and values."""
     for key, value in content.items():
         yield f"{_key(key)} = {_toml(value)}"
 

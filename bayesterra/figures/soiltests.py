@@ -8,9 +8,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bayesterra.arrays import FloatArray
-from bayesterra.figures.style import DATA, GRID, MARKS, POSTERIOR, PRIOR, figure_of, label, new_figure, own_axes, styled
+from bayesterra.figures.style import (
+    DATA,
+    GRID,
+    MARKS,
+    POSTERIOR,
+    PRIOR,
+    figure_of,
+    label,
+    new_figure,
+    own_axes,
+    styled,
+)
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.quantities import QUANTITIES
 
@@ -37,16 +49,30 @@ def readings(result: SoilTestResult) -> FloatArray:
         bands = result.bands[np.isclose(result.bands[column], level / scale)]
         path = bands.iloc[:, 1].to_numpy()
         for low, high, alpha in (("q05", "q95", 0.18), ("q25", "q75", 0.3)):
-            ax.fill_between(path, bands[f"test_{low}"], bands[f"test_{high}"], color=POSTERIOR, alpha=alpha, linewidth=0)
+            ax.fill_between(
+                path, bands[f"test_{low}"], bands[f"test_{high}"], color=POSTERIOR, alpha=alpha, linewidth=0
+            )
         ax.plot(path, bands["curve_q50"], color=POSTERIOR)
         for number in np.flatnonzero(test.levels == level):
             own = test.test == number
-            ax.plot(1e3 * test.path[own], test.stress[own] / 1e3, "-", color=DATA, linewidth=0.6, marker=".", markersize=2)
+            ax.plot(
+                1e3 * test.path[own],
+                test.stress[own] / 1e3,
+                "-",
+                color=DATA,
+                linewidth=0.6,
+                marker=".",
+                markersize=2,
+            )
         where = f"$b$ = {1e3 * level:g} mm" if test.kind == "plate" else rf"$\sigma$ = {level / 1e3:g} kPa"
         ax.set_title(f"{where}, {int((test.levels == level).sum())} tests")
         ax.set_xlabel(AXES[test.kind][0])
         if test.kind == "plate":
             ax.set(xscale="log", yscale="log")
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel(AXES[test.kind][1])
     figure.legend(
         handles=[
@@ -77,7 +103,12 @@ def left_out(result: SoilTestResult, ax: Axes | None = None) -> Axes:
     levels = table.iloc[:, 1].to_numpy()
     for edge in np.flatnonzero(np.diff(levels)) + 0.5:
         ax.axvline(edge, color=DATA, linewidth=0.5)
-    ax.set(ylim=(-0.03, 1.03), ylabel="share of the prediction below", xticks=[], xlabel="tests, by plate or stress")
+    ax.set(
+        ylim=(-0.03, 1.03),
+        ylabel="share of the prediction below",
+        xticks=[],
+        xlabel="tests, by plate or stress",
+    )
     figure_of(ax).legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return ax
 
@@ -109,5 +140,7 @@ def pair(result: SoilTestResult, first: str, second: str, ax: Axes | None = None
 def readings_png(result: SoilTestResult, dpi: float = 150) -> bytes:
     """The drawing of :func:`readings` as PNG on white, the same bytes each time."""
     buffer = BytesIO()
-    figure_of(readings(result)).savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    figure_of(readings(result)).savefig(
+        buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None}
+    )
     return buffer.getvalue()

@@ -51,7 +51,12 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     """Put the page together."""
     record, test = result.record, result.test
     kinds = {"plate": "plate sinkage", "shear": "annular shear"}
-    facts = (kinds[test.kind], test.content.soil, f"{record['tests']} tests", f"{record['readings']} readings")
+    facts = (
+        kinds[test.kind],
+        test.content.soil,
+        f"{record['tests']} tests",
+        f"{record['readings']} readings",
+    )
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
@@ -93,9 +98,9 @@ def _fit(result: SoilTestResult) -> Verdict:
     """Whether new tests are predicted as well as the intervals say."""
     table, checks = result.left_out, result.record["checks"]
     inside = int(((table["level_pit"] > 0.05) & (table["level_pit"] < 0.95)).sum())
-    text = Markup("Every test predicted from the others: the level of {} of {} lies in its 90 % interval.").format(
-        inside, len(table)
-    )
+    text = Markup(
+        "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
+    ).format(inside, len(table))
     if not checks:
         return Verdict("New tests", "too few to tell", "fair", text)
     worst = min(checks, key=lambda name: checks[name])
@@ -109,7 +114,9 @@ def _found(result: SoilTestResult) -> Verdict:
     directions = result.record["directions"]
     determined, of = directions["determined"], directions["of"]
     grade = "good" if determined == of else "fair" if determined else "poor"
-    return Verdict("Identifiability", f"{determined} of {of} determined", grade, Markup("{}").format(result.sentence))
+    return Verdict(
+        "Identifiability", f"{determined} of {of} determined", grade, Markup("{}").format(result.sentence)
+    )
 
 
 def _row(result: SoilTestResult, name: str) -> StripRow:
@@ -194,7 +201,16 @@ def _readings(result: SoilTestResult) -> Section:
 def _tests(result: SoilTestResult) -> Section:
     table = result.left_out
     level = str(table.columns[1])
-    header: tuple[Cell, ...] = ("test", level.replace("_", " "), "readings", "level", "slope", "in 50 %", "in 90 %", "k̂")
+    header: tuple[Cell, ...] = (
+        "test",
+        level.replace("_", " "),
+        "readings",
+        "level",
+        "slope",
+        "in 50 %",
+        "in 90 %",
+        "k̂",
+    )
     rows = tuple(_test_row(row) for row in table.to_dict("records"))
     share = Markup(
         "Each test predicted from all others. Level and slope: share of the prediction below what was read (level: mean "
@@ -212,7 +228,11 @@ def _tests(result: SoilTestResult) -> Section:
         "Where each test lies in its prediction from the others. Right predictions scatter evenly over the height; grey: the "
         "middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
     )
-    blocks = (Gallery("half", (picture,), caption), Table(said, "lr", ("check", "p"), lines), Table(share, "lrrrrrrr", header, rows))
+    blocks = (
+        Gallery("half", (picture,), caption),
+        Table(said, "lr", ("check", "p"), lines),
+        Table(share, "lrrrrrrr", header, rows),
+    )
     return Section("tests", "Predictions of new tests", blocks if checks else (blocks[0], blocks[2]))
 
 
@@ -220,13 +240,22 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     level = next(value for key, value in row.items() if "[" in str(key))
     shares = (probability(row["level_pit"]), probability(row["slope_pit"]))
     inside = (f"{100 * row[name]:.0f} %" for name in ("covered_50", "covered_90"))
-    return (str(row["test"]), f"{level:g}", str(row["readings"]), *shares, *inside, f"{row['k_hat']:.2f}{'*' if row['anew'] else ''}")
+    return (
+        str(row["test"]),
+        f"{level:g}",
+        str(row["readings"]),
+        *shares,
+        *inside,
+        f"{row['k_hat']:.2f}{'*' if row['anew'] else ''}",
+    )
 
 
 def _parameters(result: SoilTestResult) -> Section:
     pairs = [pair for pair in combinations([n for n in result.test.soil if n in result.names], 2)]
     pictures = tuple(
-        photograph(figures.pair(result, *pair), f"{QUANTITIES[pair[0]].symbol} against {QUANTITIES[pair[1]].symbol}")
+        photograph(
+            figures.pair(result, *pair), f"{QUANTITIES[pair[0]].symbol} against {QUANTITIES[pair[1]].symbol}"
+        )
         for pair in pairs
     )
     caption = "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least squares (marks)."
@@ -251,7 +280,11 @@ def _parameters(result: SoilTestResult) -> Section:
         "unit of the moduli hangs on n: moduli of different n cannot be compared as they stand."
     )
     words = tuple(
-        (letters(QUANTITIES[str(row["parameter"])].symbol), row["verdict"], f"{max(row['contraction'], 0):.2f}")
+        (
+            letters(QUANTITIES[str(row["parameter"])].symbol),
+            row["verdict"],
+            f"{max(row['contraction'], 0):.2f}",
+        )
         for row in result.identifiability.to_dict("records")
     )
     meant = "What the data say; contraction: share of the prior's variance that they took away."
@@ -259,7 +292,11 @@ def _parameters(result: SoilTestResult) -> Section:
     return Section(
         "parameters",
         "Parameters",
-        (*gallery, Table(said, "llrrrrr", header, tuple(rows)), Table(meant, "llr", ("", "verdict", "contraction"), words)),
+        (
+            *gallery,
+            Table(said, "llrrrrr", header, tuple(rows)),
+            Table(meant, "llr", ("", "verdict", "contraction"), words),
+        ),
     )
 
 
@@ -288,10 +325,15 @@ def _assumptions(result: SoilTestResult) -> Section:
         "Errors of single readings are taken as part of the deviation.",
     ]
     if result.test.independent:
-        rows[1:3] = ["Readings are independent of each other, as [noise] says: intervals are far too narrow where they are not."]
+        rows[1:3] = [
+            "Readings are independent of each other, as [noise] says: intervals are far too narrow where they are not."
+        ]
     text = Markup("").join(Markup("{}<br>").format(row) for row in rows)
     prior = Markup("").join(
-        Markup("{}: {}<br>").format(letters(QUANTITIES[name].symbol), entry if isinstance(entry, float) else Markup("{} (SI)").format(entry))
+        Markup("{}: {}<br>").format(
+            letters(QUANTITIES[name].symbol),
+            entry if isinstance(entry, float) else Markup("{} (SI)").format(entry),
+        )
         for name, entry in result.test.entries.items()
     )
     return Section("assumptions", "Assumptions and prior", (Text(text), Text(prior)))
@@ -304,7 +346,10 @@ def _reproduce(result: SoilTestResult) -> Section:
         ("made", record["made"]),
         ("source", record["source"] or "not given"),
         ("log evidence", f"{record['evidence']['log_z']:.2f} ± {record['evidence']['error']:.2f}"),
-        ("settings", ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items())),
+        (
+            "settings",
+            ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),
+        ),
         ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
     )
     return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))

@@ -179,7 +179,9 @@ def sample(
     """
     if not posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
-    return sample_target(Target(posterior, coordinates(posterior)), options, seed, report, adaptation, journal)
+    return sample_target(
+        Target(posterior, coordinates(posterior)), options, seed, report, adaptation, journal
+    )
 
 
 def sample_target(

@@ -16,6 +16,7 @@ def log_densities(
     shift: FloatArray,
     gaps: FloatArray,
     path: FloatArray,
+    offset: FloatArray,
     ends: IntArray,
 ) -> FloatArray:
     """Log density (n, t) of every test; memory 0 means that readings are independent."""
@@ -27,8 +28,9 @@ def log_densities(
                 kept = np.exp(-gaps[i] / memory[k]) if memory[k] > 0 else 0.0
                 variance = 1.0 - kept * kept
                 # innovations of the process, and of the column 1/z by which the seating enters
-                white, seat = residuals[k, i] - kept * before, 1.0 / path[i] - kept * above
-                before, above = residuals[k, i], 1.0 / path[i]
+                column = 1.0 / (path[i] + offset[k])
+                white, seat = residuals[k, i] - kept * before, column - kept * above
+                before, above = residuals[k, i], column
                 squares += white * white / variance
                 both += white * seat / variance
                 size += seat * seat / variance

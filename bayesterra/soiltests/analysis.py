@@ -207,7 +207,9 @@ class _Parts:
             )
             for i, name in enumerate(self.posterior.names)
         ]
-        return pd.DataFrame(rows + [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)])
+        return pd.DataFrame(
+            rows + [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)]
+        )
 
     def _stress_row(self, level: float, mode: FloatArray) -> dict[str, Any]:
         """The stress at the typical path under a plate or normal stress: what such a test measures directly."""
@@ -218,9 +220,12 @@ class _Parts:
 
         chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
         sizes = array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)
-        where = f"z = {1e3 * path:.3g} mm, b = {1e3 * level:g} mm" if kind == "plate" else f"j = {1e3 * path:.3g} mm, σ = {1e-3 * level:g} kPa"
+        unit, scale = ("mm", 1e-3) if kind == "plate" else ("kPa", 1e3)
+        where = f"{1e3 * path:.3g} mm; {level / scale:g} {unit}"
         symbol = "p" if kind == "plate" else "τ"
-        quantity = Parameter(f"{symbol}({where})", f"{symbol}({where})", symbol, "kPa", 1e3, "Pa", "mean stress")
+        quantity = Parameter(
+            f"{symbol}({where})", f"{symbol}({where})", symbol, "kPa", 1e3, "Pa", "mean stress"
+        )
         return summary_row(quantity, chains, stress(self.prior.x), float(stress(mode[None])[0]), sizes)
 
     def _mode(self) -> FloatArray:
@@ -239,7 +244,9 @@ class _Parts:
         def height(y: FloatArray) -> float:
             return float(np.minimum(-self.posterior.log_density(at(y)[None])[0], 1e10))
 
-        found = minimize(height, np.zeros(d), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000})
+        found = minimize(
+            height, np.zeros(d), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000}
+        )
         return at(found.x)
 
     def _least_squares(self) -> pd.DataFrame:
@@ -262,10 +269,12 @@ class _Parts:
         for level in np.unique(readings.level):
             path = readings.path[readings.level == level]
             grid = np.geomspace(path.min(), path.max(), GRID)
-            curve = log_curve(readings.kind, self.posterior.soil(x), grid, np.full(GRID, level))
+            spread = self.posterior.spread(x)
+            true = spread.true_path(grid)
+            curve = log_curve(readings.kind, self.posterior.soil(x), true, np.full(GRID, level))
             # quantiles of a mixture of normal laws, by fixed scores in every draw
             scores = norm.ppf((np.arange(20) + rng.random()) / 20)
-            new = curve[:, None] + marginal_sd(grid, self.posterior.spread(x))[:, None] * scores[:, None]
+            new = curve[:, None] + marginal_sd(grid, spread)[:, None] * scores[:, None]
             scaled = {"level": np.full(GRID, level), "path": 1e3 * grid}
             for name, values in (("curve", curve), ("test", new.reshape(-1, GRID))):
                 found = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
@@ -285,12 +294,19 @@ class _Parts:
             "posterior": _parameters(self.posterior.names, kept.chains),
             "prior": _parameters(self.posterior.names, self.prior.x[None]),
             "sample_stats": xr.Dataset(
-                {"lp": (two, density.reshape(shape)), **{name: (two, each) for name, each in kept.labels.items()}}
+                {
+                    "lp": (two, density.reshape(shape)),
+                    **{name: (two, each) for name, each in kept.labels.items()},
+                }
             ),
             "log_likelihood": xr.Dataset({"test": (("chain", "draw", "name"), tests.reshape(*shape, -1))}),
             "observed_data": xr.Dataset({stress: ("reading", readings.stress)}),
             "constant_data": xr.Dataset(
-                {path: ("reading", readings.path), level: ("reading", readings.level), "number": ("reading", readings.test)}
+                {
+                    path: ("reading", readings.path),
+                    level: ("reading", readings.level),
+                    "number": ("reading", readings.test),
+                }
             ),
         }
         groups["log_likelihood"] = groups["log_likelihood"].assign_coords(name=list(readings.tests))
@@ -304,12 +320,18 @@ class _Parts:
             "kind": content.data.kind,
             "source": content.data.source,
             "made": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in record.PACKAGES}},
+            "versions": {
+                "python": platform.python_version(),
+                **{name: version(name) for name in record.PACKAGES},
+            },
             "seed": seed,
             "readings": len(self.test.readings),
             "tests": len(self.test.readings.tests),
             "independent": self.test.independent,
-            "settings": {name: getattr(self.test.sampling, name) for name in ("target_ess", "ensembles", "walkers", "max_steps")},
+            "settings": {
+                name: getattr(self.test.sampling, name)
+                for name in ("target_ess", "ensembles", "walkers", "max_steps")
+            },
             "notes": list(self.test.notes),
         }
 
@@ -338,7 +360,9 @@ def _columns(kind: str) -> dict[str, str]:
 
 
 def _in_field_units(table: pd.DataFrame) -> pd.DataFrame:
-    name, unit, scale = ("plate_radius", "mm", 1e-3) if "plate_radius" in table else ("normal_stress", "kPa", 1e3)
+    name, unit, scale = (
+        ("plate_radius", "mm", 1e-3) if "plate_radius" in table else ("normal_stress", "kPa", 1e3)
+    )
     return table.assign(**{name: table[name] / scale}).rename(columns={name: f"{name} [{unit}]"})
 
 

@@ -97,7 +97,9 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
     test = np.array([numbers.get(name, -1) for name in tests])
     order = np.lexsort((path, test))
     order = order[kept[order]]
-    _check_levels(test[order], level[order], tuple(numbers), "plate_diameter" if kind == "plate" else "normal_stress")
+    _check_levels(
+        test[order], level[order], tuple(numbers), "plate_diameter" if kind == "plate" else "normal_stress"
+    )
     wide = _spaced(test[order], np.log(path[order]), options.spacing)
     if wide.size < order.size:
         notes.append(
@@ -198,12 +200,18 @@ def _kept(
     positive = (path > 0) & (stress > 0)
     if (used & ~positive).any():
         count = int((used & ~positive).sum())
-        notes.append(f"{count} readings left out, as {names[0]} or {names[1]} is not above 0 and has no logarithm")
-    ranged, bounds = (stress, options.pressure_range) if kind == "plate" else (path, options.displacement_range)
+        notes.append(
+            f"{count} readings left out, as {names[0]} or {names[1]} is not above 0 and has no logarithm"
+        )
+    ranged, bounds = (
+        (stress, options.pressure_range) if kind == "plate" else (path, options.displacement_range)
+    )
     kept = used & positive
     if bounds is not None:
         inside = (ranged >= bounds[0]) & (ranged <= bounds[1])
-        notes.append(f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out")
+        notes.append(
+            f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out"
+        )
         kept &= inside
     return np.asarray(kept), notes
 
@@ -212,7 +220,11 @@ def _check_levels(test: IntArray, level: FloatArray, names: tuple[str, ...], col
     for before, after in pairwise(range(len(test))):
         if test[before] == test[after] and level[before] != level[after]:
             unit = COLUMNS[column]
-            got = f"{2 * level[before] / unit.scale:g}" if column == "plate_diameter" else f"{level[before] / unit.scale:g}"
+            got = (
+                f"{2 * level[before] / unit.scale:g}"
+                if column == "plate_diameter"
+                else f"{level[before] / unit.scale:g}"
+            )
             raise StudyError(
                 f"'{column}' must be the same in all rows of a test (got {got} {unit.unit} and another in test"
                 f" '{names[int(test[before])]}')"

@@ -37,7 +37,9 @@ def fit(readings: Readings) -> Fitted:
 def _plate(readings: Readings) -> Fitted:
     z, p, b = np.log(readings.path), np.log(readings.stress), readings.level
     radii = np.unique(b)
-    lines = [np.polyfit(z[b == radius], p[b == radius], 1) if _line(z[b == radius]) else None for radius in radii]
+    lines = [
+        np.polyfit(z[b == radius], p[b == radius], 1) if _line(z[b == radius]) else None for radius in radii
+    ]
     known = [line[0] for line in lines if line is not None]
     if not known:
         return Fitted({}, ("least squares need two readings of a plate at least",))
@@ -48,7 +50,13 @@ def _plate(readings: Readings) -> Fitted:
             f"plates of one radius: k_c and k_φ cannot be separated, k_c/b + k_φ ="
             f" {moduli[0] / QUANTITIES['kphi'].scale:.4g} kPa/m^n at b = {1e3 * radii[0]:g} mm"
         )
-        return Fitted({"regression": {"n": n}, "nonlinear": {"n": _weighted(z, p, b, np.array([0.0, moduli[0], n]))[2]}}, (note,))
+        return Fitted(
+            {
+                "regression": {"n": n},
+                "nonlinear": {"n": _weighted(z, p, b, np.array([0.0, moduli[0], n]))[2]},
+            },
+            (note,),
+        )
     kc, kphi = np.polyfit(1.0 / radii, moduli, 1)
     start = np.array([kc, kphi, n])
     direct = _weighted(z, p, b, start)

@@ -87,7 +87,9 @@ def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatA
     return flat[:: max(1, len(flat) // DRAWS)]
 
 
-def _predicted(posterior: TestPosterior, number: int, x: FloatArray, log_weights: FloatArray) -> dict[str, float]:
+def _predicted(
+    posterior: TestPosterior, number: int, x: FloatArray, log_weights: FloatArray
+) -> dict[str, float]:
     """How one test looks beside its prediction, from draws (n, d) with log weights (n,) that sum to one."""
     readings = posterior.readings
     chosen = readings.test == number
@@ -100,11 +102,15 @@ def _predicted(posterior: TestPosterior, number: int, x: FloatArray, log_weights
     shares = np.exp(log_weights) * possible
     picked = rng.choice(len(x), size=DRAWS, p=shares / shares.sum())
     soil, path = posterior.soil(x[picked]), readings.path[chosen]
-    residual = np.log(readings.stress[chosen]) - log_curve(readings.kind, soil, path, readings.level[chosen])
-    law = covariance(path, posterior.spread(x[picked]))
+    spread = posterior.spread(x[picked])
+    mean = log_curve(readings.kind, soil, spread.true_path(path), readings.level[chosen])
+    residual = np.log(readings.stress[chosen]) - mean
+    law = covariance(path, spread)
     sd = np.sqrt(np.einsum("nii->ni", law))
     inside = ndtr(residual / sd).mean(axis=0)
-    covered = {f"covered_{100 * band:.0f}": float((np.abs(inside - 0.5) <= band / 2).mean()) for band in BANDS}
+    covered = {
+        f"covered_{100 * band:.0f}": float((np.abs(inside - 0.5) <= band / 2).mean()) for band in BANDS
+    }
     count = int(chosen.sum())
     mean = np.full(count, 1.0 / count)
     half = count // 2

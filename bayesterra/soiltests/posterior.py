@@ -12,6 +12,7 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
 from bayesterra.laws import Law
+from bayesterra.parameters import OFFSET
 from bayesterra.posteriors import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRIOR
 from bayesterra.soiltests.curves import log_curve, physical
 from bayesterra.soiltests.data import Readings
@@ -87,7 +88,7 @@ class TestPosterior:
         exponent = self.soil(x)[:, 2]
         shift = None if seating is None else np.abs(exponent) * seating
         assert scatter is not None  # noqa: S101 (every soil test has one)
-        return Spread(scatter, self.prior.column(x, "memory"), shift)
+        return Spread(scatter, self.prior.column(x, "memory"), shift, self.prior.column(x, OFFSET))
 
     @cached_property
     def _scatter(self) -> Scatter:
@@ -100,13 +101,16 @@ class TestPosterior:
     def log_likelihoods(self, x: FloatArray) -> FloatArray:
         """Log likelihood (n, t) of every test, at parameter sets (n, d) inside the support."""
         readings = self.readings
-        residuals = self._log_stress - log_curve(readings.kind, self.soil(x), readings.path, readings.level)
-        densities = self._scatter.log_likelihoods(residuals, self.spread(x))
+        spread = self.spread(x)
+        mean = log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
+        densities = self._scatter.log_likelihoods(self._log_stress - mean, spread)
         return densities - np.add.reduceat(self._log_stress, readings.starts)
 
     def reasons(self, x: FloatArray) -> IntArray:
         """Why each parameter set (n, d) has no density, as :meth:`bayesterra.posteriors.Posterior.reasons`."""
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
+        if (offset := self.prior.column(x, OFFSET)) is not None:
+            inside &= offset > -self.readings.path.min()
         found = np.where(inside, INSIDE, OUTSIDE_PHYSICS)
         return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, found)
 

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bayesterra.parameters import PARAMETERS, Channel, Parameter
+from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 
 PLATE = ("kc", "kphi", "n")
 SHEAR = ("c", "phi", "K")
 KINDS = {"plate": PLATE, "shear": SHEAR}
 """Soil parameters by kind of test."""
-NOISE = {"plate": ("scatter", "memory", "seating"), "shear": ("scatter", "memory")}
+NOISE = {"plate": ("scatter", "memory", "seating", "sinkage_offset"), "shear": ("scatter", "memory")}
 """What describes how tests differ from the mean curve, by kind of test."""
 
 _ALL = (
-    replace(PARAMETERS["kc"], unit="kPa m/m^n", description="cohesive modulus, p = (k_c/b + k_φ) zⁿ"),
-    replace(PARAMETERS["kphi"], unit="kPa/m^n", description="frictional modulus, p = (k_c/b + k_φ) zⁿ"),
-    Parameter("n", "n", r"n", "-", 1.0, "", "sinkage exponent, p = (k_c/b + k_φ) zⁿ"),
+    replace(PARAMETERS["kc"], unit="kPa m/m^n", description="cohesive modulus"),
+    replace(PARAMETERS["kphi"], unit="kPa/m^n", description="frictional modulus"),
+    Parameter("n", "n", r"n", "-", 1.0, "", "sinkage exponent"),
     *(PARAMETERS[name] for name in SHEAR),
-    Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of tests about the mean curve, as a log"),
-    Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which a test keeps its deviation"),
-    Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage from test to test"),
+    Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of log stress from test to test"),
+    Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which it lasts"),
+    Parameter(
+        "seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"
+    ),
+    replace(PARAMETERS[OFFSET], description="zero error of sinkage common to all tests"),
 )
 QUANTITIES: dict[str, Parameter] = {parameter.name: parameter for parameter in _ALL}
 """Everything that a soil test may estimate, in the order of its posteriors."""

@@ -5,10 +5,10 @@ log y(x) = log f(x) + δ(x) + seating, for each test on its own:
 - δ, the deviation of this test, is a stationary Gaussian process over the log of sinkage or displacement with
   covariance σ_t² exp(−|Δ log x| / ℓ) (Ornstein–Uhlenbeck). A test keeps its deviation over a distance ℓ: what lies
   closer together tells little that is new, and a hundred readings of one test are no hundred tests.
-- The zero of the sinkage of a plate test is uncertain by ζ ~ N(0, σ_0²), one value for each test. To first order it
-  shifts log p by n ζ / z.
+- The zero of the sinkage of a plate test is wrong by z_0, the same in all tests, and by ζ ~ N(0, σ_0²), one value for
+  each test. To first order ζ shifts log p by n ζ / (z + z_0).
 
-With ``independent`` readings there is neither memory nor seating: each departs on its own, as least squares
+With ``independent`` readings there is neither memory nor an error of the zero: each departs on its own, as least squares
 assume. That overstates what a test tells, and exists to show by how much.
 
 The process is Markov, so that differences of neighbours are independent: the likelihood costs one pass.
@@ -36,11 +36,17 @@ class Spread:
     scatter : σ_t.
     memory : ℓ; None where readings are independent.
     shift : standard deviation of log p from the seating times z: n σ_0, m; None where there is none.
+    offset : common zero error of the sinkage, m; None where there is none.
     """
 
     scatter: FloatArray
     memory: FloatArray | None
     shift: FloatArray | None
+    offset: FloatArray | None = None
+
+    def true_path(self, path: FloatArray) -> FloatArray:
+        """Path (n, m), or (m,) where zeros are right, of what reads ``path`` (m,)."""
+        return path if self.offset is None else path + self.offset[:, None]
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,17 @@ class Scatter:
         none = np.zeros(len(spread.scatter))
         memory = none if spread.memory is None else spread.memory
         shift = none if spread.shift is None else spread.shift
+        offset = none if spread.offset is None else spread.offset
         ends = np.append(self.readings.starts, len(self.readings))
         found: FloatArray = log_densities(
-            np.ascontiguousarray(residuals), spread.scatter, memory, shift, self._gaps, self.readings.path, ends
+            np.ascontiguousarray(residuals),
+            spread.scatter,
+            memory,
+            shift,
+            self._gaps,
+            self.readings.path,
+            offset,
+            ends,
         )
         return found
 
@@ -86,7 +100,7 @@ class Scatter:
             noise[:, i] += kept[:, i] * noise[:, i - 1]
         if spread.shift is not None:
             zeros = spread.shift[:, None] * rng.standard_normal((len(noise), len(self.readings.tests)))
-            noise += zeros[:, self.readings.test] / self.readings.path
+            noise += zeros[:, self.readings.test] / spread.true_path(self.readings.path)
         return noise
 
 
@@ -100,7 +114,8 @@ def covariance(path: FloatArray, spread: Spread) -> FloatArray:
         kept = np.exp(-distance / spread.memory[:, None, None])
     result = spread.scatter[:, None, None] ** 2 * kept
     if spread.shift is not None:
-        result = result + spread.shift[:, None, None] ** 2 / (path[:, None] * path)
+        seat = spread.shift[:, None] / spread.true_path(path)
+        result = result + seat[:, :, None] * seat[:, None, :]
     return np.asarray(result)
 
 
@@ -108,5 +123,5 @@ def marginal_sd(path: FloatArray, spread: Spread) -> FloatArray:
     """Standard deviation (n, m) of log readings of a new test."""
     variance = np.broadcast_to(spread.scatter[:, None] ** 2, (len(spread.scatter), len(path)))
     if spread.shift is not None:
-        variance = variance + (spread.shift[:, None] / path) ** 2
+        variance = variance + (spread.shift[:, None] / spread.true_path(path)) ** 2
     return np.sqrt(variance)

@@ -22,6 +22,7 @@ DEFAULTS: dict[str, Law | float] = {
     "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
     "memory": Law("loguniform", lower=0.1, upper=30.0),
     "seating": Law("halfnorm", {"scale": 0.5e-3}, lower=1e-6),
+    "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 0.5e-3}),
 }
 """How tests differ, where a file does not say what is known of it."""
 EXAMPLES = {
@@ -71,7 +72,9 @@ class SoilTest:
         return KINDS[self.kind]
 
 
-def soil_test(table: pd.DataFrame, tables: Mapping[str, Any], *, bare: bool = True, text: str = "") -> SoilTest:
+def soil_test(
+    table: pd.DataFrame, tables: Mapping[str, Any], *, bare: bool = True, text: str = ""
+) -> SoilTest:
     """A soil test from a table of readings and the tables of its file.
 
     Parameters
@@ -112,22 +115,27 @@ def _entries(content: Content) -> dict[str, Law | float]:
     for table, given, known in (("priors", content.priors, soil), ("noise", noise.values, NOISE[kind])):
         for name in given:
             if name not in known:
-                raise StudyError(f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(known)})")
+                raise StudyError(
+                    f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(known)})"
+                )
     for name in soil:
         if name not in content.priors:
             raise StudyError(f"[priors] needs '{name}', e.g. {name} = {EXAMPLES[name]}")
-    known = {**{name: DEFAULTS[name] for name in NOISE[kind]}, **noise.values}
+    scatter: dict[str, Law | float] = {**{name: DEFAULTS[name] for name in NOISE[kind]}, **noise.values}
     if noise.independent:
-        known = {"scatter": known["scatter"]}
-    for name, entry in known.items():
-        low = entry.range[0] if isinstance(entry, Law) else entry
-        if low < 0 or (low == 0 and not (name == "seating" and not isinstance(entry, Law))):
-            raise StudyError(f"[noise] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
-    both = {**content.priors, **known}
-    for name in ("K",):
-        if name in both and _lowest(both[name]) <= 0:
-            raise StudyError(f"[priors] '{name}' must be above 0 (got {_lowest(both[name]):g} m): give it a 'lower'")
+        scatter = {"scatter": scatter["scatter"]}
+    both = {**content.priors, **scatter}
+    _check_positive("noise", {name: both[name] for name in ("scatter", "memory") if name in both})
+    _check_positive("priors", {"K": both["K"]} if "K" in both else {})
+    if "seating" in both and both["seating"] != 0.0:
+        _check_positive("noise", {"seating": both["seating"]})
     return {name: both[name] for name in QUANTITIES if name in both}
+
+
+def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
+    for name, entry in entries.items():
+        if (low := _lowest(entry)) <= 0:
+            raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
 
 
 def _lowest(entry: Law | float) -> float:
