@@ -283,7 +283,7 @@ def design_lines(design: Design) -> list[str]:
 
 
 def print_soil_test(found: SoilTestResult, report: Path, console: Console | None = None) -> None:
-    """Print the parameters of a soil test, what they tell, what is against the model, and the report's name."""
+    """Print the parameters of a soil test, what is against the model, and the name of the report."""
     console = console or _console()
     table = Table(title=found.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "unit", "median", "90 % HDI", "verdict"):

@@ -18,7 +18,7 @@ from bayesterra.laws import Law
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.quantities import QUANTITIES
-from bayesterra.soiltests.schema import ReferenceTable
+from bayesterra.soiltests.schema import REFERENCE, ReferenceTable
 from bayesterra.soiltests.study import SoilTest, load_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
 from bayesterra.storage import write_draws
@@ -39,7 +39,7 @@ class SavedSoilTest(SoilTestResult):
         return cls(**{field.name: getattr(found, field.name) for field in fields(SoilTestResult)})
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write report, tables, draws, record and the test again into a new folder; returns the report's path.
+        """Write everything into a new folder, whole or not at all; returns the path of the report.
 
         Raises
         ------
@@ -73,7 +73,8 @@ def soil_test(
     ----------
     test : a soil-test file, the folder of one, or a loaded test.
     data : in place of a file: readings with units in the headers; further keywords are then the tables of the
-        file (``kind="plate"``, ``priors``, ``noise``, ...), with numbers in SI, and options of [data] by name.
+        file (``kind="plate"``, ``priors``, ``noise``, ...), with numbers in SI, and options of [data] by
+        name.
     seed : same seed, same draws on one machine.
     progress : called as the sampling goes on.
 
@@ -132,7 +133,8 @@ def _lines(test: SoilTest) -> Iterator[str]:
     entries = {name: _entry(name, entry) for name, entry in test.entries.items()}
     noise = {name: entry for name, entry in entries.items() if name not in test.soil}
     yield from toml_table("noise", {"independent": True, **noise} if test.independent else noise)
-    yield from toml_table("priors", {name: entries[name] for name in test.soil})
+    stated = {REFERENCE: text(test.reference, "m")} if test.reference != 1.0 else {}
+    yield from toml_table("priors", {**stated, **{name: entries[name] for name in test.soil}})
     for name, known in (("published", test.published), ("truth", test.truth)):
         if known is not None:
             yield from toml_table(name, _reference(known))

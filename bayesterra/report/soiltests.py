@@ -14,6 +14,7 @@ from bayesterra.figures import soiltests as figures
 from bayesterra.figures.axis import TAIL, Axis
 from bayesterra.figures.rows import Row
 from bayesterra.identifiability.verdicts import STRUCTURAL
+from bayesterra.parameters import MODULI
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
 from bayesterra.report.pages import VerdictPage
@@ -28,8 +29,10 @@ from bayesterra.soiltests.quantities import QUANTITIES
 
 LAWS = {
     "plate": Markup(
-        "Bekker: <i>p</i> = (<i>k</i><sub>c</sub>/<i>b</i> + <i>k</i><sub>φ</sub>) <i>z</i><sup><i>n</i></sup>, "
-        "<i>b</i> the radius of the plate. Either modulus may be negative; the sum is positive under every plate."
+        "Bekker: <i>p</i> = (<i>k</i><sub>c</sub>/<i>b</i> + <i>k</i><sub>φ</sub>) "
+        "<i>z</i><sup><i>n</i></sup>, "
+        "<i>b</i> the radius of the plate. Either modulus may be negative; the sum is positive under every "
+        "plate."
     ),
     "shear": Markup(
         "Janosi and Hanamoto: <i>τ</i> = (<i>c</i> + <i>σ</i> tan <i>φ</i>) (1 − exp(−<i>j</i>/<i>K</i>)), "
@@ -155,14 +158,18 @@ def summary_row_of(result: SoilTestResult, name: str) -> Row:
 
 def _axis(result: SoilTestResult, name: str) -> Axis:
     """The prior's range, without the outer thousandth of priors without bounds."""
-    law, scale = result.posterior().prior.laws[name], QUANTITIES[name].scale
-    low, high = (end / scale for end in law.range)
-    tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
-    reach = np.quantile(result.values()[:, result.names.index(name)] / scale, [TAIL, 1.0 - TAIL])
+    column, scale, prior = result.names.index(name), QUANTITIES[name].scale, result.posterior().prior
+    low, high = (end / scale for end in prior.laws[name].range)
+    if prior.reference != 1.0 and name in MODULI:
+        low, high = -np.inf, np.inf  # they hang on n: the prior has long tails, of which the middle is shown
+        most, least = np.quantile(result.values("prior")[:, column] / scale, [0.85, 0.15])
+    else:
+        least, most = prior.laws[name].quantile(np.array([TAIL, 1.0 - TAIL])) / scale
+    reach = np.quantile(result.values()[:, column] / scale, [TAIL, 1.0 - TAIL])
     return Axis(
-        low if np.isfinite(low) else float(min(tails[0], reach[0])),
-        high if np.isfinite(high) else float(max(tails[1], reach[1])),
-        law.dist == "loguniform",
+        low if np.isfinite(low) else float(min(least, reach[0])),
+        high if np.isfinite(high) else float(max(most, reach[1])),
+        prior.laws[name].dist == "loguniform",
         (low, high),
     )
 
@@ -190,8 +197,8 @@ def _readings(result: SoilTestResult) -> Section:
     scale = " Both axes are logarithmic." if kind == "plate" else ""
     data = {"measured": "Measured", "simulated": "Simulated", "digitised": "Digitised"}[result.record["kind"]]
     caption = (
-        f"{data} readings that are used (black, one line for each test), the mean curve (line: posterior median), and what "
-        f"new tests would read (bands: 50 and 90 %, test-to-test scatter included).{scale}"
+        f"{data} readings that are used (black, one line for each test), the mean curve (line: posterior "
+        f"median), and what new tests would read (bands: 50 and 90 %, test-to-test scatter included).{scale}"
     )
     picture = drawing(figures.readings(result), "Readings of every test with the bands of new tests")
     notes = tuple(Text(f"{note}.") for note in (*result.test.notes, *result.record["fits"]["notes"]))
@@ -213,10 +220,10 @@ def _tests(result: SoilTestResult) -> Section:
     )
     rows = tuple(_test_row(row) for row in table.to_dict("records"))
     share = Markup(
-        "Each test predicted from all others. Level and slope: share of the prediction below what was read (level: mean "
-        "log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the test's readings inside the bands of a new "
-        "test; readings of one test go together, so that these shares scatter widely. k̂: reliability of the "
-        "importance weights; * sampled anew without the test."
+        "Each test predicted from all others. Level and slope: share of the prediction below what was read "
+        "(level: mean log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the test's readings "
+        "inside the bands of a new test; readings of one test go together, so that these shares scatter widely. "
+        "k̂: reliability of the importance weights; * sampled anew without the test."
     )
     checks = result.record["checks"]
     lines = tuple((name, probability(p)) for name, p in checks.items())
@@ -225,8 +232,8 @@ def _tests(result: SoilTestResult) -> Section:
     )
     picture = drawing(figures.left_out(result), "Level and slope of every test within its prediction")
     caption = (
-        "Where each test lies in its prediction from the others. Right predictions scatter evenly over the height; grey: the "
-        "middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
+        "Where each test lies in its prediction from the others. Right predictions scatter evenly over the "
+        "height; grey: the middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
     )
     blocks = (
         Gallery("half", (picture,), caption),
@@ -251,14 +258,17 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _parameters(result: SoilTestResult) -> Section:
-    pairs = [pair for pair in combinations([n for n in result.test.soil if n in result.names], 2)]
+    pairs = list(combinations([name for name in result.test.soil if name in result.names], 2))
     pictures = tuple(
         photograph(
             figures.pair(result, *pair), f"{QUANTITIES[pair[0]].symbol} against {QUANTITIES[pair[1]].symbol}"
         )
         for pair in pairs
     )
-    caption = "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least squares (marks)."
+    caption = (
+        "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least "
+        "squares (marks)."
+    )
     header: tuple[Cell, ...] = ("", "unit", "median", "90 % HDI", "mode", "effective draws", "R-hat")
     rows = []
     for row in result.summary.to_dict("records"):
@@ -276,8 +286,9 @@ def _parameters(result: SoilTestResult) -> Section:
             )
         )
     said = (
-        "Posterior. The last rows are mean stresses at the middle of the readings, what such tests measure directly. The "
-        "unit of the moduli hangs on n: moduli of different n cannot be compared as they stand."
+        "Posterior. The last rows are mean stresses at the middle of the readings (sinkage or displacement; plate "
+        "radius or normal stress), what such tests measure directly. The unit of the moduli hangs on n: moduli "
+        "of different n cannot be compared as they stand."
     )
     words = tuple(
         (
@@ -308,8 +319,8 @@ def _squares(result: SoilTestResult) -> Section:
     )  # fmt: skip
     header = ("method", "", "unit", "value", "published or true", "posterior below")
     caption = (
-        "Least squares as in usual practice, which takes all readings as independent; share of the posterior below each value. What the "
-        "tests cannot separate is missing."
+        "Least squares as in usual practice, which takes all readings as independent; share of the posterior "
+        "below each value. What the tests cannot separate is missing."
     )
     return Section("least-squares", "Least squares", (Table(caption, "lllrrr", header, rows),))
 
@@ -317,25 +328,31 @@ def _squares(result: SoilTestResult) -> Section:
 def _assumptions(result: SoilTestResult) -> Section:
     rows = [
         "The mean curve has exactly the form of the law above, the same for all tests.",
-        "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from test to test, "
-        "with correlation exp(−distance/ℓ) along the log of sinkage or displacement (Ornstein–Uhlenbeck).",
-        "The zero of the sinkage differs from test to test (plates only), to first order in its ratio to the sinkage.",
-        "Readings outside the range, or closer together than the spacing of the file, are left out; leaving out by "
-        "pressure is leaving out by an outcome, which matters at the ends of the range only.",
+        "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from test "
+        "to test, with correlation exp(−distance/ℓ) along the log of sinkage or displacement.",
+        "Plates: the zero of the sinkage is wrong by z_0 in all tests, and by a part that differs from test to "
+        "test, to first order in its ratio to the sinkage.",
+        "Readings outside the range, or closer together than the spacing of the file, are left out; leaving "
+        "out by pressure is leaving out by an outcome, which matters at the ends of the range only.",
         "Errors of single readings are taken as part of the deviation.",
     ]
     if result.test.independent:
         rows[1:3] = [
-            "Readings are independent of each other, as [noise] says: intervals are far too narrow where they are not."
+            "Readings are independent of each other, as [noise] says: where they are not, intervals are far too "
+            "narrow."
         ]
     text = Markup("").join(Markup("{}<br>").format(row) for row in rows)
     prior = Markup("").join(
         Markup("{}: {}<br>").format(
-            letters(QUANTITIES[name].symbol),
-            entry if isinstance(entry, float) else Markup("{} (SI)").format(entry),
+            letters(QUANTITIES[name].symbol), entry if isinstance(entry, float) else f"{entry} (SI)"
         )
         for name, entry in result.test.entries.items()
     )
+    if result.test.reference != 1.0:
+        where = (
+            "Laws of k_c and k_φ are stated for k_c zⁿ and k_φ zⁿ, the parts of the pressure, at z = {:g} mm."
+        )
+        prior += Markup("{}").format(where.format(1e3 * result.test.reference))
     return Section("assumptions", "Assumptions and prior", (Text(text), Text(prior)))
 
 

@@ -48,14 +48,16 @@ class SoilTestResult:
     Attributes
     ----------
     test : what was analysed.
-    draws : xarray DataTree with the groups posterior, prior, sample_stats, log_likelihood (by test), observed_data
-        and constant_data; SI, radians.
+    draws : xarray DataTree with the groups posterior, prior, sample_stats, log_likelihood (by test),
+        observed_data and constant_data; SI, radians.
     summary : one row per parameter, then the stress at a typical sinkage or displacement under every plate or
         normal stress; field units.
     least_squares : method, parameter, unit, value, published, posterior_share (of draws below the value).
-    identifiability : one row per parameter, as that of a wheel study.
-    left_out : every test beside its prediction from the others, see :class:`leaving_out.LeftOut`; field units.
-    bands : quantiles of the mean curve and of a new test, by plate or normal stress, over a grid; field units.
+    identifiability : one row per parameter, as that of a wheel study; moduli as their laws are stated.
+    left_out : every test beside its prediction from the others, see :class:`leaving_out.LeftOut`; field
+        units.
+    bands : quantiles of the mean curve and of a new test, by plate or normal stress, over a grid; field
+        units.
     record : versions, seed, settings, verdicts, notes.
     """
 
@@ -180,13 +182,13 @@ class _Parts:
 
     def identifiability(self) -> tuple[Identifiability, Identifiability]:
         """Verdicts on all parameters, and the directions of those of the soil."""
-        names, laws = self.posterior.names, self.posterior.prior.laws
-        ranges = [laws[name].range for name in names]
-        prior, draws = self.prior.x, self.kept.flat
+        names, laws = self.posterior.names, self.posterior.prior
+        ranges = [law.range for law in laws.laws.values()]
+        prior, draws = (laws.stated(x) for x in (self.prior.x, self.kept.flat))
         free = np.array([name in names for name in self.test.soil])
         sound = np.ones(len(names), dtype=np.bool_)
         if free.any():
-            seen = structural(self.test.readings, self.posterior.soil(prior[:300]), free)
+            seen = structural(self.test.readings, self.posterior.soil(self.prior.x[:300]), free)
             sound[: len(self.soil)] = seen[free]
         table = identifiability(names, ranges, prior, draws, sound)
         soil = slice(0, max(len(self.soil), 1))
@@ -212,7 +214,7 @@ class _Parts:
         )
 
     def _stress_row(self, level: float, mode: FloatArray) -> dict[str, Any]:
-        """The stress at the typical path under a plate or normal stress: what such a test measures directly."""
+        """The stress at the typical path under a plate or normal stress, which tests measure directly."""
         kind, path = self.test.kind, self._typical()
 
         def stress(x: FloatArray) -> FloatArray:

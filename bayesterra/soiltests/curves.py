@@ -1,7 +1,8 @@
 """The mean curves of soil tests, as logarithms, and what the readings of a test may have in common.
 
-Plates: Bekker's p = (k_c/b + k_φ) z^n, b the plate radius. Either modulus may be negative; only k_c/b + k_φ > 0
-under every plate is physical. Shear: Janosi and Hanamoto's τ = (c + σ tan φ) (1 − exp(−j/K)), the law of eq. (9).
+Plates: Bekker's p = (k_c/b + k_φ) z^n, b the plate radius. Either modulus may be negative; only k_c/b + k_φ
+> 0 under every plate is physical. Shear: Janosi and Hanamoto's τ = (c + σ tan φ) (1 − exp(−j/K)), the law
+of eq. (9).
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ def slopes(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> Flo
 def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
     """Whether this design could determine each soil parameter (3,), from draws ``x`` (n, 3) of the cut prior.
 
-    A parameter is lost where a direction that it takes part in changes no reading: k_c and k_φ under plates of one
-    radius, c and φ under one normal stress. Only parameters that are ``free`` (3,) count.
+    A parameter is lost where a direction that it takes part in changes no reading: k_c and k_φ under plates
+    of one radius, c and φ under one normal stress. Only parameters that are ``free`` (3,) count.
     """
     lost = np.zeros((free.sum(), free.sum()))
     for matrix in slopes(readings.kind, x, readings.path, readings.level)[:, :, free]:

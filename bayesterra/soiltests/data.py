@@ -103,8 +103,8 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
     wide = _spaced(test[order], np.log(path[order]), options.spacing)
     if wide.size < order.size:
         notes.append(
-            f"of {order.size} readings in range {wide.size} are used: of those of one test that are closer than"
-            f" {100 * options.spacing:g} % only the first"
+            f"of {order.size} readings in range {wide.size} are used: of those of one test that are closer"
+            f" than {100 * options.spacing:g} % only the first"
         )
     chosen = order[wide]
     found = Readings(kind, tuple(numbers), test[chosen], path[chosen], level[chosen], stress[chosen])
@@ -200,9 +200,7 @@ def _kept(
     positive = (path > 0) & (stress > 0)
     if (used & ~positive).any():
         count = int((used & ~positive).sum())
-        notes.append(
-            f"{count} readings left out, as {names[0]} or {names[1]} is not above 0 and has no logarithm"
-        )
+        notes.append(f"{count} readings left out, as {names[0]} or {names[1]} is not above 0")
     ranged, bounds = (
         (stress, options.pressure_range) if kind == "plate" else (path, options.displacement_range)
     )
@@ -226,8 +224,8 @@ def _check_levels(test: IntArray, level: FloatArray, names: tuple[str, ...], col
                 else f"{level[before] / unit.scale:g}"
             )
             raise StudyError(
-                f"'{column}' must be the same in all rows of a test (got {got} {unit.unit} and another in test"
-                f" '{names[int(test[before])]}')"
+                f"'{column}' must be the same in all rows of a test (got {got} {unit.unit} and another in"
+                f" test '{names[int(test[before])]}')"
             )
 
 

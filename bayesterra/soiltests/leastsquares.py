@@ -1,9 +1,10 @@
 """The usual practice beside the posterior: straight lines through logs, and direct fits.
 
-``regression``: plates as by Bekker, a straight line through log p against log z for each radius, the mean of their
-exponents, and k_c, k_φ from a line through the moduli against 1/b; shear as by Janosi and Hanamoto, τ_max and K of
-each curve, then Mohr–Coulomb's line through τ_max and the mean K. ``nonlinear``: one fit to all readings; plates with
-Wong's (1980) weights, which make residuals of the log count like those of the pressure.
+``regression``: plates as by Bekker, a straight line through log p against log z for each radius, the mean
+of their exponents, and k_c, k_φ from a line through the moduli against 1/b; shear as by Janosi and
+Hanamoto, τ_max and K of each curve, then Mohr–Coulomb's line through τ_max and the mean K. ``nonlinear``:
+one fit to all readings; plates with Wong's (1980) weights, which make residuals of the log count like those
+of the pressure.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def _line(z: FloatArray) -> bool:
 
 
 def _weighted(z: FloatArray, p: FloatArray, b: FloatArray, start: FloatArray) -> FloatArray:
-    """k_c, k_φ and n with residuals p (log p − log model), by the moduli under the smallest and largest plate."""
+    """k_c, k_φ and n with residuals p (log p − log model)."""
     ends = 1.0 / np.array([b.min(), b.max()])
     weight, middle = np.exp(p - p.max()), float(z.mean())
     span = max(float(ends[0] - ends[1]), 1e-300)

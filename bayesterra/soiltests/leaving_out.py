@@ -1,9 +1,10 @@
 """Whether predictions for a new test can be relied on: every test predicted from the others.
 
 The readings of a test are predicted from the posterior of all other tests, by importance weights of the draws
-(Vehtari et al. 2017), or by sampling anew where the weights cannot be relied on. What is judged is what a person
-would ask of a new test: its level (the mean of its log residuals), and its slope (the difference of the means of its
-further and its nearer half), each one number per test, and what shares of its readings the bands hold.
+(Vehtari et al. 2017), or by sampling anew where the weights cannot be relied on. What is judged is what a
+person would ask of a new test: its level (the mean of its log residuals), and its slope (the difference of
+the means of its further and its nearer half), each one number per test, and what shares of its readings the
+bands hold.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from bayesterra.soiltests.posterior import TestPosterior, coordinates
 from bayesterra.soiltests.scatter import covariance
 
 PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
-"""Posteriors of soil tests are simple in their coordinates: a smaller adaptation than that of wheels is enough."""
+"""Posteriors of soil tests are simple in their coordinates: a smaller adaptation than that of wheels is
+enough."""
 DRAWS = 500
 ANEW = SamplingOptions(target_ess=500, walkers=32)
 BANDS = (0.5, 0.9)
@@ -40,9 +42,10 @@ class LeftOut:
 
     Attributes
     ----------
-    table : one row per test: test, plate_radius or normal_stress (SI), readings, elpd (log density of its readings), k_hat,
-        anew (sampled without it), level_pit, slope_pit (share of the prediction below what was read; NaN for a slope
-        of less than four readings), covered_50, covered_90 (shares of its readings inside the bands).
+    table : one row per test: test, plate_radius or normal_stress (SI), readings, elpd (log density of its
+        readings), k_hat, anew (sampled without it), level_pit, slope_pit (share of the prediction below
+        what was read; NaN for a slope of less than four readings), covered_50, covered_90 (shares of its
+        readings inside the bands).
     checks : p values by name: whether levels and slopes are uniform, and whether their means by plate or
         stress are zero.
     """

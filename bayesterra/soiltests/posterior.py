@@ -12,7 +12,7 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
 from bayesterra.laws import Law
-from bayesterra.parameters import OFFSET
+from bayesterra.parameters import MODULI, OFFSET
 from bayesterra.posteriors import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRIOR
 from bayesterra.soiltests.curves import log_curve, physical
 from bayesterra.soiltests.data import Readings
@@ -23,9 +23,20 @@ from bayesterra.soiltests.study import SoilTest
 
 @dataclass(frozen=True)
 class Laws:
-    """Independent laws of the free parameters, and the values of the others."""
+    """Laws of the free parameters, and the values of the others.
+
+    The laws are independent. A modulus in Pa/m^n means nothing without its n: a law that is flat in k_c and
+    k_φ prefers large n, the more the smaller the sinkages. So their laws can be stated at a sinkage z, as
+    laws of k_c z^n and k_φ z^n, the parts of the pressure there.
+
+    Attributes
+    ----------
+    entries : a law or a value of every parameter.
+    reference : that sinkage, m; at 1 m the laws are those of k_c and k_φ.
+    """
 
     entries: Mapping[str, Law | float]
+    reference: float = 1.0
 
     @cached_property
     def laws(self) -> dict[str, Law]:
@@ -39,12 +50,28 @@ class Laws:
 
     def sample(self, n: int, rng: Generator) -> FloatArray:
         """Draw parameter sets (n, d), before the physical cut."""
-        return np.column_stack([law.sample(n, rng) for law in self.laws.values()])
+        x = np.column_stack([law.sample(n, rng) for law in self.laws.values()])
+        return x * np.exp(-self._log_stretch(x))
+
+    def _log_stretch(self, x: FloatArray) -> FloatArray:
+        """Log of what each parameter (n, d) is to be multiplied with to become what its law is about."""
+        stretch = np.zeros_like(x)
+        if self.reference != 1.0:
+            moduli = [self.names.index(name) for name in MODULI]
+            stretch[:, moduli] = x[:, [self.names.index("n")]] * np.log(self.reference)
+        return stretch
+
+    def stated(self, x: FloatArray) -> FloatArray:
+        """What the laws are about (n, d), of parameter sets (n, d)."""
+        with np.errstate(over="ignore"):
+            return x * np.exp(self._log_stretch(x))
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of parameter sets (n, d), before the physical cut."""
-        parts = [law.log_density(x[:, i]) for i, law in enumerate(self.laws.values())]
-        return np.asarray(np.sum(parts, axis=0))
+        stretch = self._log_stretch(x)
+        stated = self.stated(x)
+        parts = [law.log_density(stated[:, i]) for i, law in enumerate(self.laws.values())]
+        return np.asarray(np.sum(parts, axis=0) + stretch.sum(axis=1))
 
     def column(self, x: FloatArray, name: str) -> FloatArray | None:
         """Values (n,) of a parameter, free or fixed; None where there is none of that name."""
@@ -57,8 +84,8 @@ class Laws:
 class TestPosterior:
     """Posterior density of the free parameters of a soil test; SI and radians.
 
-    The density is one of the readings themselves and holds every constant; the prior is the stated one, set to
-    zero outside the physical range and not renormalised.
+    The density is one of the readings themselves and holds every constant; the prior is the stated one, set
+    to zero outside the physical range and not renormalised.
     """
 
     prior: Laws
@@ -69,7 +96,7 @@ class TestPosterior:
     @classmethod
     def of(cls, test: SoilTest) -> TestPosterior:
         """The posterior of a soil test."""
-        return cls(Laws(test.entries), test.readings)
+        return cls(Laws(test.entries, test.reference), test.readings)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,8 +133,14 @@ class TestPosterior:
         densities = self._scatter.log_likelihoods(self._log_stress - mean, spread)
         return densities - np.add.reduceat(self._log_stress, readings.starts)
 
+    def simulate(self, x: FloatArray, rng: Generator) -> FloatArray:
+        """Draw stresses (n, m) of new tests at the same sinkages or displacements; ``x`` (n, d)."""
+        readings, spread = self.readings, self.spread(x)
+        mean = log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
+        return np.exp(mean + self._scatter.deviations(spread, rng))
+
     def reasons(self, x: FloatArray) -> IntArray:
-        """Why each parameter set (n, d) has no density, as :meth:`bayesterra.posteriors.Posterior.reasons`."""
+        """Why each parameter set (n, d) has no density; see :class:`bayesterra.posteriors.Density`."""
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
         if (offset := self.prior.column(x, OFFSET)) is not None:
             inside &= offset > -self.readings.path.min()
@@ -144,12 +177,14 @@ class Bearing:
     ----------
     radii : smallest and largest plate radius, m.
     sinkage : typical sinkage, m.
-    score : of k_c.
+    score : of k_c z^n at the sinkage where its law is stated ...
+    reference : which is this, m.
     """
 
     radii: tuple[float, float]
     sinkage: float
     score: NormalScore
+    reference: float = 1.0
 
     @property
     def _single(self) -> bool:
@@ -159,7 +194,7 @@ class Bearing:
         """See :class:`bayesterra.coordinates.Block`."""
         n = x[:, 2:]
         pressures = np.log(x[:, :1] / np.array(self.radii) + x[:, 1:2]) + n * np.log(self.sinkage)
-        first = self.score.from_physical(x[:, :1]) if self._single else pressures[:, :1]
+        first = self.score.from_physical(x[:, :1] * self.reference**n) if self._single else pressures[:, :1]
         return np.column_stack([first, pressures[:, 1:], n])
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -168,8 +203,10 @@ class Bearing:
         small, large = self.radii
         last = np.exp(u[:, 1:2] - n * np.log(self.sinkage))
         if self._single:
-            kc, term = self.score.to_physical(u[:, :1])
-            return np.column_stack([kc, last - kc / large, n]), term + np.log(last[:, 0])
+            stated, term = self.score.to_physical(u[:, :1])
+            kc = stated * self.reference**-n
+            stretched = np.log(last[:, 0]) - n[:, 0] * np.log(self.reference)
+            return np.column_stack([kc, last - kc / large, n]), term + stretched
         first = np.exp(u[:, :1] - n * np.log(self.sinkage))
         kc = (first - last) / (1.0 / small - 1.0 / large)
         jacobian = np.log(first[:, 0]) + np.log(last[:, 0]) - np.log(1.0 / small - 1.0 / large)
@@ -183,7 +220,7 @@ def coordinates(posterior: TestPosterior) -> Coordinates:
     typical = float(np.exp(np.median(np.log(readings.path))))
     if readings.kind == "plate" and set(soil) <= set(names):
         radii = float(readings.levels.min()), float(readings.levels.max())
-        block = Bearing(radii, typical, NormalScore(laws["kc"]))
+        block = Bearing(radii, typical, NormalScore(laws["kc"]), posterior.prior.reference)
     elif readings.kind == "shear" and {"c", "phi"} <= set(names):
         soil = tuple(name for name in soil if name in names)
         block = Strength(float(np.median(readings.levels)), typical)

@@ -20,9 +20,7 @@ _ALL = (
     *(PARAMETERS[name] for name in SHEAR),
     Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of log stress from test to test"),
     Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which it lasts"),
-    Parameter(
-        "seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"
-    ),
+    Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"),
     replace(PARAMETERS[OFFSET], description="zero error of sinkage common to all tests"),
 )
 QUANTITIES: dict[str, Parameter] = {parameter.name: parameter for parameter in _ALL}

@@ -30,6 +30,8 @@ from bayesterra.units import quantity
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 _SOIL = tuple(dict.fromkeys(name for names in KINDS.values() for name in names))
+REFERENCE = "reference_sinkage"
+"""Key of [priors]: laws of k_c and k_φ are those of k_c z^n and k_φ z^n at this sinkage."""
 _NOISE = NOISE["plate"]
 
 
@@ -38,6 +40,8 @@ def _bare(info: ValidationInfo) -> bool:
 
 
 def _entry(name: str, value: object, known: tuple[str, ...], *, bare: bool) -> Law | float:
+    if name == REFERENCE and name in known:
+        return quantity(value, "m", name, bare=bare)
     if name not in known:
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
     dimension = QUANTITIES[name].dimension
@@ -156,7 +160,7 @@ class Content(Table):
     soil: StrictStr = ""
     data: DataTable
     noise: Annotated[NoiseTable, BeforeValidator(_noise)] = NoiseTable()
-    priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, _SOIL))] = Field(
+    priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, (*_SOIL, REFERENCE)))] = Field(
         default_factory=dict
     )
     published: Reference = None

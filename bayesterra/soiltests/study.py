@@ -16,7 +16,7 @@ from bayesterra.messages import errors_in
 from bayesterra.schema import SamplingOptions, read_toml
 from bayesterra.soiltests.data import Readings, readings
 from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
-from bayesterra.soiltests.schema import Content, ReferenceTable, checked
+from bayesterra.soiltests.schema import REFERENCE, Content, ReferenceTable, checked
 
 DEFAULTS: dict[str, Law | float] = {
     "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
@@ -43,6 +43,8 @@ class SoilTest:
     ----------
     readings : those that are used.
     entries : a law or a fixed value of every parameter, in the order of ``QUANTITIES``.
+    reference : sinkage z (m) at which laws of the moduli are stated, as laws of k_c z^n and k_φ z^n; 1 m:
+        of k_c and k_φ.
     independent : whether readings are taken as independent of each other, as usual practice does.
     published, truth : values known from elsewhere.
     content : the tables as they were given, checked; with ``table`` the study again.
@@ -52,6 +54,7 @@ class SoilTest:
 
     readings: Readings
     entries: Mapping[str, Law | float]
+    reference: float
     independent: bool
     published: ReferenceTable | None
     truth: ReferenceTable | None
@@ -98,6 +101,7 @@ def soil_test(
     return SoilTest(
         readings=found,
         entries=entries,
+        reference=_reference(content),
         independent=content.noise.independent,
         published=content.published,
         truth=content.truth,
@@ -112,24 +116,39 @@ def soil_test(
 def _entries(content: Content) -> dict[str, Law | float]:
     kind, noise = content.test, content.noise
     soil = KINDS[kind]
-    for table, given, known in (("priors", content.priors, soil), ("noise", noise.values, NOISE[kind])):
+    priors = {name: entry for name, entry in content.priors.items() if name != REFERENCE}
+    for table, given, known in (("priors", priors, soil), ("noise", noise.values, NOISE[kind])):
         for name in given:
             if name not in known:
                 raise StudyError(
                     f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(known)})"
                 )
     for name in soil:
-        if name not in content.priors:
+        if name not in priors:
             raise StudyError(f"[priors] needs '{name}', e.g. {name} = {EXAMPLES[name]}")
     scatter: dict[str, Law | float] = {**{name: DEFAULTS[name] for name in NOISE[kind]}, **noise.values}
     if noise.independent:
         scatter = {"scatter": scatter["scatter"]}
-    both = {**content.priors, **scatter}
+    both = {**priors, **scatter}
     _check_positive("noise", {name: both[name] for name in ("scatter", "memory") if name in both})
     _check_positive("priors", {"K": both["K"]} if "K" in both else {})
     if "seating" in both and both["seating"] != 0.0:
         _check_positive("noise", {"seating": both["seating"]})
     return {name: both[name] for name in QUANTITIES if name in both}
+
+
+def _reference(content: Content) -> float:
+    """The sinkage at which laws of the moduli are stated, m."""
+    given = content.priors.get(REFERENCE)
+    if not isinstance(given, int | float):
+        return 1.0
+    if content.test == "shear" or any(
+        not isinstance(content.priors.get(name), Law) for name in KINDS["plate"]
+    ):
+        raise StudyError(f"[priors] '{REFERENCE}' goes with plate tests whose kc, kphi and n all have laws")
+    if given <= 0:
+        raise StudyError(f"[priors] '{REFERENCE}' must be above 0 (got {given:g} m)")
+    return float(given)
 
 
 def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
