@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayesterra.rover.geometry import Rover
     from bayesterra.roving import predict_rover
     from bayesterra.simulation import simulate
+    from bayesterra.soiltesting import load_soil_test, soil_test
     from bayesterra.streaming.stream import Stream, load_stream
     from bayesterra.study import Study, load_study
     from bayesterra.workflow import RunResult, load_result, run, run_prior
@@ -46,6 +47,7 @@ _HOMES = {
     "roving": ("predict_rover",),
     "simulation": ("simulate",),
     "streaming.stream": ("Stream", "load_stream"),
+    "soiltesting": ("load_soil_test", "soil_test"),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
 }
@@ -78,6 +80,7 @@ __all__ = [
     "identify",
     "leave_out",
     "load_result",
+    "load_soil_test",
     "load_stream",
     "load_study",
     "posterior",
@@ -87,6 +90,7 @@ __all__ = [
     "run",
     "run_prior",
     "simulate",
+    "soil_test",
 ]
 
 

@@ -147,7 +147,7 @@ def observations(
 
 
 @dataclass(frozen=True)
-class _Column:
+class Column:
     """One column as it stands in the table: cells, and the SI value of one of its unit."""
 
     name: str
@@ -171,14 +171,14 @@ class _Column:
         return value
 
 
-def _named_columns(table: pd.DataFrame) -> dict[str, _Column]:
-    columns: dict[str, _Column] = {}
+def _named_columns(table: pd.DataFrame) -> dict[str, Column]:
+    columns: dict[str, Column] = {}
     for position, header in enumerate(table.columns):
         name, unit = column_header(header)
         scale = _column_scale(str(header), name, unit)
         if name in columns:
             raise StudyError(f"column '{name}' must appear once (it appears twice)")
-        columns[name] = _Column(name, list(table.iloc[:, position]), scale)
+        columns[name] = Column(name, list(table.iloc[:, position]), scale)
     return columns
 
 
@@ -201,7 +201,7 @@ def _known_columns() -> list[str]:
     return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured)]
 
 
-def _required(columns: Mapping[str, _Column], name: str) -> FloatArray:
+def _required(columns: Mapping[str, Column], name: str) -> FloatArray:
     if name not in columns:
         raise StudyError(f"column '{name}' is missing")
     values = columns[name].si()
@@ -214,7 +214,7 @@ def _first(mask: BoolArray) -> int:
     return int(np.argmax(mask)) + 1
 
 
-def _wheel_names(columns: Mapping[str, _Column], length: int, known: tuple[str, ...]) -> tuple[str, ...]:
+def _wheel_names(columns: Mapping[str, Column], length: int, known: tuple[str, ...]) -> tuple[str, ...]:
     if "wheel" not in columns and len(known) == 1:
         return known * length
     if "wheel" not in columns:
@@ -226,7 +226,7 @@ def _wheel_names(columns: Mapping[str, _Column], length: int, known: tuple[str, 
     return names
 
 
-def _use(columns: Mapping[str, _Column], length: int) -> BoolArray:
+def _use(columns: Mapping[str, Column], length: int) -> BoolArray:
     if "use" not in columns:
         return np.ones(length, dtype=np.bool_)
     values = columns["use"].si()
@@ -238,7 +238,7 @@ def _use(columns: Mapping[str, _Column], length: int) -> BoolArray:
     return use
 
 
-def _given_sd(columns: Mapping[str, _Column], length: int) -> dict[str, FloatArray]:
+def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArray]:
     """Standard deviations of every measured channel, NaN where the table has none."""
     given = {name: np.full(length, np.nan) for name in ("load", *OUTCOMES) if name in columns}
     for name, column in columns.items():

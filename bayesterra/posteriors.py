@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -33,6 +34,31 @@ REASONS: Mapping[int, str] = {
     int(Status.SINKAGE): "sinkage outside (0, r)",
     int(Status.NORMAL_FORCE): "no normal force in (42) at the sinkage",
 }
+
+
+class Drawable(Protocol):
+    """A prior that can be drawn from."""
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw parameter sets (n, d), before the physical cut."""
+
+
+class Density(Protocol):
+    """What sampling needs to know of a posterior; see :class:`Posterior`, of which it is the outline."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+
+    @property
+    def prior(self) -> Drawable:
+        """The stated prior."""
+
+    def reasons(self, x: FloatArray) -> IntArray:
+        """Why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +171,7 @@ class PriorDraws:
     tried: int
 
 
-def draw_cut_prior(posterior: Posterior, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:
+def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:
     """Draw ``n`` parameter sets from the prior cut to the physical support.
 
     Raises

@@ -293,7 +293,7 @@ def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool
     try:
         return adapter.validate_python(dict(tables), context={"bare": bare})
     except ValidationError as error:
-        raise StudyError(_one_line(error.errors()[0])) from error
+        raise StudyError(one_line(error.errors()[0])) from error
 
 
 def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
@@ -330,7 +330,7 @@ def _home(key: str) -> str:
     return next((f" (it belongs in [{table}])" for table in homes), "")
 
 
-def _one_line(error: ErrorDetails) -> str:
+def one_line(error: ErrorDetails) -> str:
     """What is wrong where, from the first of pydantic's errors."""
     *path, key = [str(part) for part in error["loc"]] or [""]
     if error["type"] == "missing":

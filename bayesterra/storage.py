@@ -22,17 +22,22 @@ TABLES = ("summary", "least_squares", "identifiability", "predictive")
 
 def write_result(result: Result | PriorResult, folder: Path) -> None:
     """Write draws, tables, record and a copy of the study into an existing folder."""
-    # each dataset is written on its own terms: draws compress well, coordinates need no chunks
-    encoding = {
-        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
-        for node in result.draws.subtree
-        if node.data_vars
-    }
-    result.draws.to_netcdf(folder / "draws.nc", engine="h5netcdf", encoding=encoding)
+    write_draws(result.draws, folder / "draws.nc")
     for name in (name for name in TABLES if hasattr(result, name)):
         write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
     write_study(result.study, folder)
+
+
+def write_draws(draws: xr.DataTree, path: Path) -> None:
+    """Write draws as netCDF."""
+    # each dataset is written on its own terms: draws compress well, coordinates need no chunks
+    encoding = {
+        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
+        for node in draws.subtree
+        if node.data_vars
+    }
+    draws.to_netcdf(path, engine="h5netcdf", encoding=encoding)
 
 
 def _numeric(node: xr.DataTree) -> list[str]:

@@ -69,25 +69,25 @@ def _lines(
     data: Mapping[str, object],
     references: Mapping[str, Reference | None],
 ) -> Iterator[str]:
-    yield from _assignments({**head, "model": study.model.name, "drive": study.drive})
+    yield from assignments({**head, "model": study.model.name, "drive": study.drive})
     if study.load_range is not None:
-        yield from _assignments({"load_range": [text(load, "N") for load in study.load_range]})
+        yield from assignments({"load_range": [text(load, "N") for load in study.load_range]})
     table = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
-    yield from _table("data", {**table, **data})
+    yield from toml_table("data", {**table, **data})
     for name, wheel in study.wheels.items():
-        yield from _table(f"wheels.{_key(name)}", _wheel(wheel))
-    yield from _table("model_options", _model_options(study))
-    yield from _table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
+        yield from toml_table(f"wheels.{_key(name)}", _wheel(wheel))
+    yield from toml_table("model_options", _model_options(study))
+    yield from toml_table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
     entries = study.prior.entries
     priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
-    yield from _table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
-    yield from _table("priors.correlation", study.prior.correlation)
-    yield from _table("least_squares", _least_squares(study))
+    yield from toml_table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
+    yield from toml_table("priors.correlation", study.prior.correlation)
+    yield from toml_table("least_squares", _least_squares(study))
     for name, reference in references.items():
         if reference is not None:
             known = {n: _value(n, v) for n, v in reference.values.items()}
-            yield from _table(name, {"source": reference.source, **known})
-    yield from _table("sampling", asdict(study.sampling))
+            yield from toml_table(name, {"source": reference.source, **known})
+    yield from toml_table("sampling", asdict(study.sampling))
 
 
 def _model_options(study: Study) -> dict[str, object]:
@@ -115,7 +115,7 @@ def _noise(noise: Noise) -> object:
     dimension = CHANNELS[noise.channel].dimension
     tails: dict[str, object] = {} if np.isinf(noise.dof) else {"dof": noise.dof}
     if noise.law is not None:
-        return {"estimate": _law(noise.law, dimension), **tails}
+        return {"estimate": law_entry(noise.law, dimension), **tails}
     if noise.fraction is not None:
         return {"fraction": noise.fraction, "floor": text(noise.floor, dimension), **tails}
     sd = text(noise.sd or 0.0, dimension)
@@ -125,10 +125,10 @@ def _noise(noise: Noise) -> object:
 def _prior(name: str, entry: Entry) -> object:
     if isinstance(entry, Tie):
         return entry.to
-    return _law(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
+    return law_entry(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
 
 
-def _law(law: Law, dimension: str) -> dict[str, object]:
+def law_entry(law: Law, dimension: str) -> dict[str, object]:
     """Location, scale and limits have the unit of the parameter, shape arguments have none."""
     known: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
     rows: dict[str, object] = {}
@@ -147,13 +147,15 @@ def _value(name: str, value: float) -> object:
     return text(value, PARAMETERS[name].dimension)
 
 
-def _table(name: str, content: Mapping[str, object]) -> Iterator[str]:
+def toml_table(name: str, content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of a table; none where it is empty."""
     if content:
         yield from ("", f"[{name}]")
-        yield from _assignments(content)
+        yield from assignments(content)
 
 
-def _assignments(content: Mapping[str, object]) -> Iterator[str]:
+def assignments(content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of keys and values."""
     for key, value in content.items():
         yield f"{_key(key)} = {_toml(value)}"
 

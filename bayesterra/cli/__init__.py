@@ -7,7 +7,8 @@ in the help in the order in which they are imported here.
 from bayesterra.cli import studies  # isort: skip
 from bayesterra.cli import results  # isort: skip
 from bayesterra.cli import analyses  # isort: skip
+from bayesterra.cli import soiltests  # isort: skip
 from bayesterra.cli import streams  # isort: skip
 from bayesterra.cli.common import app
 
-__all__ = ["analyses", "app", "results", "streams", "studies"]
+__all__ = ["analyses", "app", "results", "soiltests", "streams", "studies"]

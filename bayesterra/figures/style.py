@@ -47,6 +47,8 @@ MARKS = {
     "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
     "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),
     "joint": Mark("joint", "#E69F00", "X", (3.0, 2.0)),
+    "regression": Mark("lines", "#D55E00", "^", (6.0, 2.0)),
+    "nonlinear": Mark("one fit", "#E69F00", "X", (3.0, 2.0)),
     "published": Mark("published", DATA, "o", hollow=True),
     "truth": Mark("truth", DATA, "o", hollow=True),
 }

@@ -18,8 +18,10 @@ from bayesterra.report.design import design_page
 from bayesterra.report.holdout import holdout_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
+from bayesterra.report.soiltests import soil_test_page
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
+from bayesterra.soiltests.analysis import SoilTestResult
 
 __all__ = [
     "calibration_html",
@@ -29,6 +31,7 @@ __all__ = [
     "html",
     "identifiability_html",
     "prior_html",
+    "soil_test_html",
     "write",
 ]
 
@@ -71,3 +74,8 @@ def design_html(design: Design) -> str:
 def holdout_html(found: Holdout) -> str:
     """Levels left out and predicted, as a self-contained HTML page."""
     return render(holdout_page(found, version("bayesterra")), "holdout.html")
+
+
+def soil_test_html(result: SoilTestResult) -> str:
+    """The result of a soil test as a self-contained HTML page."""
+    return render(soil_test_page(result), "soiltest.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,11 @@ def strip(result: Result) -> tuple[StripRow, ...]:
 
 def legend(result: Result) -> tuple[tuple[Markup, str], ...]:
     """Small drawings and what they stand for."""
+    return keys(estimates(result))
+
+
+def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
+    """What prior and posterior look like in the strip, and the marks of these methods."""
     small = Markup(
         '<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>'
     )
@@ -67,9 +73,7 @@ def legend(result: Result) -> tuple[tuple[Markup, str], ...]:
         (f'<rect x="-8" y="-2" width="16" height="4" fill="{POSTERIOR}"/>', "90 % HDI"),
         (f'<rect x="-.9" y="-6" width="1.8" height="12" fill="{POSTERIOR}"/>', "mode"),
     )
-    marks = tuple(
-        (small.format(_shape(name, MARKS[name].marker)), MARKS[name].label) for name in estimates(result)
-    )
+    marks = tuple((small.format(_shape(name, MARKS[name].marker)), MARKS[name].label) for name in methods)
     return (*((small.format(Markup(shape)), text) for shape, text in fixed), *marks)  # noqa: S704 (constants)
 
 
@@ -93,8 +97,8 @@ def _row(result: Result, name: str) -> StripRow:
         symbol=symbol(name),
         description=angles(parameter.description + (", log scale" if along.log else "")),
         unit=unit(name),
-        low=_end(along.low, along),
-        high=_end(along.high, along),
+        low=axis_end(along.low, along),
+        high=axis_end(along.high, along),
         drawing=_drawing(result, name, along),
         median=rounded(row.median, step),
         hdi=interval(*row.hdi),
@@ -105,7 +109,7 @@ def _row(result: Result, name: str) -> StripRow:
     )
 
 
-def _end(value: float, along: Axis) -> str:
+def axis_end(value: float, along: Axis) -> str:
     """An end of an axis: all digits of a bound that a person gave, three of one that was computed."""
     return given(float(f"{value:.6g}")) if value in along.bounds else plain(value)
 
@@ -124,10 +128,33 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
 
 
 def _drawing(result: Result, name: str, along: Axis) -> Markup:
-    row = summary_rows(result)[name]
-    marks, lanes = _marks(result, name, along)
     column = result.names.index(name)
     prior, posterior = (field_values(name, result.values(g)[:, column]) for g in ("prior", "posterior"))
+    scale = PARAMETERS[name].scale
+    points = {method: v[name] / scale for method, v in estimates(result).items() if name in v}
+    hollow = [method for method in points if name in held(result, method)]
+    return drawing((prior, posterior), along, summary_rows(result)[name], points, hollow)
+
+
+def drawing(
+    draws: tuple[FloatArray, FloatArray],
+    along: Axis,
+    row: Row,
+    points: Mapping[str, float],
+    hollow: Sequence[str] = (),
+) -> Markup:
+    """The small drawing of a parameter.
+
+    Parameters
+    ----------
+    draws : of the cut prior and of the posterior, field units.
+    along : the range that is shown.
+    row : its row of the summary.
+    points : point estimates by method, keys of ``MARKS``; field units.
+    hollow : methods that held the parameter.
+    """
+    prior, posterior = draws
+    marks, lanes = _marks(points, hollow, along)
     low, high, mode = (float(x) for x in _place(along.position(np.array([*row.hdi, row.mode]))))
     height = FIRST_LANE + LANE * (lanes - 1) + 6
     return Markup(
@@ -161,15 +188,13 @@ def _outline(draws: FloatArray, along: Axis, tall: float) -> str:
     return f"M{x[0]:.1f} {BASE:g}L{points}L{x[-1]:.1f} {BASE:g}Z"
 
 
-def _marks(result: Result, name: str, along: Axis) -> tuple[Markup, int]:
+def _marks(points: Mapping[str, float], hollow: Sequence[str], along: Axis) -> tuple[Markup, int]:
     """Point estimates below the line, and the number of lanes that they need not to overlap."""
-    scale = PARAMETERS[name].scale
-    values = {method: v[name] / scale for method, v in estimates(result).items() if name in v}
-    places = [float(_place(along.position(value))) for value in values.values()]
+    places = [float(_place(along.position(value))) for value in points.values()]
     lanes = _lanes(places)
     drawn = (
-        _mark(method, value, (x, FIRST_LANE + LANE * lane), along, hollow=name in held(result, method))
-        for (method, value), x, lane in zip(values.items(), places, lanes, strict=True)
+        _mark(method, value, (x, FIRST_LANE + LANE * lane), along, hollow=method in hollow)
+        for (method, value), x, lane in zip(points.items(), places, lanes, strict=True)
     )
     return Markup("").join(drawn), max(lanes, default=0) + 1
 

@@ -38,15 +38,15 @@ def symbol(name: str) -> Markup:
     text = QUANTITIES[name].symbol
     inner = re.fullmatch(r"σ\((.*)\)", text)
     if inner:
-        return Markup("<i>σ</i>({})").format(_letters(inner[1]))
-    return _letters(text)
+        return Markup("<i>σ</i>({})").format(letters(inner[1]))
+    return letters(text)
 
 
 def _part(text: str) -> Markup:
-    return _letters(text) if text == "F_DP" else Markup("{}").format(text)
+    return letters(text) if text == "F_DP" else Markup("{}").format(text)
 
 
-def _letters(text: str) -> Markup:
+def letters(text: str) -> Markup:
     """A letter in italics with its subscript upright: ``K_s``, ``n0``, ``F_DP``."""
     letter, subscript = text[0], text[1:].removeprefix("_")
     lowered = Markup("<sub>{}</sub>").format(subscript) if subscript else Markup("")

@@ -17,7 +17,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.diagnostics import Diagnosis, diagnose
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.posteriors import Density, Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
 from bayesterra.sampling.journal import Journal, NoJournal, noted
@@ -70,7 +70,7 @@ class Samples:
 class Target:
     """A posterior in sampling coordinates."""
 
-    posterior: Posterior
+    posterior: Density
     coordinates: Coordinates
 
     def densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -179,7 +179,20 @@ def sample(
     """
     if not posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
-    target = Target(posterior, coordinates(posterior))
+    return sample_target(
+        Target(posterior, coordinates(posterior)), options, seed, report, adaptation, journal
+    )
+
+
+def sample_target(
+    target: Target,
+    options: SamplingOptions,
+    seed: SeedSequence,
+    report: Callable[[Progress], None] = lambda progress: None,
+    adaptation: AdaptationOptions | None = None,
+    journal: Journal | None = None,
+) -> Samples:
+    """Sample any density in coordinates of its own; see :func:`sample`."""
     task = _Task(target, options, adaptation or AdaptationOptions(), journal or NoJournal(), Clock())
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
@@ -193,7 +206,7 @@ def sample(
     seconds = {"adaptation": adapting, "production": task.clock.elapsed() - adapting}
     adaptations = tuple(walk.adaptation for walk in walks)
     return Samples(
-        posterior.names,
+        target.posterior.names,
         chains,
         acceptance,
         diagnosis,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.data import Observations
 from bayesterra.inference import keep
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posteriors import draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.evidence import evidence
 from bayesterra.sampling.sampler import Samples, Target, sample

@@ -1,0 +1,382 @@
+"""The posterior of a soil test, and everything that a report shows of it."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.random import Generator, SeedSequence, default_rng
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from bayesterra import record
+from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import array_ess, array_r_hat
+from bayesterra.errors import StudyError
+from bayesterra.identifiability import Identifiability, identifiability
+from bayesterra.inference import PRIOR_DRAWS, Kept, keep
+from bayesterra.parameters import Parameter
+from bayesterra.posteriors import PriorDraws, draw_cut_prior
+from bayesterra.sampling.evidence import evidence
+from bayesterra.sampling.sampler import Progress, Samples, Target, sample_target
+from bayesterra.soiltests.curves import log_curve, structural
+from bayesterra.soiltests.leastsquares import Fitted, fit
+from bayesterra.soiltests.leaving_out import PLAN, LeftOut, leave_out
+from bayesterra.soiltests.posterior import TestPosterior, coordinates
+from bayesterra.soiltests.quantities import QUANTITIES
+from bayesterra.soiltests.scatter import marginal_sd
+from bayesterra.soiltests.study import SoilTest
+from bayesterra.summary import summary_row
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+BAND_DRAWS = 1000
+GRID = 60
+
+
+@dataclass(frozen=True)
+class SoilTestResult:
+    """What a soil test tells of its soil.
+
+    Attributes
+    ----------
+    test : what was analysed.
+    draws : xarray DataTree with the groups posterior, prior, sample_stats, log_likelihood (by test),
+        observed_data and constant_data; SI, radians.
+    summary : one row per parameter, then the stress at a typical sinkage or displacement under every plate or
+        normal stress; field units.
+    least_squares : method, parameter, unit, value, published, posterior_share (of draws below the value).
+    identifiability : one row per parameter, as that of a wheel study; moduli as their laws are stated.
+    left_out : every test beside its prediction from the others, see :class:`leaving_out.LeftOut`; field
+        units.
+    bands : quantiles of the mean curve and of a new test, by plate or normal stress, over a grid; field
+        units.
+    record : versions, seed, settings, verdicts, notes.
+    """
+
+    test: SoilTest
+    draws: xr.DataTree
+    summary: pd.DataFrame
+    least_squares: pd.DataFrame
+    identifiability: pd.DataFrame
+    left_out: pd.DataFrame
+    bands: pd.DataFrame
+    record: dict[str, Any]
+
+    @property
+    def converged(self) -> bool:
+        """Whether every check of the sampling passed."""
+        return bool(self.record["verdict"]["converged"])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters in the posterior's order."""
+        return tuple(name for name in QUANTITIES if name in self.draws["posterior"].data_vars)
+
+    def values(self, group: str = "posterior") -> FloatArray:
+        """Draws of all parameters (n, d) of a group, ``posterior`` or ``prior``; SI, radians."""
+        data = self.draws[group]
+        return np.column_stack([data[name].to_numpy().ravel() for name in self.names])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Posterior draws, one row each: chain, draw, then the parameters in SI and radians."""
+        return pd.DataFrame(self.draws["posterior"].to_dataset().to_dataframe()).reset_index()
+
+    def posterior(self) -> TestPosterior:
+        """The density that was sampled."""
+        return TestPosterior.of(self.test)
+
+    @property
+    def sentence(self) -> str:
+        """What these tests determine, in a sentence."""
+        return str(self.record["finding"])
+
+    def _repr_html_(self) -> str:
+        return str(self.summary.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
+
+
+def analyse(
+    test: SoilTest, *, seed: int = 1, report: Callable[[Progress], None] = lambda progress: None
+) -> SoilTestResult:
+    """Sample the posterior of a soil test and set it beside least squares.
+
+    Parameters
+    ----------
+    test : what to analyse.
+    seed : same seed, same draws on one machine.
+    report : called as the sampling goes on.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
+    SupportError : the prior leaves no physical parameter set.
+    """
+    started = time.perf_counter()
+    posterior = TestPosterior.of(test)
+    if not posterior.names:
+        raise StudyError("every parameter is fixed: there is nothing to sample")
+    sampling, drawing, weighing, predicting, leaving = SeedSequence(seed).spawn(5)
+    prior = draw_cut_prior(posterior, PRIOR_DRAWS, default_rng(drawing))
+    target = Target(posterior, coordinates(posterior))
+    samples = sample_target(target, test.sampling, sampling, report, adaptation=PLAN)
+    kept = keep(samples.chains)
+    report(Progress("leaving tests out", 1.0))
+    left_out = leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving)
+    integral = evidence(
+        target.densities, [adapted.proposal for adapted in samples.adaptations], default_rng(weighing)
+    )
+    return _Parts(test, posterior, prior, samples, kept, left_out, fit(test.readings)).result(
+        seed, record.of_evidence(integral, prior), default_rng(predicting), started
+    )
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Everything that was found, before it is put into tables."""
+
+    test: SoilTest
+    posterior: TestPosterior
+    prior: PriorDraws
+    samples: Samples
+    kept: Kept
+    left_out: LeftOut
+    fitted: Fitted
+
+    def result(self, seed: int, integral: dict[str, Any], rng: Generator, started: float) -> SoilTestResult:
+        """Tables, labelled draws and the record."""
+        found, whole = self.identifiability()
+        return SoilTestResult(
+            test=self.test,
+            draws=self._draws(),
+            summary=self._summary(),
+            least_squares=self._least_squares(),
+            identifiability=found.table,
+            left_out=_in_field_units(self.left_out.table),
+            bands=self._bands(rng),
+            record={
+                **self._origin(seed),
+                "verdict": record.of_diagnosis(self.samples.diagnosis),
+                "sampling": record.of_samples(self.samples, self.kept.every),
+                "evidence": integral,
+                "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
+                "checks": self.left_out.checks,
+                "alarm": self.left_out.alarm,
+                "fits": {"notes": list(self.fitted.notes)},
+                "directions": {"determined": whole.determined, "of": len(whole.contractions)},
+                "finding": finding(self.test, found.table),
+                "seconds": {**self.samples.seconds, "total": time.perf_counter() - started},
+            },
+        )
+
+    @property
+    def soil(self) -> list[str]:
+        """Free soil parameters."""
+        return [name for name in self.test.soil if name in self.posterior.names]
+
+    def identifiability(self) -> tuple[Identifiability, Identifiability]:
+        """Verdicts on all parameters, and the directions of those of the soil."""
+        names, laws = self.posterior.names, self.posterior.prior
+        ranges = [law.range for law in laws.laws.values()]
+        prior, draws = (laws.stated(x) for x in (self.prior.x, self.kept.flat))
+        free = np.array([name in names for name in self.test.soil])
+        sound = np.ones(len(names), dtype=np.bool_)
+        if free.any():
+            seen = structural(self.test.readings, self.posterior.soil(self.prior.x[:300]), free)
+            sound[: len(self.soil)] = seen[free]
+        table = identifiability(names, ranges, prior, draws, sound)
+        soil = slice(0, max(len(self.soil), 1))
+        return table, identifiability(names[soil], ranges[soil], prior[:, soil], draws[:, soil], sound[soil])
+
+    def _typical(self) -> float:
+        return float(np.exp(np.median(np.log(self.test.readings.path))))
+
+    def _summary(self) -> pd.DataFrame:
+        diagnosis, mode = self.samples.diagnosis, self._mode()
+        rows = [
+            summary_row(
+                QUANTITIES[name],
+                self.kept.chains[:, :, i],
+                self.prior.x[:, i],
+                float(mode[i]),
+                (diagnosis.ess_bulk[i], diagnosis.ess_tail[i], diagnosis.r_hat[i]),
+            )
+            for i, name in enumerate(self.posterior.names)
+        ]
+        return pd.DataFrame(
+            rows + [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)]
+        )
+
+    def _stress_row(self, level: float, mode: FloatArray) -> dict[str, Any]:
+        """The stress at the typical path under a plate or normal stress, which tests measure directly."""
+        kind, path = self.test.kind, self._typical()
+
+        def stress(x: FloatArray) -> FloatArray:
+            return np.exp(log_curve(kind, self.posterior.soil(x), np.array([path]), np.array([level])))[:, 0]
+
+        chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
+        sizes = array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)
+        unit, scale = ("mm", 1e-3) if kind == "plate" else ("kPa", 1e3)
+        where = f"{1e3 * path:.3g} mm; {level / scale:g} {unit}"
+        symbol = "p" if kind == "plate" else "τ"
+        quantity = Parameter(
+            f"{symbol}({where})", f"{symbol}({where})", symbol, "kPa", 1e3, "Pa", "mean stress"
+        )
+        return summary_row(quantity, chains, stress(self.prior.x), float(stress(mode[None])[0]), sizes)
+
+    def _mode(self) -> FloatArray:
+        """Most probable soil parameters, the scatter at its posterior median (as for wheels)."""
+        d, draws = len(self.soil), self.kept.spaced(2000)
+        held = draws.copy()
+        held[:, d:] = np.median(draws[:, d:], axis=0)
+        start = held[int(self.posterior.log_density(held).argmax())]
+        if not d:
+            return start
+        factor = np.linalg.cholesky(np.atleast_2d(np.cov(draws[:, :d].T)))
+
+        def at(y: FloatArray) -> FloatArray:
+            return np.concatenate([start[:d] + factor @ y, start[d:]])
+
+        def height(y: FloatArray) -> float:
+            return float(np.minimum(-self.posterior.log_density(at(y)[None])[0], 1e10))
+
+        found = minimize(
+            height, np.zeros(d), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000}
+        )
+        return at(found.x)
+
+    def _least_squares(self) -> pd.DataFrame:
+        known = self.test.published or self.test.truth
+        rows = []
+        for method, values in self.fitted.values.items():
+            for name in (name for name in self.test.soil if name in values):
+                scale = QUANTITIES[name].scale
+                published = known.values.get(name, np.nan) / scale if known else np.nan
+                share = np.nan
+                if name in self.posterior.names:
+                    share = float((self.kept.flat[:, self.posterior.names.index(name)] < values[name]).mean())
+                rows.append((method, name, QUANTITIES[name].unit, values[name] / scale, published, share))
+        columns = ["method", "parameter", "unit", "value", "published", "posterior_share"]
+        return pd.DataFrame(rows, columns=pd.Index(columns))
+
+    def _bands(self, rng: Generator) -> pd.DataFrame:
+        readings, x = self.test.readings, self.kept.spaced(BAND_DRAWS)
+        parts = []
+        for level in np.unique(readings.level):
+            path = readings.path[readings.level == level]
+            grid = np.geomspace(path.min(), path.max(), GRID)
+            spread = self.posterior.spread(x)
+            true = spread.true_path(grid)
+            curve = log_curve(readings.kind, self.posterior.soil(x), true, np.full(GRID, level))
+            # quantiles of a mixture of normal laws, by fixed scores in every draw
+            scores = norm.ppf((np.arange(20) + rng.random()) / 20)
+            new = curve[:, None] + marginal_sd(grid, spread)[:, None] * scores[:, None]
+            scaled = {"level": np.full(GRID, level), "path": 1e3 * grid}
+            for name, values in (("curve", curve), ("test", new.reshape(-1, GRID))):
+                found = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
+                scaled |= {f"{name}_q{100 * q:02.0f}": row for q, row in zip(QUANTILES, found, strict=True)}
+            parts.append(pd.DataFrame(scaled))
+        return _in_field_units(pd.concat(parts, ignore_index=True).rename(columns=_columns(readings.kind)))
+
+    def _draws(self) -> xr.DataTree:
+        readings, kept = self.test.readings, self.kept
+        shape, flat = kept.chains.shape[:2], kept.flat
+        tests = self.posterior.log_likelihoods(flat)
+        density = self.posterior.prior.log_density(flat) + tests.sum(axis=1)
+        two = ("chain", "draw")
+        path, level = _columns(readings.kind)["path"].split(" ")[0], _columns(readings.kind)["level"]
+        stress = "pressure" if readings.kind == "plate" else "shear_stress"
+        groups = {
+            "posterior": _parameters(self.posterior.names, kept.chains),
+            "prior": _parameters(self.posterior.names, self.prior.x[None]),
+            "sample_stats": xr.Dataset(
+                {
+                    "lp": (two, density.reshape(shape)),
+                    **{name: (two, each) for name, each in kept.labels.items()},
+                }
+            ),
+            "log_likelihood": xr.Dataset({"test": (("chain", "draw", "name"), tests.reshape(*shape, -1))}),
+            "observed_data": xr.Dataset({stress: ("reading", readings.stress)}),
+            "constant_data": xr.Dataset(
+                {
+                    path: ("reading", readings.path),
+                    level: ("reading", readings.level),
+                    "number": ("reading", readings.test),
+                }
+            ),
+        }
+        groups["log_likelihood"] = groups["log_likelihood"].assign_coords(name=list(readings.tests))
+        return xr.DataTree.from_dict({f"/{name}": _numbered(group) for name, group in groups.items()})
+
+    def _origin(self, seed: int) -> dict[str, Any]:
+        content = self.test.content
+        return {
+            "title": content.title,
+            "test": content.test,
+            "kind": content.data.kind,
+            "source": content.data.source,
+            "made": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": {
+                "python": platform.python_version(),
+                **{name: version(name) for name in record.PACKAGES},
+            },
+            "seed": seed,
+            "readings": len(self.test.readings),
+            "tests": len(self.test.readings.tests),
+            "independent": self.test.independent,
+            "settings": {
+                name: getattr(self.test.sampling, name)
+                for name in ("target_ess", "ensembles", "walkers", "max_steps")
+            },
+            "notes": list(self.test.notes),
+        }
+
+
+def finding(test: SoilTest, table: pd.DataFrame) -> str:
+    """What the tests determine, in a sentence: one radius or one stress leaves a sum only."""
+    words = dict(zip(table["parameter"], table["verdict"], strict=True))
+    levels = np.unique(test.readings.levels)
+    lost = [name for name in test.soil if words.get(name) == "structurally not determined"]
+    known = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "determined"]
+    coupled = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "coupled"]
+    parts = [f"Determined: {', '.join(known)}." if known else "No soil parameter is determined on its own."]
+    if lost and test.kind == "plate":
+        parts.append(f"Plates of one radius: only k_c/b + k_φ is determined, at b = {1e3 * levels[0]:g} mm.")
+    elif lost:
+        parts.append(f"One normal stress: only c + σ tan φ is determined, at σ = {1e-3 * levels[0]:g} kPa.")
+    if coupled:
+        parts.append(f"Coupled: {', '.join(coupled)}.")
+    return " ".join(parts)
+
+
+def _columns(kind: str) -> dict[str, str]:
+    if kind == "plate":
+        return {"level": "plate_radius", "path": "sinkage [mm]"}
+    return {"level": "normal_stress", "path": "displacement [mm]"}
+
+
+def _in_field_units(table: pd.DataFrame) -> pd.DataFrame:
+    name, unit, scale = (
+        ("plate_radius", "mm", 1e-3) if "plate_radius" in table else ("normal_stress", "kPa", 1e3)
+    )
+    return table.assign(**{name: table[name] / scale}).rename(columns={name: f"{name} [{unit}]"})
+
+
+def _parameters(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
+    dataset = xr.Dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
+    for name in names:
+        quantity = QUANTITIES[name]
+        unit = {"phi": "rad", "kc": "Pa m/m^n", "kphi": "Pa/m^n"}.get(name, quantity.dimension or "1")
+        dataset[name].attrs.update(units=unit, long_name=quantity.description)
+    return dataset
+
+
+def _numbered(dataset: xr.Dataset) -> xr.Dataset:
+    missing = {str(dim): np.arange(size) for dim, size in dataset.sizes.items() if dim not in dataset.coords}
+    return dataset.assign_coords(missing)

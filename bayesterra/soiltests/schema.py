@@ -1,0 +1,189 @@
+"""The shape of a soil-test file; quantities are text with a unit, as in study files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    StrictBool,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+
+from bayesterra import entries
+from bayesterra.errors import StudyError
+from bayesterra.laws import Law
+from bayesterra.messages import did_you_mean
+from bayesterra.schema import Number, SamplingOptions, one_line
+from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
+from bayesterra.units import quantity
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+_SOIL = tuple(dict.fromkeys(name for names in KINDS.values() for name in names))
+REFERENCE = "reference_sinkage"
+"""Key of [priors]: laws of k_c and k_φ are those of k_c z^n and k_φ z^n at this sinkage."""
+_NOISE = NOISE["plate"]
+
+
+def _bare(info: ValidationInfo) -> bool:
+    return info.context is None or bool(info.context.get("bare"))
+
+
+def _entry(name: str, value: object, known: tuple[str, ...], *, bare: bool) -> Law | float:
+    if name == REFERENCE and name in known:
+        return quantity(value, "m", name, bare=bare)
+    if name not in known:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+    dimension = QUANTITIES[name].dimension
+    if isinstance(value, Law):
+        return value
+    if isinstance(value, Mapping):
+        return entries.law(name, entries.table(value, name), dimension, bare=bare)
+    return quantity(value, dimension, name, bare=bare)
+
+
+def _entries(known: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, Law | float]:
+    items = entries.table(value, str(info.field_name)).items()
+    return {name: _entry(name, item, known, bare=_bare(info)) for name, item in items}
+
+
+def _values(value: object, info: ValidationInfo) -> dict[str, float]:
+    content = entries.table(value, str(info.field_name))
+    known = {name: _entry(name, item, _SOIL, bare=_bare(info)) for name, item in content.items()}
+    if laws := [name for name, item in known.items() if isinstance(item, Law)]:
+        raise StudyError(f"'{laws[0]}' must be a value (got a law)")
+    return {name: float(item) for name, item in known.items() if not isinstance(item, Law)}
+
+
+def _reference(value: object) -> object:
+    """Gather the parameters, which stand beside ``source``, under ``values``."""
+    if not isinstance(value, Mapping) or "values" in value:
+        return value
+    rest = {key: item for key, item in value.items() if key != "source"}
+    return {"source": value.get("source", ""), "values": rest}
+
+
+def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, float] | None:
+    name = str(info.field_name)
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f"'{name}' must be two quantities, lowest and highest (got {value!r})")
+    low, high = (quantity(item, dimension, name, bare=_bare(info)) for item in value)
+    if not 0 <= low < high:
+        raise StudyError(f"'{name}' must rise and begin at 0 or above (got {value[0]} and {value[1]})")
+    return low, high
+
+
+Range = tuple[float, float] | None
+
+
+@dataclass(frozen=True, config=_CONFIG)
+class Table:
+    """A table of a soil-test file: no other keys than its own."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        known = list(cls.__dataclass_fields__)
+        for key in content if isinstance(content, Mapping) else ():
+            if key not in known:
+                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), known)}")
+        return content
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class DataTable(Table):
+    """Where the readings are, and which of them are used.
+
+    Attributes
+    ----------
+    pressure_range : readings of plates outside it are left out, Pa.
+    displacement_range : readings of shear tests outside it are left out, m.
+    spacing : of readings of one test that are closer in log sinkage (displacement) only the first is used.
+    """
+
+    file: StrictStr
+    kind: Literal["measured", "simulated", "digitised"] = "measured"
+    source: StrictStr = ""
+    pressure_range: Annotated[Range, BeforeValidator(partial(_range, "Pa"))] = None
+    displacement_range: Annotated[Range, BeforeValidator(partial(_range, "m"))] = None
+    spacing: Annotated[Number, Field(ge=0)] = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class NoiseTable(Table):
+    """How tests differ: laws of the unknown ones, values of the fixed ones; see ``scatter.Scatter``."""
+
+    independent: StrictBool = False
+    values: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, _NOISE))] = Field(
+        default_factory=dict
+    )
+
+
+def _noise(value: object) -> object:
+    """Gather the laws, which stand beside ``independent``, under ``values``."""
+    if not isinstance(value, Mapping) or "values" in value:
+        return value
+    rest = {key: item for key, item in value.items() if key != "independent"}
+    chosen = {"independent": value["independent"]} if "independent" in value else {}
+    return {**chosen, "values": rest}
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class ReferenceTable(Table):
+    """Published or true values, SI, and where they come from."""
+
+    source: StrictStr = ""
+    values: Annotated[dict[str, float], BeforeValidator(_values)] = Field(default_factory=dict)
+
+
+Reference = Annotated[ReferenceTable | None, BeforeValidator(_reference)]
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class Content(Table):
+    """All tables of a soil-test file."""
+
+    test: Literal["plate", "shear"]
+    title: StrictStr = ""
+    soil: StrictStr = ""
+    data: DataTable
+    noise: Annotated[NoiseTable, BeforeValidator(_noise)] = NoiseTable()
+    priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, (*_SOIL, REFERENCE)))] = Field(
+        default_factory=dict
+    )
+    published: Reference = None
+    truth: Reference = None
+    sampling: SamplingOptions = SamplingOptions(target_ess=2000)
+
+
+_ADAPTER = TypeAdapter(Content)
+
+
+def checked(tables: Mapping[str, Any], *, bare: bool) -> Content:
+    """Check the tables of a soil-test file and convert them to SI.
+
+    Parameters
+    ----------
+    tables : by name, as in the file.
+    bare : take numbers as SI values, as calls from Python do.
+
+    Raises
+    ------
+    StudyError : naming table, key, what must hold and the value got.
+    """
+    try:
+        return _ADAPTER.validate_python(dict(tables), context={"bare": bare})
+    except ValidationError as error:
+        raise StudyError(one_line(error.errors()[0])) from error

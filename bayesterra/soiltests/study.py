@@ -1,0 +1,185 @@
+"""A soil-test file read and checked: what is to be analysed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bayesterra.data import read_table
+from bayesterra.errors import StudyError
+from bayesterra.laws import Law
+from bayesterra.messages import errors_in
+from bayesterra.schema import SamplingOptions, read_toml
+from bayesterra.soiltests.data import Readings, readings
+from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
+from bayesterra.soiltests.schema import REFERENCE, Content, ReferenceTable, checked
+
+DEFAULTS: dict[str, Law | float] = {
+    "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
+    "memory": Law("loguniform", lower=0.1, upper=30.0),
+    "seating": Law("halfnorm", {"scale": 0.5e-3}, lower=1e-6),
+    "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 0.5e-3}),
+}
+"""How tests differ, where a file does not say what is known of it."""
+EXAMPLES = {
+    "kc": '{ dist = "uniform", lower = "-500 kPa m", upper = "500 kPa m" }',
+    "kphi": '{ dist = "uniform", lower = "-20000 kPa", upper = "20000 kPa" }',
+    "n": '{ dist = "uniform", lower = 0.3, upper = 2.0 }',
+    "c": '{ dist = "uniform", lower = "0 kPa", upper = "5 kPa" }',
+    "phi": '{ dist = "uniform", lower = "0 deg", upper = "50 deg" }',
+    "K": '{ dist = "uniform", lower = "2 mm", upper = "50 mm" }',
+}
+
+
+@dataclass(frozen=True)
+class SoilTest:
+    """Readings of one kind of test, and what is known beforehand.
+
+    Attributes
+    ----------
+    readings : those that are used.
+    entries : a law or a fixed value of every parameter, in the order of ``QUANTITIES``.
+    reference : sinkage z (m) at which laws of the moduli are stated, as laws of k_c z^n and k_φ z^n; 1 m:
+        of k_c and k_φ.
+    independent : whether readings are taken as independent of each other, as usual practice does.
+    published, truth : values known from elsewhere.
+    content : the tables as they were given, checked; with ``table`` the study again.
+    table : the table as it was given.
+    notes : what was left out, and why.
+    """
+
+    readings: Readings
+    entries: Mapping[str, Law | float]
+    reference: float
+    independent: bool
+    published: ReferenceTable | None
+    truth: ReferenceTable | None
+    sampling: SamplingOptions
+    content: Content
+    table: pd.DataFrame = field(repr=False)
+    notes: tuple[str, ...] = ()
+    text: str = field(default="", repr=False)
+
+    @property
+    def kind(self) -> str:
+        """``plate`` or ``shear``."""
+        return self.content.test
+
+    @property
+    def soil(self) -> tuple[str, ...]:
+        """Soil parameters of this kind of test."""
+        return KINDS[self.kind]
+
+
+def soil_test(
+    table: pd.DataFrame, tables: Mapping[str, Any], *, bare: bool = True, text: str = ""
+) -> SoilTest:
+    """A soil test from a table of readings and the tables of its file.
+
+    Parameters
+    ----------
+    table : readings, units in the headers.
+    tables : as in a file; ``data.file`` names the table in the copy that a result keeps.
+    bare : numbers are SI values.
+    text : the file itself, where there is one.
+
+    Raises
+    ------
+    StudyError : naming table, key or column, what must hold and the value got.
+    """
+    content = checked(tables, bare=bare)
+    kind = content.test
+    other = "displacement_range" if kind == "plate" else "pressure_range"
+    if getattr(content.data, other) is not None:
+        raise StudyError(f"[data] '{other}' does not go with {kind} tests")
+    entries = _entries(content)
+    found, notes = readings(table, kind, content.data)
+    return SoilTest(
+        readings=found,
+        entries=entries,
+        reference=_reference(content),
+        independent=content.noise.independent,
+        published=content.published,
+        truth=content.truth,
+        sampling=content.sampling,
+        content=content,
+        table=table,
+        notes=notes,
+        text=text,
+    )
+
+
+def _entries(content: Content) -> dict[str, Law | float]:
+    kind, noise = content.test, content.noise
+    soil = KINDS[kind]
+    priors = {name: entry for name, entry in content.priors.items() if name != REFERENCE}
+    for table, given, known in (("priors", priors, soil), ("noise", noise.values, NOISE[kind])):
+        for name in given:
+            if name not in known:
+                raise StudyError(
+                    f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(known)})"
+                )
+    for name in soil:
+        if name not in priors:
+            raise StudyError(f"[priors] needs '{name}', e.g. {name} = {EXAMPLES[name]}")
+    scatter: dict[str, Law | float] = {**{name: DEFAULTS[name] for name in NOISE[kind]}, **noise.values}
+    if noise.independent:
+        scatter = {"scatter": scatter["scatter"]}
+    both = {**priors, **scatter}
+    _check_positive("noise", {name: both[name] for name in ("scatter", "memory") if name in both})
+    _check_positive("priors", {"K": both["K"]} if "K" in both else {})
+    if "seating" in both and both["seating"] != 0.0:
+        _check_positive("noise", {"seating": both["seating"]})
+    return {name: both[name] for name in QUANTITIES if name in both}
+
+
+def _reference(content: Content) -> float:
+    """The sinkage at which laws of the moduli are stated, m."""
+    given = content.priors.get(REFERENCE)
+    if not isinstance(given, int | float):
+        return 1.0
+    if content.test == "shear" or any(
+        not isinstance(content.priors.get(name), Law) for name in KINDS["plate"]
+    ):
+        raise StudyError(f"[priors] '{REFERENCE}' goes with plate tests whose kc, kphi and n all have laws")
+    if given <= 0:
+        raise StudyError(f"[priors] '{REFERENCE}' must be above 0 (got {given:g} m)")
+    return float(given)
+
+
+def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
+    for name, entry in entries.items():
+        if (low := _lowest(entry)) <= 0:
+            raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
+
+
+def _lowest(entry: Law | float) -> float:
+    return entry.range[0] if isinstance(entry, Law) else entry
+
+
+def load_soil_test(path: str | Path) -> SoilTest:
+    """Read a soil-test file, or a folder that holds ``soiltest.toml``, and its table.
+
+    Raises
+    ------
+    StudyError : naming file, table, key or column, what must hold and the value got.
+    """
+    path = Path(path)
+    path = path / "soiltest.toml" if path.is_dir() else path
+    with errors_in(path):
+        tables = read_toml(path)
+        content = checked(tables, bare=False)
+    file = path.parent / content.data.file
+    with errors_in(file):
+        table = read_table(file)
+    with errors_in(path):
+        try:
+            return soil_test(table, tables, bare=False, text=path.read_text(encoding="utf-8-sig"))
+        except StudyError as error:
+            if str(error).startswith("["):
+                raise
+            raise StudyError(f"in {content.data.file}: {error}") from error

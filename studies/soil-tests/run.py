@@ -1,0 +1,456 @@
+"""Conventional soil tests: what plates and shear tests tell, and how far their intervals can be relied on.
+
+Usage: python run.py [PART ...] (default: all). Parts: files (the three test files, here as short tables),
+recovery (plates of two radii or one, known soils), wheels (wheels of two widths or one), naive (independent
+readings), table2 (the paper's own plate test), insertion (a wheel pushed into the sand of the plates). Each
+writes its CSV beside this file.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.random import SeedSequence, default_rng
+from scipy.integrate import quad_vec
+from scipy.special import ndtr
+from scipy.stats import binomtest, kstest
+
+import bayesterra as bt
+from bayesterra.data import read_table
+from bayesterra.figures.soiltests import readings_png
+from bayesterra.identifiability import identifiability, structure
+from bayesterra.inference import keep
+from bayesterra.laws import Law
+from bayesterra.models import M2
+from bayesterra.posteriors import draw_cut_prior
+from bayesterra.sampling.sampler import Target, sample, sample_target
+from bayesterra.schema import SamplingOptions
+from bayesterra.soiltests.analysis import SoilTestResult, analyse
+from bayesterra.soiltests.curves import structural
+from bayesterra.soiltests.leaving_out import PLAN
+from bayesterra.soiltests.posterior import TestPosterior, coordinates
+from bayesterra.soiltests.scatter import Spread, covariance
+from bayesterra.soiltests.study import SoilTest, load_soil_test, soil_test
+
+HERE = Path(__file__).parent
+SEEDS = 20
+FILES = ("grc1", "cmu", "cullinan")
+
+TABLE2 = {"kc": 15.6e3, "kphi": 2407.4e3, "n": 1.10}
+"""HIT-LSS1, Table 2 of Ding et al. 2015; SI."""
+SCATTER = {"scatter": 0.15, "memory": 5.0, "seating": 0.2e-3, "sinkage_offset": 0.0}
+"""How simulated tests differ: assumed, between what the GRC-1 and the CMU tests show (medians 0.28 and
+0.14; 7 and 5; 0.08 and 0.75 mm)."""
+RADII = (0.035, 0.050)
+LOADS = (20.0, 300.0)
+"""Plates (m) and loads (N) of Section 3.2; the number of tests and readings is not published: assumed."""
+TESTS, READINGS = 3, 20
+BOX = {
+    "reference_sinkage": 0.010,
+    "kc": Law("uniform", lower=-3e3, upper=3e3),
+    "kphi": Law("uniform", lower=-120e3, upper=120e3),
+    "n": Law("uniform", lower=0.3, upper=2.0),
+}
+SHORT = SamplingOptions(target_ess=1000)
+
+
+def simulated(radii: tuple[float, ...], seed: int, truth: Mapping[str, float] = TABLE2) -> SoilTest:
+    """Plate tests on a known soil, with the scatter stated above."""
+    rows = []
+    for radius in radii:
+        ends = np.array(LOADS) / (np.pi * radius**2) / (truth["kc"] / radius + truth["kphi"])
+        z = np.geomspace(*ends ** (1.0 / truth["n"]), READINGS)
+        rows += [(f"{1e3 * radius:g} mm, {i + 1}", 2 * radius, depth) for i in range(TESTS) for depth in z]
+    table = pd.DataFrame(rows, columns=["test", "plate_diameter [m]", "sinkage [m]"])
+    tables = {"test": "plate", "data": {"file": "simulated.csv", "kind": "simulated"}, "priors": BOX}
+    blank = soil_test(table.assign(**{"pressure [Pa]": 1.0}), tables)
+    made = TestPosterior.of(blank)
+    known = {**truth, **SCATTER}
+    x = np.array([[known[name] for name in made.names]])
+    stress = made.simulate(x, default_rng(SeedSequence((seed, len(radii)))))[0]
+    return replace(blank, readings=replace(blank.readings, stress=stress))
+
+
+def verdicts_of(test: SoilTest, seed: int) -> tuple[pd.DataFrame, np.ndarray, bool]:
+    """Verdicts on the parameters of a soil test, kept draws, and whether the sampling converged."""
+    posterior = TestPosterior.of(test)
+    samples = sample_target(
+        Target(posterior, coordinates(posterior)), SHORT, SeedSequence(seed), adaptation=PLAN
+    )
+    prior, draws = draw_cut_prior(posterior, 4000, default_rng(seed)).x, keep(samples.chains).flat
+    seen = np.ones(len(posterior.names), dtype=bool)
+    seen[:3] = structural(test.readings, posterior.soil(prior[:300]), np.ones(3, dtype=bool))
+    laws = posterior.prior
+    ranges = [law.range for law in laws.laws.values()]
+    found = identifiability(posterior.names, ranges, laws.stated(prior), laws.stated(draws), seen)
+    return found.table, draws, samples.diagnosis.converged
+
+
+def recovery_of(radii: tuple[float, ...], seed: int) -> list[dict[str, Any]]:
+    """One simulated set of plate tests: truth beside posterior, for the soil and for k_c/b + k_φ at 35 mm."""
+    found, draws, converged = verdicts_of(simulated(radii, seed), seed)
+    values = {name: draws[:, i] for i, name in enumerate(TABLE2)}
+    values["Ks"] = values["kc"] / RADII[0] + values["kphi"]
+    truth = {**TABLE2, "Ks": TABLE2["kc"] / RADII[0] + TABLE2["kphi"]}
+    words = found.set_index("parameter")["verdict"].to_dict()
+    shares = found.set_index("parameter")["contraction"].to_dict()
+    rows = []
+    for name, x in values.items():
+        low, median, high = np.quantile(x, [0.05, 0.5, 0.95])
+        figures = {
+            "truth": truth[name],
+            "median": median,
+            "q05": low,
+            "q95": high,
+            "covered": low <= truth[name] <= high,
+        }
+        head = {"radii": len(radii), "seed": seed, "parameter": name, "verdict": words.get(name, "")}
+        rows.append({**head, "contraction": shares.get(name, np.nan), **figures, "converged": converged})
+    return rows
+
+
+def recovery() -> None:
+    """Twenty known soils' plate tests, with two radii and with one."""
+    rows = [
+        row
+        for radii in (RADII, RADII[:1])
+        for seed in range(1, SEEDS + 1)
+        for row in recovery_of(radii, seed)
+    ]
+    save(pd.DataFrame(rows), "recovery")
+
+
+WIDTHS = {"two": (0.165, 0.080), "one": (0.165,)}
+WHEEL_SOIL = {"Ks": 1.0, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": float(np.radians(29.3)), "K": 0.0101,
+              "c1": 0.339, "c2": -0.017, "c3": 0.0}  # fmt: skip
+MODULI = {"kc": 1e5, "kphi": 0.6e6}
+"""About Table 10 of the paper, wheel Wh32, with a K_s that hangs on the width; as in ``studies/verdicts``."""
+WHEEL_NOISE = {"sinkage": 0.5e-3, "drawbar_pull": 0.5, "resistance_moment": 0.1}
+WHEEL_PRIORS = {
+    "kc": Law("uniform", lower=0.0, upper=2e5),
+    "kphi": Law("uniform", lower=0.0, upper=1.2e6),
+    "n1": Law("uniform", lower=0.0, upper=2.0),
+    "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
+    "K": Law("uniform", lower=0.002, upper=0.050),
+}
+WHEEL_SEEDS = 5
+
+
+def wheel_study(widths: tuple[float, ...], seed: int) -> bt.Study:
+    """Wheels of some widths through M2 on one soil, simulated."""
+    wheels = {f"{1e3 * width:g} mm": bt.Wheel(0.15735, width, 0.010, 30, 0.65) for width in widths}
+    rng, parts = default_rng(SeedSequence((seed, len(widths)))), []
+    slip = np.array([0.05, 0.1, 0.2, 0.3, 0.4])
+    for name, wheel in wheels.items():
+        load = 80.0 * wheel.width / 0.165
+        soil = bt.Soil(**{**WHEEL_SOIL, "Ks": MODULI["kc"] / wheel.width + MODULI["kphi"]})
+        z = M2().sinkage(soil, wheel, slip, load)
+        forces = M2().forces(soil, wheel, slip, z)
+        exact = {
+            "sinkage": z,
+            "drawbar_pull": forces.drawbar_pull,
+            "resistance_moment": forces.resistance_moment,
+        }
+        units = {"sinkage": "m", "drawbar_pull": "N", "resistance_moment": "N m"}
+        noisy = {
+            f"{k} [{units[k]}]": v + WHEEL_NOISE[k] * rng.standard_normal(len(slip)) for k, v in exact.items()
+        }
+        parts.append(pd.DataFrame({"wheel": name, "slip": slip, "load [N]": load, **noisy}))
+    fixed = {name: WHEEL_SOIL[name] for name in ("n0", "c", "c1", "c2", "c3")}
+    return bt.Study(
+        data=pd.concat(parts, ignore_index=True), wheels=wheels, model="M2", slip_reference="shearing",
+        noise=WHEEL_NOISE, priors={**WHEEL_PRIORS, **fixed}, sampling=SHORT,
+    )  # fmt: skip
+
+
+def wheels_of(which: str, seed: int) -> list[dict[str, Any]]:
+    """One simulated wheel study: the verdicts on k_c and k_φ, and the truth beside the posterior."""
+    posterior = bt.posterior(wheel_study(WIDTHS[which], seed))
+    prior = draw_cut_prior(posterior, 4000, default_rng(seed)).x
+    samples = sample(posterior, SHORT, SeedSequence(seed))
+    draws = keep(samples.chains).flat
+    seen = structure.structure(posterior, prior[: structure.DRAWS])
+    ranges = [law.range for law in posterior.prior.laws.values()]
+    found = identifiability(
+        posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined)
+    ).table
+    rows = []
+    for name, truth in MODULI.items():
+        low, median, high = np.quantile(draws[:, posterior.names.index(name)], [0.05, 0.5, 0.95])
+        row = found.set_index("parameter").loc[name]
+        rows.append(
+            {
+                "widths": which, "seed": seed, "parameter": name, "verdict": row["verdict"],
+                "contraction": row["contraction"], "truth": truth, "median": median, "q05": low, "q95": high,
+                "covered": low <= truth <= high, "converged": samples.diagnosis.converged,
+                "unseen": "; ".join(null.words for null in seen.nulls),
+            }
+        )  # fmt: skip
+    return rows
+
+
+def wheels() -> None:
+    """Wheels of two widths and of one."""
+    rows = [row for which in WIDTHS for seed in range(1, WHEEL_SEEDS + 1) for row in wheels_of(which, seed)]
+    save(pd.DataFrame(rows), "wheels")
+
+
+def results() -> dict[str, SoilTestResult]:
+    """The three test files, analysed."""
+    return {name: analyse(load_soil_test(HERE / f"{name}.toml"), seed=1) for name in FILES}
+
+
+def files() -> None:
+    """Posterior, least squares and predictions of the three test files, in short."""
+    found = results()
+    keys = ["parameter", "unit", "median", "hdi90_lo", "hdi90_hi", "prior_sd"]
+    summary = pd.concat([one.summary[keys].assign(file=name) for name, one in found.items()])
+    words = pd.concat(
+        [
+            one.identifiability[["parameter", "verdict", "contraction"]].assign(file=name)
+            for name, one in found.items()
+        ]
+    )
+    save(summary.merge(words, how="left", on=["file", "parameter"]), "posteriors")
+    save(pd.concat([one.least_squares.assign(file=name) for name, one in found.items()]), "least_squares")
+    save(pd.concat([one.left_out.assign(file=name) for name, one in found.items()]), "left_out")
+    checks = [(name, check, p) for name, one in found.items() for check, p in one.record["checks"].items()]
+    save(pd.DataFrame(checks, columns=["file", "check", "p"]), "checks")
+    for name, one in found.items():
+        (HERE / f"{name}.png").write_bytes(readings_png(one, dpi=110))
+
+
+def naive() -> None:
+    """The same readings taken as independent, as usual practice does: every test predicted from the
+    others.
+    """
+    rows = []
+    for name in ("grc1", "cmu"):
+        stated = load_soil_test(HERE / f"{name}.toml")
+        tables = {
+            "test": "plate",
+            "data": {
+                "file": stated.content.data.file,
+                "pressure_range": stated.content.data.pressure_range,
+                "spacing": 0.0,
+            },
+            "priors": stated.content.priors,
+            "noise": {"independent": True},
+        }
+        for label, test in (("stated", stated), ("independent", soil_test(stated.table, tables))):
+            found = analyse(test, seed=1)
+            rows += [scored(name, label, found, kind) for kind in ("level", "slope")]
+            for row in found.summary.to_dict("records")[:3]:
+                rows[-1][f"sd_{row['parameter']}"] = row["sd"]
+    save(pd.DataFrame(rows), "naive")
+
+
+def scored(name: str, label: str, found: SoilTestResult, kind: str) -> dict[str, Any]:
+    """How many tests lie inside their 50 and 90 % intervals, and whether they are evenly spread."""
+    pit = found.left_out[f"{kind}_pit"].dropna().to_numpy()
+    inside = {f"inside_{level}": int((np.abs(pit - 0.5) <= level / 200).sum()) for level in (50, 90)}
+    chance = binomtest(inside["inside_90"], len(pit), 0.9, alternative="less").pvalue
+    return {
+        "file": name, "likelihood": label, "of": kind, "readings": found.record["readings"], "tests": len(pit), **inside,
+        "chance_of_so_few": chance, "uniform_p": kstest(pit, "uniform").pvalue, "elpd": found.left_out["elpd"].sum(),
+    }  # fmt: skip
+
+
+def table2() -> None:
+    """What the paper's plate test would leave, as it is stated: simulated from Table 2, one set of tests."""
+    found = analyse(simulated(RADII, 1), seed=1)
+    keys = ["parameter", "unit", "median", "sd", "hdi90_lo", "hdi90_hi"]
+    truth = pd.DataFrame(
+        {"parameter": list(TABLE2), "truth": [TABLE2["kc"] / 1e3, TABLE2["kphi"] / 1e3, TABLE2["n"]]}
+    )
+    words = found.identifiability[["parameter", "verdict", "contraction"]]
+    save(found.summary[keys].merge(truth, how="left").merge(words, how="left"), "table2")
+    save(found.least_squares, "table2_least_squares")
+    draws = found.values()[:, :3]
+    save(
+        pd.DataFrame(np.corrcoef(draws.T), columns=list(TABLE2), index=list(TABLE2)).reset_index(
+            names="parameter"
+        ),
+        "table2_correlations",
+    )
+
+
+GEOMETRIES = {"50 mm wide": (0.050, 0.058), "60 mm wide": (0.060, 0.0575)}
+"""Width and rim radius of the grouser wheel, m, as two sources of the laboratory give them."""
+GROUSER = 0.005
+SHALLOWEST, DEEPEST = 0.003, 0.030
+"""Sinkages compared, m: deeper the pressures leave the range of the plate tests, shallower the zero rules."""
+
+
+def wheel_force(soil: np.ndarray, z: np.ndarray, width: float, radius: float, breadth: float) -> np.ndarray:
+    """Force (n, m) on a wheel pushed straight down without turning, N, by Bekker's pressure over the
+    immersed arc.
+
+    The pressure at every point of the arc is that of a plate at its depth; radial, no shear: F = b R ∫ p
+    cos θ dθ. ``soil`` (n, 3) holds k_c, k_φ, n; ``z`` (n, m) the depth of the lowest point; ``breadth``
+    stands for the plate radius in k_c/b + k_φ. Zero above the soil.
+    """
+    modulus = soil[:, :1] / breadth + soil[:, 1:2]
+    depth = np.clip(z, 0.0, 0.999 * radius)
+    end = np.arccos(1.0 - depth / radius)
+
+    def integrand(u: float) -> np.ndarray:
+        theta = u * end
+        sunk = np.maximum(radius * (np.cos(theta) - np.cos(end)), 0.0)
+        return np.asarray(end * sunk ** soil[:, 2:] * np.cos(theta))
+
+    inside = 2.0 * quad_vec(integrand, 0.0, 1.0, epsrel=1e-6, norm="max")[0]
+    return np.where(modulus > 0, modulus, np.nan) * width * radius * inside
+
+
+def insertion_tests() -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, sinkage (m) and force (N) of every insertion, thinned like the plate tests."""
+    table = read_table(HERE / "cmu_insertion.csv")
+    tests = []
+    for name, rows in table.groupby("test", sort=False):
+        z, force = (rows[column].astype(float).to_numpy() for column in ("sinkage [mm]", "force [N]"))
+        order = np.argsort(z, kind="stable")
+        z, force = 1e-3 * z[order], force[order]
+        kept, last = [], -np.inf
+        for i, depth in enumerate(z):
+            if SHALLOWEST <= depth <= DEEPEST and force[i] > 0 and np.log(depth) - last >= 0.05:
+                kept.append(i)
+                last = np.log(depth)
+        tests.append((str(name), z[kept], force[kept]))
+    return tests
+
+
+def insertion_of(
+    draws: np.ndarray, posterior: TestPosterior, variant: tuple[str, str, str]
+) -> tuple[pd.DataFrame, Callable[[np.ndarray], np.ndarray]]:
+    """Every insertion beside its prediction from the plates, for one reading of the wheel.
+
+    ``variant``: geometry; breadth ``width`` (the paper's b) or ``half width`` (like the radius of a plate);
+    contact along the ``tips`` or the ``rim`` (then counted from the tips, which sink freely).
+    """
+    geometry, breadth, contact = variant
+    width, rim = GEOMETRIES[geometry]
+    radius, lead = (rim + GROUSER, 0.0) if contact == "tips" else (rim, GROUSER)
+    effective = width if breadth == "width" else 0.5 * width
+    soil, spread = posterior.soil(draws), posterior.spread(draws)
+
+    def force(z: np.ndarray) -> np.ndarray:
+        return wheel_force(soil, spread.true_path(z) - lead, width, radius, effective)
+
+    rows = []
+    for name, z, measured in insertion_tests():
+        z, measured = (values[z > lead + SHALLOWEST] for values in (z, measured))
+        mean = np.log(force(z))
+        step = 1e-5
+        slope = (np.log(force(z + step)) - mean) / step  # the seating shifts log F by its slope times ζ
+        seat = (
+            spread.shift[:, None] / np.abs(soil[:, 2:]) * slope
+            if spread.shift is not None
+            else np.zeros_like(mean)
+        )
+        law = covariance(z, Spread(spread.scatter, spread.memory, None)) + seat[:, :, None] * seat[:, None, :]
+        residual = np.log(measured) - mean
+        known = np.isfinite(residual).all(axis=1)
+        residual, law = residual[known], law[known]
+        half = len(z) // 2
+        weights = {
+            "level": np.full(len(z), 1 / len(z)),
+            "slope": np.where(np.arange(len(z)) < half, -1 / half, 1 / (len(z) - half)),
+        }
+        pit = {
+            f"{kind}_pit": float(ndtr(residual @ w / np.sqrt(np.einsum("i,nij,j->n", w, law, w))).mean())
+            for kind, w in weights.items()
+        }
+        inside = ndtr(residual / np.sqrt(np.einsum("nii->ni", law))).mean(axis=0)
+        covered = {
+            f"covered_{level}": float((np.abs(inside - 0.5) <= level / 200).mean()) for level in (50, 90)
+        }
+        ratio = float(np.exp(np.median(residual.mean(axis=1))))
+        rows.append({"geometry": geometry, "breadth": breadth, "contact": contact, "test": name, "readings": len(z),
+                     "measured_over_predicted": ratio, **pit, **covered, "unphysical": 1 - known.mean()})  # fmt: skip
+    return pd.DataFrame(rows), force
+
+
+def insertion() -> None:
+    """The held-out check: plates predict the wheel pushed straight down."""
+    found = analyse(load_soil_test(HERE / "cmu.toml"), seed=1)
+    draws = found.values()
+    draws, posterior = draws[:: max(1, len(draws) // 1000)], found.posterior()
+    parts, curves = [], {}
+    for geometry in GEOMETRIES:
+        for breadth in ("width", "half width"):
+            for contact in ("tips", "rim"):
+                table, force = insertion_of(draws, posterior, (geometry, breadth, contact))
+                parts.append(table)
+                curves[geometry, breadth, contact] = force
+    save(pd.concat(parts), "insertion")
+    save(insertion_summary(pd.concat(parts)), "insertion_summary")
+    draw_insertion(curves, posterior.spread(draws))
+
+
+def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per reading of the wheel: ratio, coverage, and how many tests lie in the 90 % interval."""
+    rows = []
+    for key, part in table.groupby(["geometry", "breadth", "contact"], sort=False):
+        inside = ((part["level_pit"] > 0.05) & (part["level_pit"] < 0.95)).sum()
+        slopes = ((part["slope_pit"] > 0.05) & (part["slope_pit"] < 0.95)).sum()
+        rows.append((*key, part["measured_over_predicted"].median(), part["covered_50"].mean(), part["covered_90"].mean(),
+                     inside, slopes, len(part), kstest(part["level_pit"], "uniform").pvalue))  # fmt: skip
+    columns = ["geometry", "breadth", "contact", "measured_over_predicted", "covered_50", "covered_90", "levels_inside_90",
+               "slopes_inside_90", "tests", "uniform_p"]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def draw_insertion(
+    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], spread: Spread
+) -> None:
+    """Bands of new insertions for contact along the tips, and all measured ones."""
+    grid = np.geomspace(SHALLOWEST, DEEPEST, 40)
+    chosen = [key for key in curves if key[2] == "tips"]
+    with mpl.rc_context({"font.size": 9}):
+        figure = Figure(figsize=(11, 3.1), layout="constrained")
+        axes = figure.subplots(1, len(chosen), sharey=True)
+        rng = default_rng(1)
+        for ax, key in zip(axes, chosen, strict=True):
+            mean = np.log(curves[key](grid))
+            noisy = mean + spread.scatter[:, None] * rng.standard_normal((len(mean), 1))
+            for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
+                ends = np.exp(np.nanquantile(noisy, [low, high], axis=0))
+                ax.fill_between(1e3 * grid, *ends, color="#0072B2", alpha=alpha, linewidth=0)
+            ax.plot(1e3 * grid, np.exp(np.nanmedian(mean, axis=0)), color="#0072B2")
+            for _, z, force in insertion_tests():
+                ax.plot(1e3 * z, force, color="#111111", linewidth=0.6)
+            ax.set(
+                xscale="log", yscale="log", title=f"{key[0]}, b = {key[1]}", xlabel="sinkage of the tips [mm]"
+            )
+        axes[0].set_ylabel("force [N]")
+        figure.savefig(HERE / "insertion.png", dpi=110, facecolor="white", metadata={"Software": None})
+
+
+def save(table: pd.DataFrame, name: str) -> None:
+    """Write a table beside this file."""
+    table.to_csv(HERE / f"{name}.csv", index=False, float_format="%.5g")
+    print(f"{name}.csv: {len(table)} rows", flush=True)
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "files": files,
+    "recovery": recovery,
+    "wheels": wheels,
+    "naive": naive,
+    "table2": table2,
+    "insertion": insertion,
+}
+
+
+if __name__ == "__main__":
+    for part in sys.argv[1:] or PARTS:
+        PARTS[part]()
