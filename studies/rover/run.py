@@ -1,7 +1,7 @@
 """A four-wheeled rover by statics: Table 16's parameters, and the posterior of one measured wheel.
 
 Run it with ``python studies/rover/run.py`` (all), ``... printed`` or ``... posterior``; it rewrites the files
-of this folder and the tables in its README. A few minutes, most of them the posterior of ``studies/hit-wh32``.
+of this folder and the tables in its README. A few minutes, most for the posterior of ``studies/hit-wh32``.
 """
 
 from __future__ import annotations
