@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "verdicts": (("{folder}/run.py",),),
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),
     "planted-misfits": (("{folder}/run.py",),),
+    "leave-slip-out": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
     "benchmark-samplers": tuple(
