@@ -44,7 +44,7 @@ class HoldoutResult(Holdout):
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
             for name, table in tables.items():
                 write_text(part / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
-            (part / "holdout.png").write_bytes(left_out_png(self))
+            (part / "holdout.png").write_bytes(left_out_png(self.table))
             (part / "bands.png").write_bytes(bands_png(self))
             text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
             write_text(part / MARK, text + "\n")

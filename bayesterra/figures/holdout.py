@@ -26,6 +26,7 @@ from bayesterra.figures.style import (
     styled,
 )
 from bayesterra.holdout import Band, Holdout
+from bayesterra.holdout.baselines import BASELINES
 from bayesterra.parameters import CHANNELS
 
 COLOURS = {"polynomial": "#E69F00", "Gaussian process": "#009E73"}
@@ -34,23 +35,33 @@ MOST = 12
 """Levels, at most, that get a panel of their own."""
 
 
-def channels(found: Holdout) -> list[str]:
+def channels(table: pd.DataFrame) -> list[str]:
     """Channels that are scored."""
-    return list(dict.fromkeys(found.table["channel"]))
+    return list(dict.fromkeys(table["channel"]))
+
+
+def _colours(table: pd.DataFrame) -> dict[str, str]:
+    """Predictors that are drawn: everything that is no baseline, which is one model, then the baselines."""
+    models = [name for name in dict.fromkeys(table["predictor"]) if name not in BASELINES]
+    return {**dict.fromkeys(models, POSTERIOR), **COLOURS}
 
 
 @styled
-def left_out(found: Holdout, channel: str, ax: Axes | None = None) -> Axes:
+def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
     """Draw the readings of one channel beside predictions that do not know the row's level.
+
+    Parameters
+    ----------
+    table : as of :attr:`bayesterra.holdout.Holdout.table`.
+    channel : a scored one.
 
     One place for every left-out row, levels apart from each other. Bars: central 50 and 90 % of the
     predictive law of a reading, tick: its median; blue the model, orange the polynomial, green the Gaussian
     process. Dots: the readings. Grey ground: slips beyond those of the training rows.
     """
     ax = own_axes(ax, 7.2, 2.6)
-    table = found.table[found.table["channel"] == one_of("channel", channel, channels(found))]
-    place = _places(table)
-    colours = {found.model: POSTERIOR, **COLOURS}
+    table = table[table["channel"] == one_of("channel", channel, channels(table))]
+    place, colours = _places(table), _colours(table)
     for number, (name, colour) in enumerate(colours.items()):
         own = table[(table["predictor"] == name) & table["crps"].notna()]
         x = own["row"].map(place).to_numpy(np.float64) + 0.24 * (number - 0.5 * (len(colours) - 1))
@@ -101,29 +112,23 @@ def _limit(ax: Axes, table: pd.DataFrame) -> None:
 
 
 @styled
-def all_left_out(found: Holdout) -> FloatArray:
+def all_left_out(table: pd.DataFrame) -> FloatArray:
     """Draw :func:`left_out` for every channel, one below the other; returns the axes."""
-    names = channels(found)
+    names = channels(table)
     figure = new_figure(7.2, 2.4 * len(names) + 0.6)
     axes = np.asarray(figure.subplots(len(names), 1, squeeze=False)).ravel()
     for ax, name in zip(axes, names, strict=True):
-        left_out(found, name, ax)
-    slips = found.record["by"] == "slip"
+        left_out(table, name, ax)
+    slips = table["level"].str.startswith("slip ").all()
     axes[-1].set_xlabel("left out: slip level $s$ [–]" if slips else "left out")
-    _legend(figure, found)
-    return axes
-
-
-def _legend(figure: Figure, found: Holdout) -> None:
-    colours = {found.model: POSTERIOR, **COLOURS}
     entries: list[Patch | Line2D] = [
-        Line2D([], [], color=colour, linewidth=5, label=f"{name}, 50 and 90 %")
-        for name, colour in colours.items()
+        Line2D([], [], color=colour, linewidth=5, label=name) for name, colour in _colours(table).items()
     ]
     entries.append(Line2D([], [], color=DATA, marker="o", markersize=3.6, linewidth=0.8, label="reading"))
-    if found.table["extrapolated"].any():
+    if table["extrapolated"].any():
         entries.append(Patch(color=GRID, alpha=0.6, label="extrapolated"))
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+    return axes
 
 
 @styled
@@ -133,7 +138,7 @@ def bands_without(found: Holdout) -> FloatArray:
     Line and band: median and 90 % of the readings that the fit expects over slip, at the median load. Dots:
     the training rows; rings: the rows that were left out.
     """
-    names = channels(found)
+    names = channels(found.table)
     shown = [i for i, outcome in enumerate(found.outcomes) if outcome.bands][:MOST]
     figure = new_figure(max(1.75 * len(shown), 3.0) + 0.5, 1.75 * len(names) + 0.5)
     axes = np.asarray(
@@ -167,9 +172,9 @@ def _band(ax: Axes, band: Band) -> None:
 
 
 @styled
-def left_out_png(found: Holdout, dpi: float = 200) -> bytes:
+def left_out_png(table: pd.DataFrame, dpi: float = 200) -> bytes:
     """The drawing of :func:`all_left_out` as PNG on white, the same bytes each time."""
-    return _png(figure_of(all_left_out(found)), dpi)
+    return _png(figure_of(all_left_out(table)), dpi)
 
 
 @styled

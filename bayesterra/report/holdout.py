@@ -78,7 +78,9 @@ def _coverage(found: Holdout) -> Verdict:
     sentence = Markup("The 90 % intervals hold {}.").format(listed(parts))
     if not parts:
         return Verdict("Coverage", "unknown", "poor", Markup("No refit could be scored."))
-    word, grade = ("too narrow", "poor") if low else ("too wide", "fair") if high else ("as stated", "good")
+    word, grade = (
+        ("too narrow", "poor") if low else ("too wide", "fair") if high else ("not contradicted", "good")
+    )
     return Verdict("Coverage", word, grade, sentence)
 
 
@@ -93,7 +95,7 @@ def _skill(found: Holdout) -> Verdict:
         for row in rows.to_dict("records")
     ]
     better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
-    word, grade = ("better than regression", "good") if better else ("no better than regression", "fair")
+    word, grade = ("better than regression", "good") if better else ("not clearly better", "fair")
     word, grade = ("worse than regression", "poor") if worse else (word, grade)
     return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(parts)))
 
@@ -126,7 +128,7 @@ def _refits(found: Holdout) -> Verdict:
 
 
 def _rows_section(found: Holdout) -> Section:
-    picture = drawing(figures.all_left_out(found), "Left-out readings and their predictive intervals")
+    picture = drawing(figures.all_left_out(found.table), "Left-out readings and their predictive intervals")
     caption = Markup(
         "Every left-out reading (dot) with the central 50 and 90 % of what was predicted for it by fits that "
         "have not seen its level: model, polynomial, Gaussian process. Grey ground: slips beyond those of "

@@ -1,15 +1,15 @@
 """Readings at slips that the fit has not seen: M1, M2 and M3 beside regressions that know no terramechanics.
 
 Run it with ``python studies/leave-slip-out/run.py [PART ...]``; it takes about a quarter of an hour on two
-cores. PART is one of ``measured``, ``simulated``, ``figure``; without, all of them. The tables beside this file go
-on where they end; remove them to start anew.
+cores. PART is one of ``measured``, ``simulated``, ``figure``, ``tables``; without, all of them. scores.csv,
+refits.csv and simulated.csv go on where they end; remove them to start anew.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -20,6 +20,8 @@ from bayesterra.calibration import ShortRuns
 from bayesterra.calibration.tasks import replicated
 from bayesterra.figures.holdout import left_out_png
 from bayesterra.holdout import leave_out
+from bayesterra.holdout.baselines import BASELINES
+from bayesterra.holdout.summary import clustered, skills, summarise
 
 HERE = Path(__file__).parent
 MEASURED = ("cmu-grouser", "cmu-grouser-wide", "hit-wh32")
@@ -65,7 +67,7 @@ def study(name: str, model: str = "M1", changes: Mapping[str, str] | None = None
 
 
 def measured() -> None:
-    """Every measured study and model that the tables do not hold yet: scores.csv, refits.csv, skills.csv."""
+    """Every measured study and model that the tables do not hold yet: scores.csv and refits.csv."""
     for name, model, called, changes in CASES:
         if (name, called) in _done("refits.csv", ["study", "model"]):
             continue
@@ -73,7 +75,7 @@ def measured() -> None:
         table, own = one.table, one.table["predictor"] == model
         table.loc[own, "predictor"] = called
         kept = table if called == "M1" else table[own]  # baselines are the same for every model
-        for file, rows in {"scores": kept, "skills": one.skills, "refits": one.refits}.items():
+        for file, rows in {"scores": kept, "refits": one.refits}.items():
             head = {"study": name, "data": one.study.kind, "model": called}
             _append(
                 f"{file}.csv",
@@ -116,14 +118,118 @@ def simulated() -> None:
 
 
 def figure() -> None:
-    """Predictions of left-out rows: leave-slip-out.png."""
-    one = leave_out(study("cmu-grouser"))
-    (HERE / "leave-slip-out.png").write_bytes(left_out_png(one, dpi=150))
+    """Left-out rows of the narrower wheel and what M1 and the baselines said of them: leave-slip-out.png."""
+    table = pd.read_csv(HERE / "scores.csv")
+    shown = table[(table["study"] == "cmu-grouser") & (table["model"] == "M1")]
+    (HERE / "leave-slip-out.png").write_bytes(left_out_png(shown, dpi=150))
+
+
+def tables() -> None:
+    """Means, coverages and skills of what scores.csv holds: summary.csv and skills.csv, and the README's."""
+    summary().to_csv(HERE / "summary.csv", index=False, float_format="%.4g")
+    skill().to_csv(HERE / "skills.csv", index=False, float_format="%.4g")
+    for lines in readme_tables().values():
+        print(*lines, "", sep="\n")
+
+
+def _by_study() -> Iterator[tuple[str, pd.DataFrame]]:
+    """Scores of every study; a predictor is a model or a baseline."""
+    for name, table in pd.read_csv(HERE / "scores.csv").groupby("study", sort=False):
+        yield str(name), table
+
+
+def summary() -> pd.DataFrame:
+    """Mean scores and coverages by study, predictor, channel and part."""
+    parts = []
+    for name, table in _by_study():
+        found = summarise(table)
+        found.insert(0, "study", name)
+        parts.append(found)
+    return pd.concat(parts, ignore_index=True)
+
+
+def skill() -> pd.DataFrame:
+    """Every model against every baseline."""
+    parts = []
+    for name, table in _by_study():
+        models = [one for one in table["predictor"].unique() if one not in BASELINES]
+        for model in models:
+            found = skills(table[table["predictor"].isin([model, *BASELINES])], model)
+            found.insert(0, "study", name)
+            parts.append(found)
+    return pd.concat(parts, ignore_index=True)
+
+
+HEAD = (
+    "| | CRPS, inner levels | CRPS, end levels | in 50 % | in 90 % | skill against the polynomial |",
+    "|---|---|---|---|---|---|",
+)
+
+
+def readme_tables() -> dict[str, list[str]]:
+    """The tables of the README, by study and channel; rows in the order of the file."""
+    means, gains = summary(), skill()
+    gains = gains[(gains["baseline"] == "polynomial") & (gains["part"] == "all")]
+    gains = gains.set_index(["study", "model", "channel"])
+    found = {}
+    for (name, channel), rows in means.groupby(["study", "channel"], sort=False):
+        lines = [*HEAD]
+        for predictor in sorted(rows["predictor"].unique(), key=lambda one: (one in BASELINES, one)):
+            own = rows[rows["predictor"] == predictor].set_index("part")
+            gain = gains.loc[(name, predictor, channel)] if predictor not in BASELINES else None
+            lines.append(_line(predictor, own, gain))
+        found[f"{name} {channel}"] = lines
+    found["simulated"] = simulated_lines()
+    return found
+
+
+def _line(predictor: str, own: pd.DataFrame, gain: pd.Series | None) -> str:
+    parts = own.loc[["inner", "end"]].to_dict("records")
+    sizes = [f"{row['crps']:.2f} ± {row['crps_se']:.2f} {row['unit']}" for row in parts]
+    rows = int(own.loc["all", "rows"])
+    cells = [predictor, *sizes]
+    cells += [f"{round(own.loc['all', name] * rows)} of {rows}" for name in ("covered50", "covered90")]
+    cells.append("" if gain is None else _percents(gain["skill"], gain["skill_lo"], gain["skill_hi"]))
+    return "| " + " | ".join(cells) + " |"
+
+
+def _percents(middle: float, low: float, high: float) -> str:
+    text = f"{100 * middle:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+    return text.replace("-", "−")
+
+
+def simulated_coverage() -> pd.DataFrame:
+    """Shares of simulated readings inside the intervals, with standard errors by table; by predictor."""
+    table = pd.read_csv(HERE / "simulated.csv")
+    found = []
+    for predictor in table["predictor"].unique():
+        for channel in (*table["channel"].unique(), "all"):
+            own = table[table["predictor"] == predictor]
+            rows = own if channel == "all" else own[own["channel"] == channel]
+            record: dict[str, object] = {"predictor": predictor, "channel": channel, "readings": len(rows)}
+            for name in ("covered50", "covered90"):
+                values = rows[name].to_numpy(float)
+                record[name], record[f"{name}_se"] = clustered(values, rows["table"].to_numpy())
+            found.append(record)
+    return pd.DataFrame(found)
+
+
+def simulated_lines() -> list[str]:
+    """Coverage on tables that M1 made, as a table of the README."""
+    lines = ["| | readings | in 50 % | in 90 % |", "|---|---|---|---|"]
+    for row in simulated_coverage().to_dict("records"):
+        if row["channel"] == "all":
+            shares = (
+                f"{100 * row[name]:.0f} ± {100 * row[f'{name}_se']:.0f} %"
+                for name in ("covered50", "covered90")
+            )
+            lines.append("| " + " | ".join([row["predictor"], str(row["readings"]), *shares]) + " |")
+    return lines
 
 
 def main(parts: list[str]) -> None:
     """Make the parts asked for."""
-    known = {"measured": measured, "simulated": simulated, "figure": figure}
+    known = {"measured": measured, "simulated": simulated, "figure": figure, "tables": tables}
     for part in parts or known:
         known[part]()
 

@@ -1,6 +1,7 @@
 """Levels, what a left-out row keeps, scores and their errors, folders and the command."""
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from bayesterra.errors import ResultError, StudyError
 from bayesterra.holdout import levels
 from bayesterra.holdout.predictives import predictives
 from bayesterra.holdout.summary import clustered, skills, summarise
+from bayesterra.holdout.tasks import REFITS, LeaveOneOut
 from bayesterra.leaving import HoldoutResult
 from bayesterra.posteriors import posterior
 from bayesterra.study import Study
@@ -231,3 +233,13 @@ def test_the_command(
     assert error.startswith("error: 'by' must be slip, wheel, row")
     assert error.count("\n") == 1
     assert not (tmp_path / "other").exists()
+
+
+def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: HoldoutResult) -> None:
+    """The task is picklable, and run alone it gives what it gave among all: any number of workers will do."""
+    task = LeaveOneOut(found.study, found.levels, 1, on_grid)
+    alone = pd.DataFrame(task(2).rows)
+    among = found.table[found.table["level"] == found.levels[2].name].reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone, among)
+    again = pickle.loads(pickle.dumps(LeaveOneOut(found.study, found.levels, 1)))  # noqa: S301 (our own)
+    assert again.fit == REFITS

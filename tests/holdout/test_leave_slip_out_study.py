@@ -1,0 +1,87 @@
+"""The stored study: part of it made again, and the README's tables and words held against its files."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayesterra as bt
+from bayesterra.calibration import ShortRuns
+from bayesterra.holdout import levels
+from bayesterra.holdout.baselines import BASELINES
+from bayesterra.holdout.tasks import LeaveOneOut
+from bayesterra.study import SamplingOptions, Study
+
+STUDIES = Path(__file__).parents[2] / "studies"
+STUDY = STUDIES / "leave-slip-out"
+KEYS = ["predictor", "row", "channel"]
+
+
+@pytest.fixture(scope="module")
+def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
+    """The study's script."""
+    return study_script("leave-slip-out")
+
+
+def stored(name: str) -> pd.DataFrame:
+    """Scores of one of the measured studies."""
+    table = pd.read_csv(STUDY / "scores.csv")
+    return table[table["study"] == name].set_index(KEYS)
+
+
+def test_baselines_come_out_again() -> None:
+    """Every baseline at every left-out row of the CMU set, to the digits of the file."""
+
+    def no_fit(study: Study, seed: np.random.SeedSequence) -> None:
+        raise FloatingPointError("baselines only")
+
+    study = bt.load_study(STUDIES / "cmu-grouser")
+    parts = levels(study)
+    task = LeaveOneOut(study, parts, 1, no_fit)  # type: ignore[arg-type]
+    made = pd.DataFrame([row for i in range(len(parts)) for row in task(i).rows]).set_index(KEYS)
+    assert set(made.index.get_level_values("predictor")) == set(BASELINES)
+    for column in ("q05", "q50", "q95", "crps", "pit"):
+        before = stored("cmu-grouser").loc[made.index, column]
+        np.testing.assert_allclose(made[column], before, rtol=2e-3, atol=2e-4)
+
+
+def test_one_level_of_the_hit_wheel_comes_out_again() -> None:
+    """M1 without slip 0.3, by a short run: stored medians and intervals within Monte Carlo error."""
+    study = bt.load_study(STUDIES / "hit-wh32")
+    parts = levels(study)
+    quick = ShortRuns(short=SamplingOptions(target_ess=400, walkers=64, max_steps=200))
+    made = pd.DataFrame(LeaveOneOut(study, parts, 5, quick)(2).rows).set_index(KEYS)
+    made = made[made.index.get_level_values("predictor") == "M1"]
+    before = stored("hit-wh32").loc[made.index]
+    width = before["q95"] - before["q05"]
+    for column in ("q05", "q50", "q95"):
+        assert (np.abs(made[column] - before[column]) < 0.08 * width).all()
+
+
+def test_every_refit_converged() -> None:
+    """No score rests on a sampling that failed."""
+    assert (pd.read_csv(STUDY / "refits.csv")["status"] == "converged").all()
+    assert (pd.read_csv(STUDY / "simulated.csv")["status"] == "converged").all()
+
+
+def test_coverage_is_right_where_the_model_is(script: ModuleType) -> None:
+    """On tables that M1 made its intervals hold what they state, within three standard errors."""
+    table = pd.read_csv(STUDY / "simulated.csv")
+    assert (table["data"] == "simulated").all()
+    found = script.simulated_coverage().set_index(["predictor", "channel"]).loc[("M1", "all")]
+    assert abs(found["covered50"] - 0.5) < 3 * found["covered50_se"]
+    assert abs(found["covered90"] - 0.9) < 3 * found["covered90_se"]
+    assert found["covered90_se"] < 0.06
+
+
+def test_the_files_hold_what_the_readme_says(script: ModuleType) -> None:
+    """Every table of the README follows from scores.csv and simulated.csv, and so do summary and skills."""
+    text = (STUDY / "README.md").read_text(encoding="utf-8")
+    for lines in script.readme_tables().values():
+        assert "\n".join(lines) in text
+    for name, made in (("summary", script.summary()), ("skills", script.skill())):
+        before = pd.read_csv(STUDY / f"{name}.csv")
+        pd.testing.assert_frame_equal(before, made, rtol=2e-3, atol=1e-6, check_dtype=False)
