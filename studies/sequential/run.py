@@ -1,11 +1,13 @@
 """Is yesterday's posterior today's prior? Two halves of a wheel test one after the other, and both at once.
 
-Run it with ``python studies/sequential/run.py``; it takes about ten minutes and rewrites the tables, the figure,
-the draws that the quick test weighs, and ``second-half``, the study of the second half with its prior as numbers.
+Run it with ``python studies/sequential/run.py``; it takes about ten minutes and rewrites the tables, the
+figures, the draws that the quick test weighs, and ``second-half``, the study of the second half with its prior
+as numbers.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,6 @@ import pandas as pd
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.figures.style import MARKS, POSTERIOR, PRIOR, label, new_figure, png, styled
-from bayesterra.folders import write_text
 from bayesterra.parameters import PARAMETERS
 from bayesterra.writing import write_study
 
@@ -56,7 +57,7 @@ def study(slips: tuple[float, ...], priors: dict[str, Any], title: str) -> bt.St
         model="M2",
         noise={"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3},
         priors=priors,
-        sampling={"target_ess": 8000},
+        sampling={"target_ess": 4000},
     )
 
 
@@ -125,8 +126,8 @@ def judged(chosen: str, results: dict[str, bt.RunResult]) -> pd.DataFrame:
 def weighed(second: bt.Study, draws: FloatArray) -> FloatArray:
     """Shifts (levels, d), in sd, of all rows' posterior when another prior stands for the first half.
 
-    Draws (n, d) of all rows' posterior are weighed by that prior over the posterior of the first half; nothing
-    is sampled anew.
+    Draws (n, d) of all rows' posterior are weighed by that prior over the posterior of the first half:
+    nothing is sampled anew.
     """
     first = bt.posterior(study(FIRST, {"set": KEPT}, "Wh32, first half"))
     log_weights = second.prior.log_density(draws) - first.log_density(draws)
@@ -136,14 +137,13 @@ def weighed(second: bt.Study, draws: FloatArray) -> FloatArray:
 
 @styled
 def figure(table: pd.DataFrame) -> bytes:
-    """Intervals of every parameter by every way, one panel each; the set that is kept."""
+    """Intervals of every parameter by every way, one panel each."""
     colours = dict(zip(WAYS, (PRIOR, "#111111", POSTERIOR, MARKS["IM1"].colour), strict=True))
-    shown = table[table["set"] == KEPT]
-    names = list(dict.fromkeys(shown["parameter"]))
+    names = list(dict.fromkeys(table["parameter"]))
     axes = new_figure(7.6, 3.6).subplots(2, 4)
     for ax, name in zip(axes.ravel(), names, strict=True):
         for place, way in enumerate(WAYS):
-            row = shown[(shown["way"] == way) & (shown["parameter"] == name)].iloc[0]
+            row = table[(table["way"] == way) & (table["parameter"] == name)].iloc[0]
             ax.plot([row["q05"], row["q95"]], [-place] * 2, color=colours[way], lw=1.2)
             ax.plot([row["q25"], row["q75"]], [-place] * 2, color=colours[way], lw=4.0, solid_capstyle="butt")
             ax.plot(row["q50"], -place, "o", color="white", mec=colours[way], ms=4.5)
@@ -154,37 +154,22 @@ def figure(table: pd.DataFrame) -> bytes:
     return png(axes, 1520)
 
 
-def main() -> None:
-    """Rewrite everything that is stored."""
-    tables, verdicts = [], []
-    for chosen in SETS:
+def main(sets: list[str]) -> None:
+    """Rewrite what is stored of some prior sets, or of all."""
+    for chosen in sets or SETS:
         results = runs(chosen)
-        tables.append(compared(chosen, results))
-        verdicts.append(judged(chosen, results))
+        table, verdict = compared(chosen, results), judged(chosen, results)
+        table.to_csv(HERE / f"quantiles-{chosen}.csv", index=False, float_format="%.4g")
+        verdict.to_csv(HERE / f"ways-{chosen}.csv", index=False, float_format="%.4g")
+        (HERE / f"{chosen}.png").write_bytes(figure(table))
         if chosen == KEPT:
             (HERE / "second-half").mkdir(exist_ok=True)
             write_study(results[WAYS[2]].study, HERE / "second-half")
             draws = results[WAYS[1]].values()
             spaced = draws[:: -(-len(draws) // DRAWS)]
             np.savez_compressed(HERE / "all-rows.npz", draws=spaced.astype(np.float32))
-    table, verdict = pd.concat(tables), pd.concat(verdicts)
-    table.to_csv(HERE / "quantiles.csv", index=False, float_format="%.4g")
-    verdict.to_csv(HERE / "ways.csv", index=False, float_format="%.4g")
-    (HERE / "sequential.png").write_bytes(figure(table))
-    write_text(HERE / "table.md", markdown(verdict))
-    print(verdict.to_string(index=False))
-
-
-def markdown(verdict: pd.DataFrame) -> str:
-    """The table of the README."""
-    lines = ["| prior set | way | largest shift of a median | of any quantile | log evidence of all rows |",
-             "|---|---|---|---|---|"]  # fmt: skip
-    for row in verdict.to_dict("records"):
-        last = "" if np.isnan(row["log_evidence_of_all_rows"]) else f"{row['log_evidence_of_all_rows']:.2f}"
-        shifts = f"{row['largest_median_shift']:.2f} | {row['largest_shift']:.2f}"
-        lines.append(f"| {row['set']} | {row['way']} | {shifts} | {last} |")
-    return "\n".join(lines) + "\n"
+        print(verdict.to_string(index=False))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from arviz_stats.base.array import array_stats
 from scipy.special import ndtr
+from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.powerscaling import (
@@ -132,3 +133,17 @@ def test_the_modulus_repeats_its_prior_and_the_exponent_follows_the_modulus(foun
     assert table["silent"].all()
     assert found.reliable
     assert found.by_law.shape == (8, 8)
+
+
+def test_laws_that_correlate_are_scaled_together() -> None:
+    """Two of three normal laws correlate: their density is the joint one of both, the third stays alone."""
+    rng, law = np.random.default_rng(2), Law("norm", {"loc": 1.0, "scale": 0.1})
+    joint = np.array([[1.0, 0.0, -0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 1.0]])
+    z = rng.standard_normal((50, 3))
+    stated = Stated(["n0", "n1", "c1"], [law] * 3, [False] * 3, joint)
+    first, second, third = (found.log_density for found in stated.densities(1.0 + 0.1 * z))
+    both = multivariate_normal(cov=joint[::2, ::2])
+    np.testing.assert_allclose(first, both.logpdf(z[:, ::2]) - both.logpdf(np.zeros(2)), atol=1e-9)
+    np.testing.assert_array_equal(first, third)
+    np.testing.assert_allclose(second, -0.5 * z[:, 1] ** 2, atol=1e-9)
+    np.testing.assert_allclose(stated.together(1.0 + 0.1 * z).log_density, first + second, atol=1e-9)

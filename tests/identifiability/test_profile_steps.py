@@ -58,7 +58,7 @@ def test_an_entry_held_just_outside_leaves_the_others_in_place() -> None:
     np.testing.assert_allclose(found[1], found[0], atol=1e-6)
 
 
-def study(drive: str, **options: Any) -> Study:
+def study(drive: str, correlation: dict[str, float] | None = None, **options: Any) -> Study:
     """Four rows of two wheels of different width, with noise of every kind."""
     wheels = {"narrow": Wheel(0.157, 0.165, 0.01, 30, 0.65), "wide": Wheel(0.157, 0.28, 0.01, 30, 0.65)}
     data: dict[str, list[Any]] = {
@@ -92,14 +92,24 @@ def study(drive: str, **options: Any) -> Study:
         "c2": Tie("n1"),
         "n1": Law("uniform", {}, 0.0, 0.5),
         "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 1e-3}),
+        "correlation": correlation or {},
     }
     return Study(table, wheels, slip_reference="shearing", drive=drive, noise=noise, priors=priors, **options)
 
 
-@pytest.mark.parametrize("drive", ["load", "sinkage", "both"])
-def test_slopes_are_those_of_the_density(drive: str) -> None:
-    """Moduli, ties, zero error, and noise of every kind: slopes agree with differences of the log density."""
-    density = posterior(study(drive, **({"load_range": (20.0, 200.0)} if drive == "both" else {})))
+@pytest.mark.parametrize(
+    ("drive", "correlation"),
+    [
+        ("load", {}),
+        ("load", {"c, phi": -0.8, "phi, K": 0.5, "kc, kphi": -0.9}),
+        ("sinkage", {}),
+        ("both", {}),
+    ],
+)
+def test_slopes_are_those_of_the_density(drive: str, correlation: dict[str, float]) -> None:
+    """Moduli, ties, noise of every kind, correlated laws: slopes are those of the log density."""
+    options: dict[str, Any] = {"load_range": (20.0, 200.0)} if drive == "both" else {}
+    density = posterior(study(drive, correlation, **options))
     scaled = chart(density)
     y = scaled.from_physical(draw_cut_prior(density, 20, np.random.default_rng(1)).x)
     target = Target(density, scaled, with_prior=True, anchor=np.full(y.shape[1], 0.5))
