@@ -34,7 +34,7 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     that hold a slope or tow force at any slip, and at the driven ones only (dashed). Returns the axes.
     """
     rows = 1 if outlook.over_tow is None else 2
-    figure = new_figure(10.4, 2.5 * rows + 0.75)
+    figure = new_figure(10.4, 2.5 * rows + 0.9)
     axes = np.asarray(figure.subplots(rows, 4, squeeze=False))
     _row(axes[0], outlook, outlook.over_slope, "slope")
     _chance(
@@ -132,4 +132,4 @@ def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
     ):
         if any((shares(curve) > UNANSWERED).any() for curve in curves):
             entries.append(Patch(facecolor="none", edgecolor=colour, hatch="////", label=label))
-    figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+    figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)

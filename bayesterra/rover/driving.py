@@ -25,7 +25,7 @@ SLOPES = (0.0, 5 * DEGREE, 10 * DEGREE, 15 * DEGREE)
 DRAWS = 1000
 """Posterior draws, at most, that a rover drives on."""
 STEEPEST = 45 * DEGREE
-CURVE = 16
+CURVE = 21
 """Slopes, or tow forces, of a smooth curve."""
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.parameters import CHANNELS
@@ -176,7 +177,7 @@ class RoverOutlook:
         columns: dict[str, object] = {
             "chain": np.repeat(self.index[:, 0], k),
             "draw": np.repeat(self.index[:, 1], k),
-            "slope [deg]": states.slope.ravel() / DEGREE,
+            "slope [deg]": _degrees(states.slope.ravel()),
             "tow [N]": states.tow.ravel(),
             "outcome": [OUTCOMES[Outcome(int(code))] for code in states.outcome.ravel()],
         }
@@ -200,6 +201,11 @@ def unanswered(states: State) -> FloatArray:
     return np.asarray(np.isin(states.outcome, (Outcome.NO_ANSWER, Outcome.UNSETTLED)).mean(axis=0))
 
 
+def _degrees(slope: ArrayLike) -> FloatArray:
+    """Slopes as they were written, without the rounding of their conversion."""
+    return np.round(np.asarray(slope) / DEGREE, 9)
+
+
 def _place(states: State, i: int) -> str:
     slope, tow = states.slope[0, i] / DEGREE, states.tow[0, i]
     return f"{slope:.3g}°" + (f" and {tow:.3g} N" if tow else "")
@@ -211,7 +217,7 @@ def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, floa
     codes = states.outcome[:, i]
     slip = quantiles(states.slip[:, i, axle])[2]
     return {
-        "slope [deg]": states.slope[0, i] / DEGREE,
+        "slope [deg]": _degrees(states.slope[0, i]),
         "tow [N]": states.tow[0, i],
         "axle": AXLES[axle],
         "quantity": name,

@@ -63,20 +63,22 @@ def answer_block(folder: Path) -> str:
     cases = pd.read_csv(folder / "printed-parameters.csv").query("slope_deg == 15").set_index("model")
     rovers = pd.read_csv(folder / "assumed-rovers.csv")
     with_42, without = rovers["M2L_greatest_slope_deg"], rovers["M2_greatest_slope_deg"]
+    phi = pd.read_csv(folder / "parameters.csv").set_index("parameter").loc["phi"]
     posterior = (
-        "**Answer.** Six published rows of one wheel leave φ open by twenty degrees and more, but not the",
-        f"slope that a rover on four such wheels climbs: {every['q50']:.1f}°, 90 % {every['q05']:.1f} to",
-        f"{every['q95']:.1f}°, or {driven['q05']:.1f} to {driven['q95']:.1f}° at slips that were driven. What",
+        f"**Answer.** Six published rows of one wheel leave φ open from {phi['hdi90_lo']:.0f} to",
+        f"{phi['hdi90_hi']:.0f}° (90 %), but not the slope that a rover on four such wheels climbs:",
+        f"{every['q50']:.1f}°, 90 % {every['q05']:.1f} to",
+        f"{every['q95']:.1f}°, or {driven['q05']:.1f} to {driven['q95']:.1f}° at driven slips. What",
         "the rows fix is the pull, and a slope asks for no more. The rover slips by",
         f"{at[9]['q50']:.2f} at 9°, {at[12]['q50']:.2f} at 12° and {at[15]['q50']:.2f}",
-        f"({at[15]['q05']:.2f} to {at[15]['q95']:.2f}) at 15°; {100 * at[18]['cannot']:.0f} % of the draws do",
+        f"({at[15]['q05']:.2f} to {at[15]['q95']:.2f}) at 15°; {100 * at[18]['cannot']:.0f} % of draws do",
         "not climb 18°. The error of the model itself is not in these figures.",
     )
     printed = (
         f"Of what the paper says of its rover's motion, {verdicts.get('reproduced', 0)} statements are",
-        f"reproduced, {verdicts.get('differs', 0)} differ, and {verdicts.get('cannot be checked', 0)} cannot",
+        f"reproduced, {verdicts.get('differs', 0)} not, and {verdicts.get('cannot be checked', 0)} cannot",
         "be checked, since it prints neither weight nor wheels of El-Dorado II. For an assumed rover Table",
-        f"16's parameters give a slip of {cases.loc['M2L', 'slip']:.2f} at 15° with the coefficients of (42),",
+        f"16's parameters give a slip of {cases.loc['M2L', 'slip']:.2f} at 15° with (42)'s coefficients,",
         f"{cases.loc['M2', 'slip']:.2f} without; over {len(rovers)} assumed rovers the greatest slope runs",
         f"from {with_42.min():.0f} to {with_42.max():.0f}° ({without.min():.0f} to {without.max():.0f}°",
         "without).",

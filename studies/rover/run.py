@@ -40,6 +40,7 @@ def make_posterior() -> None:
     """The posterior of wheel Wh32 pushed through a small rover."""
     result = bt.run(bt.load_study(HERE.parent / "hit-wh32"), seed=1)
     sheet = bt.predict_rover(result, HERE / "small-rover.toml", slopes=ASKED_SLOPES, tows=ASKED_TOWS)
+    write("parameters", result.summary[["parameter", "unit", "median", "hdi90_lo", "hdi90_hi"]])
     write("bands", sheet.table)
     write("greatest", sheet.greatest_table)
     write("climb", sheet.climb_table)

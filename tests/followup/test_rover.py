@@ -1,6 +1,7 @@
 """A rover on the draws of a result: predict_rover, and predict --rover."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -64,15 +65,15 @@ def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
     """A row per slope, tow, axle and quantity; more of either needs more slip, and more draws fail."""
     table = sheet.table
     assert len(table) == 6 * 2 * 5
-    slips = table.query("quantity == 'slip' and axle == 'rear'").set_index(["slope [deg]", "tow [N]"])
-    assert slips.loc[(10, 20), "q50"] > slips.loc[(10, 0), "q50"] > slips.loc[(5, 0), "q50"]
-    drawn = sheet.to_dataframe().query("`slope [deg]` > 9 and `slope [deg]` < 11 and `tow [N]` == 20")
+    found = table.query("quantity == 'slip' and axle == 'rear'").to_dict("records")
+    slips: dict[tuple[float, float], Any] = {(row["slope [deg]"], row["tow [N]"]): row for row in found}
+    assert slips[10, 20]["q50"] > slips[10, 0]["q50"] > slips[5, 0]["q50"]
+    drawn = sheet.to_dataframe().query("`slope [deg]` == 10 and `tow [N]` == 20")
     assert len(drawn) == len(sheet.index)
-    expected = np.quantile(drawn["rear_slip"].dropna(), 0.95)
-    assert slips.loc[(10, 20), "q95"] == pytest.approx(expected)
+    assert slips[10, 20]["q95"] == pytest.approx(np.quantile(drawn["rear_slip"].dropna(), 0.95))
     counted = table[["pulls_too_little", "sinks", "lifts"]].sum(axis=1) / len(sheet.index)
     np.testing.assert_allclose(table["cannot"], counted)
-    assert 0.05 < slips.loc[(16, 0), "cannot"] < slips.loc[(16, 20), "cannot"]
+    assert 0.05 < slips[16, 0]["cannot"] < slips[16, 20]["cannot"]
 
 
 def test_the_greatest_slope_is_a_distribution(sheet: RoverSheet) -> None:

@@ -46,7 +46,9 @@ class MadeUp:
         """See :class:`bayesterra.rover.equilibrium.Ground`."""
         pull = (RISE * slip - FALL * slip**2) * load
         sunk = (slip > self.deepest).any(axis=1)
-        return np.stack([np.full_like(slip, 0.01), pull, self.arm * load], axis=2), sunk * int(Outcome.SINKS)
+        return np.stack([np.full_like(slip, 0.01), pull, self.arm * load], axis=2), np.where(
+            sunk, Outcome.SINKS, Outcome.HELD
+        )
 
 
 def soils(count: int = 40) -> FloatArray:
