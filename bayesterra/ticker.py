@@ -63,10 +63,8 @@ def print_end(found: Following, out: Path | None) -> None:
         table.add_row(PARAMETERS[one["parameter"]].symbol, one["unit"], middle, interval(low, high))
     console.print(table)
     left = f", {found.left_out} left out" if found.left_out else ""
-    console.print(
-        f"{len(stream)} rows{left}; log evidence {stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}.",
-        highlight=False,
-    )
+    evidence = f"log evidence {stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
+    console.print(f"{len(stream)} rows{left}; {evidence}.", highlight=False)
     if stream.watch.rate is None:
         console.print("Changes of soil were not looked for.", highlight=False)
     elif not found.alarms and stream.alarm is None:

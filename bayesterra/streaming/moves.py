@@ -75,6 +75,11 @@ class Levels:
         known = Posterior(study.prior, likelihood_of(study, rows.first()))
         return cls(known, earlier, likelihood_of(study, rows.between(last, last + 1)))
 
+    @property
+    def coordinates(self) -> Coordinates:
+        """Sampling coordinates that suit these rows."""
+        return coordinates(self.known)
+
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log prior, and log likelihood of the earlier rows and of the newest, (n,) each; −inf outside."""
         prior, earlier, newest = self.known.log_prior(x), np.full(len(x), -np.inf), np.full(len(x), -np.inf)
@@ -181,7 +186,7 @@ def _fitted(
     cloud: Cloud, levels: Levels, before: FloatArray, rng: Generator
 ) -> tuple[_Place, FloatArray, IntArray]:
     """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
-    chosen = coordinates(levels.known)
+    chosen = levels.coordinates
     alive = np.flatnonzero(cloud.log_weights > -np.inf)
     with np.errstate(all="ignore"):
         u = chosen.from_physical(cloud.x[alive])
