@@ -1,0 +1,74 @@
+"""IM1, IM2 and IM3 side by side with the paper, and beside posteriors: Tables 10, 14, 15 and Figs. 12, 17, 18.
+
+Run it with ``python studies/paper-identification/run.py``; it rewrites the CSV and PNG files of this folder
+and the tables in its README. With one of the names ``fits``, ``posteriors`` and ``page`` it does that part.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "paper")]
+
+import im_figures as figures  # noqa: E402
+import im_fits as fits  # noqa: E402
+import im_page as page  # noqa: E402
+import im_posteriors as posteriors  # noqa: E402
+import im_statements as statements  # noqa: E402
+import paper_statements  # noqa: E402
+
+FITS: dict[str, Callable[[], pd.DataFrame]] = {
+    "fits": fits.fits,
+    "scatter": fits.scatter,
+    "paths": fits.paths,
+    "times": fits.times,
+    "predictions": fits.predictions,
+    "angles-held": fits.angles_held,
+    "without-shear": fits.without_shear,
+    "printed-judged": fits.printed_judged,
+}
+POSTERIORS: dict[str, Callable[[], pd.DataFrame]] = {
+    "posteriors": posteriors.summaries,
+    "standings": posteriors.standings,
+    "spreads": posteriors.spreads,
+    "model-errors": posteriors.model_errors,
+    "comparison": posteriors.comparison,
+}
+
+
+def stored() -> dict[str, pd.DataFrame]:
+    """The result files of this folder by name."""
+    return {name: pd.read_csv(HERE / f"{name}.csv") for name in (*FITS, *POSTERIORS)}
+
+
+def write(made: dict[str, Callable[[], pd.DataFrame]]) -> None:
+    """Make tables and write them."""
+    for name, make in made.items():
+        make().to_csv(HERE / f"{name}.csv", index=False, float_format="%.5g")
+
+
+def write_page() -> None:
+    """Statements, figures and the README, all from the stored tables."""
+    kept = stored()
+    found = paper_statements.write(statements.statements(kept), HERE)
+    figures.convergence(kept["paths"]).savefig(HERE / "convergence.png", dpi=144, facecolor="white")
+    figures.beside(kept["posteriors"], kept["fits"]).savefig(HERE / "beside.png", dpi=144, facecolor="white")
+    readme = HERE / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    readme.write_text(paper_statements.filled(text, page.blocks(kept, found)), encoding="utf-8")
+    print(found.to_string(columns=["table_or_figure", "statement", "verdict"]))
+
+
+def main(parts: list[str]) -> None:
+    """Remake the parts named, by default all."""
+    for part in parts or ["fits", "posteriors", "page"]:
+        {"fits": lambda: write(FITS), "posteriors": lambda: write(POSTERIORS), "page": write_page}[part]()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
