@@ -16,6 +16,7 @@ import numpy as np
 from bayesterra import models
 from bayesterra.data import Observations
 from bayesterra.parameters import CHANNELS
+from bayesterra.sharing import described
 from bayesterra.study import Study
 from bayesterra.units import text
 
@@ -38,6 +39,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **dict(_wheels(study)),
         **{f"noise of {name}": _without_source(noise) for name, noise in study.noise.items()},
         **{f"prior of {name}": _without_source(entry) for name, entry in study.prior.entries.items()},
+        **({"pooling": described(study.pooling)} if study.pooling is not None else {}),
         **_options("least_squares", asdict(study.least_squares)),
         "{} rows of measurements": len(study.observations),
         **dict(_readings(study.observations)),

@@ -22,6 +22,7 @@ from bayesterra.models import MODELS, Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.priors import Entry, Prior
 from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
+from bayesterra.sharing import Pooling, described
 
 __all__ = ["LeastSquaresOptions", "Reference", "SamplingOptions", "Study", "load_study"]
 
@@ -53,6 +54,7 @@ class Study:
     load_range : N, the flat prior of every row's load with drive ``both``; else None.
     noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
     prior : laws and fixed values of soil parameters and estimated noise.
+    pooling : the role of every free parameter where there is a [pooling] table; else None.
     notes : what was filled in, left out or not used; one sentence each.
 
     Raises
@@ -68,6 +70,7 @@ class Study:
     model: WheelSoilModel
     drive: str
     load_range: tuple[float, float] | None
+    pooling: Pooling | None
     wheels: Mapping[str, Wheel]
     observations: Observations
     noise: Mapping[str, Noise]
@@ -140,8 +143,11 @@ class Study:
             "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
             "least_squares": asdict(self.least_squares),
         }
-        named = (field.name for field in fields(Observations) if field.name != "notes")
+        if self.pooling is not None:
+            content["pooling"] = described(self.pooling)
+        named = (f.name for f in fields(Observations) if f.name not in ("notes", "labels"))
         rows = {name: getattr(self.observations, name) for name in named}
+        rows |= {name: list(column) for name, column in self.observations.labels.items()}
         return {"study": _digest(content), "data": _digest(rows)}
 
 
@@ -187,11 +193,14 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
+    pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
+    if pooling is not None:
+        rows.label(pooling.by)
     notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
-        **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
+        **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads, "pooling": pooling},
         "notes": tuple(notes + _count_notes(rows, noise, prior)),
     }
 
