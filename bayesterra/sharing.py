@@ -86,9 +86,13 @@ class Pooling:
         own = (*self.separate, *self.hierarchical)
         shared = tuple(name for name in laws if name not in own)
         if not own:
-            raise StudyError("[pooling] needs a 'separate' or 'hierarchical' parameter: else leave the table out")
+            raise StudyError(
+                "[pooling] needs a 'separate' or 'hierarchical' parameter: else leave the table out"
+            )
         if not shared and not self.hierarchical:
-            raise StudyError("[pooling] needs a 'shared' or 'hierarchical' parameter: else run each group alone")
+            raise StudyError(
+                "[pooling] needs a 'shared' or 'hierarchical' parameter: else run each group alone"
+            )
         separate = tuple(name for name in laws if name in self.separate)
         populations = {n: self.hierarchical[n].resolved(laws[n]) for n in laws if n in self.hierarchical}
         return Pooling(self.by, shared, separate, populations)
@@ -147,8 +151,6 @@ def _population(name: str, value: object, *, bare: bool) -> Population:
 
 def _law(name: str, value: Any, dimension: str, *, bare: bool) -> Law:
     return value if isinstance(value, Law) else law(name, table(value, name), dimension, bare=bare)
-
-
 
 
 def described(pooling: Pooling) -> dict[str, object]:

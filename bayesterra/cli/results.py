@@ -34,9 +34,9 @@ def predict(
     ] = False,
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels."""
-    from bayesterra.workflow import load_result
+    from bayesterra.workflow import load_single
 
-    loaded = load_result(result)
+    loaded = load_single(result)
     from bayesterra import followup
     from bayesterra.listing import print_forecast
 

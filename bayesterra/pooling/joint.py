@@ -115,9 +115,7 @@ class JointPosterior:
         for i, name in enumerate(self.local):
             if name in self.populations:
                 at = len(self.shared) + 2 * self.populations.index(name)
-                total += log_population(
-                    own[:, i], drivers[:, at], drivers[:, at + 1], self.laws[name].range
-                )
+                total += log_population(own[:, i], drivers[:, at], drivers[:, at + 1], self.laws[name].range)
             else:
                 total += self.laws[name].log_density(own[:, i])
         return np.where(np.isfinite(total), total, -np.inf)
@@ -179,40 +177,30 @@ def joint_posterior(study: Study) -> JointPosterior:
     labels = np.array(used.label(study.pooling.by), dtype=object)
     names = list(dict.fromkeys(labels))
     if len(names) < 2:
-        raise StudyError(f"[pooling] needs rows in use of at least two groups in '{study.pooling.by}' (got one)")
+        raise StudyError(
+            f"[pooling] needs rows in use of at least two groups in '{study.pooling.by}' (got one)"
+        )
     groups = {n: Posterior(study.prior, likelihood_of(study, used.take(labels == n))) for n in names}
     return JointPosterior(study.pooling, groups)
 
 
-@dataclass(frozen=True)
-class JointPriorDraws:
-    """Draws of the joint prior cut to the support of every group.
-
-    Attributes
-    ----------
-    x : parameter sets (n, d) in the order of the joint posterior's names.
-    share : share of the stated prior that lies in the support, its log in ``log_share``.
-    """
-
-    x: FloatArray
-    log_share: float
-    log_share_error: float
-
-
 def draw_joint_prior(
     joint: JointPosterior, n: int, rng: Generator, *, batch: int = 20000, most: int = 400
-) -> JointPriorDraws:
-    """Draw from the joint prior cut to the support, by rejection, one group after another.
+) -> FloatArray:
+    """Parameter sets (n, d) of the joint prior cut to the support of every group, by rejection.
+
+    Where that would take too long, survivors are drawn again after every group (sequential importance
+    resampling): then draws have values of earlier groups in common.
 
     Raises
     ------
-    SupportError : fewer than ``n`` draws were found in ``most`` batches.
+    SupportError : no draw of a batch lies in the support of a group.
     """
     kept: list[FloatArray] = []
     tried = found = 0
     while found < n:
-        if tried >= most * batch:
-            raise SupportError(f"only {found} of {tried} draws of the joint prior fit the conditions of all groups")
+        if tried >= 10 * batch and found * most < 10 * n:
+            return _resampled(joint, n, rng, batch)
         D = joint.draw_drivers(batch, rng)
         L = np.empty((len(joint.groups), batch, len(joint.local)))
         alive = np.arange(batch)
@@ -224,7 +212,18 @@ def draw_joint_prior(
                 break
         kept.append(joint.joined(D[alive], np.moveaxis(L[:, alive], 0, 1)))
         tried, found = tried + batch, found + len(alive)
-    share = found / tried
-    return JointPriorDraws(
-        np.concatenate(kept)[:n], float(np.log(share)), float(np.sqrt((1.0 - share) / (share * tried)))
-    )
+    return np.concatenate(kept)[:n]
+
+
+def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> FloatArray:
+    """The same by sequential importance resampling."""
+    D = joint.draw_drivers(batch, rng)
+    L = np.empty((len(joint.groups), batch, len(joint.local)))
+    for g, (name, posterior) in enumerate(joint.groups.items()):
+        L[g] = joint.draw_group(D, rng)
+        alive = np.flatnonzero(posterior.reasons(joint.of_group(D, L[g])) == 0)
+        if not alive.size:
+            raise SupportError(f"no draw of the prior fits the conditions of group {name}")
+        chosen = rng.choice(alive, size=batch)
+        D, L = D[chosen], L[:, chosen]
+    return joint.joined(D, np.moveaxis(L, 0, 1))[:n]

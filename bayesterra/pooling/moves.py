@@ -288,7 +288,10 @@ def piloted(
         D, L, _ = ensemble.run(sweeps)
         D, L = D[sweeps // 2 :], L[sweeps // 2 :]
         laws = fit_laws(
-            family, D.reshape(-1, D.shape[-1]), np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1]), rng
+            family,
+            D.reshape(-1, D.shape[-1]),
+            np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1]),
+            rng,
         )
         ensemble = PooledEnsemble(family, laws, ensemble.walkers, rng)
     return ensemble

@@ -9,6 +9,7 @@ from bayesterra.calibration import Calibration
 from bayesterra.design.choosing import Design
 from bayesterra.folders import write_text
 from bayesterra.identified import Identified
+from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
 from bayesterra.report.calibration import calibration_page
@@ -16,6 +17,7 @@ from bayesterra.report.contrast import contrast_page
 from bayesterra.report.design import design_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
+from bayesterra.report.pooled import pooled_page
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
 
@@ -25,6 +27,7 @@ __all__ = [
     "design_html",
     "html",
     "identifiability_html",
+    "pooled_html",
     "prior_html",
     "write",
 ]
@@ -38,6 +41,11 @@ def html(result: Result) -> str:
 def write(result: Result, path: str | Path) -> None:
     """Write the report to ``path``, whole or not at all."""
     write_text(Path(path), html(result))
+
+
+def pooled_html(result: PooledResult) -> str:
+    """The report of a study with groups as a self-contained HTML page."""
+    return render(pooled_page(result), "pooled.html")
 
 
 def prior_html(result: PriorResult) -> str:

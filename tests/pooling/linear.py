@@ -95,7 +95,8 @@ class Linear:
             gain = np.linalg.solve(spread, H @ prior).T
             mean, variance = gain @ y, np.diagonal(prior - gain @ H @ prior)
             levels.append(
-                multivariate_normal(np.zeros(2 * G), spread).logpdf(y) - 0.5 * tau**2
+                multivariate_normal(np.zeros(2 * G), spread).logpdf(y)
+                - 0.5 * tau**2
                 + np.log(2.0 / np.sqrt(2 * np.pi))
             )
             means.append(np.insert(mean, 2, tau))
