@@ -108,6 +108,26 @@ def print_result(result: Result, report: Path) -> None:
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
+def print_pooled(record: Mapping[str, Any], report: Path) -> None:
+    """Print what a run with groups found: convergence, what is shared, and the name of the report."""
+    console, found = Console(), record["pooling"]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("pooling", "log evidence", "elpd of rows", "elpd of groups"):
+        table.add_column(header, justify="left" if header == "pooling" else "right", no_wrap=True)
+    for row in found["degrees"]:
+        figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
+        table.add_row(row["pooling"], *(f"{figure:.1f}" for figure in figures))
+    console.print(table)
+    verdict = record["verdict"]
+    word = "converged" if verdict["converged"] else "did NOT converge"
+    console.print(
+        f"Sampling {word}: {verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}.",
+        highlight=False,
+    )
+    console.print(f"Evidence prefers: {found['preferred']}. {found['sentence']}", highlight=False)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
 def print_prior(result: PriorResult, report: Path) -> None:
     """Print what physics leaves of the prior, and the name of the report."""
     console = Console()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,9 @@ DRIVE_OUTCOMES = {
 """Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
 
 SD_SUFFIX = "_sd"
-_PLAIN = ("slip", "wheel", "use")
+LABELS = ("site", "run")
+"""Columns, beside the wheel, that may say which group a row belongs to."""
+_PLAIN = ("slip", "wheel", "use", *LABELS)
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Observations:
     use : (m,) whether the row takes part in the fit.
     rows : row numbers as in the file, the first data row is 1.
     notes : rows that had to be left out altogether, and why; one sentence each.
+    labels : the columns of ``LABELS`` that the table has.
     """
 
     wheel: tuple[str, ...]
@@ -54,6 +57,7 @@ class Observations:
     use: BoolArray
     rows: tuple[int, ...]
     notes: tuple[str, ...] = ()
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -61,6 +65,20 @@ class Observations:
     def used(self) -> Observations:
         """Only the rows that take part in the fit."""
         return self.take(self.use)
+
+    def label(self, by: str) -> tuple[str, ...]:
+        """Group of every row: its wheel, or what a column of ``LABELS`` says.
+
+        Raises
+        ------
+        StudyError : the table has no such column.
+        """
+        if by == "wheel":
+            return self.wheel
+        if by not in self.labels:
+            known = ", ".join(("wheel", *self.labels))
+            raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {known})")
+        return self.labels[by]
 
     def take(self, keep: BoolArray) -> Observations:
         """Only the rows where ``keep`` (m,) holds."""
@@ -73,6 +91,7 @@ class Observations:
             use=frozen(self.use[keep], np.bool_),
             rows=tuple(int(row) for row in np.array(self.rows)[keep]),
             notes=self.notes,
+            labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
         )
 
 
@@ -141,6 +160,7 @@ def observations(
         given_sd=_given_sd(columns, len(table)),
         use=_use(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
+        labels={name: _labels(columns[name]) for name in LABELS if name in columns},
     )
     rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
     return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
@@ -184,7 +204,7 @@ def _named_columns(table: pd.DataFrame) -> dict[str, Column]:
 
 def _column_scale(header: str, name: str, unit: str | None) -> float:
     channel = CHANNELS.get(name.removesuffix(SD_SUFFIX))
-    if name in ("wheel", "use") and unit is None:
+    if name in ("wheel", "use", *LABELS) and unit is None:
         return 1.0
     if channel is None or name == "slip" + SD_SUFFIX:
         raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}")
@@ -223,6 +243,14 @@ def _wheel_names(columns: Mapping[str, Column], length: int, known: tuple[str, .
     for row, name in enumerate(names, start=1):
         if name not in known:
             raise StudyError(f"unknown wheel '{name}' in row {row}{did_you_mean(name, known)}")
+    return names
+
+
+def _labels(column: Column) -> tuple[str, ...]:
+    names = tuple("" if cell is None or cell is pd.NA else str(cell).strip() for cell in column.cells)
+    for row, name in enumerate(names, start=1):
+        if not name:
+            raise StudyError(f"'{column.name}' must be given in every row (empty in row {row})")
     return names
 
 

@@ -26,7 +26,7 @@ from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
-from bayesterra.workflow import load_result
+from bayesterra.workflow import load_single
 
 MARK = "design.json"
 """File by which folders of this kind are known."""
@@ -138,7 +138,7 @@ def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
 def known_in(path: Path) -> Result | Study:
     """The result in a folder that ``run`` wrote, else the study, with or without readings."""
     if (path / "draws.nc").is_file() and not _prior_only(path):
-        return load_result(path)
+        return load_single(path)
     return load_study(path, prior_only=True)
 
 

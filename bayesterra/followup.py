@@ -25,7 +25,7 @@ from bayesterra.predicting import checked_slips, driven_range, wheel_named
 from bayesterra.prediction import UNANSWERED, Prediction
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison, check_count, side_by_side
-from bayesterra.workflow import load_result
+from bayesterra.workflow import load_single
 
 PREDICTION, COMPARISON = "prediction.json", "comparison.csv"
 """Files by which folders of the two kinds are known."""
@@ -250,7 +250,7 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
         same = sum(known.partition(" (")[0] == name for known in results)
-        results[f"{name} ({same + 1})" if same else name] = load_result(folder)
+        results[f"{name} ({same + 1})" if same else name] = load_single(folder)
     return results
 
 

@@ -14,7 +14,7 @@ from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
-from bayesterra.workflow import load_result
+from bayesterra.workflow import load_single
 
 __all__ = ["IdentifyResult", "foresee", "identify", "identify_into", "opened"]
 
@@ -76,7 +76,7 @@ def opened(path: Path) -> Study | Result:
     BayesterraError : it is neither, or something in it is wrong.
     """
     if (path / "run.json").is_file():
-        return load_result(path)
+        return load_single(path)
     if path.is_file() or (path / "study.toml").is_file():
         return load_study(path)
     missing = "neither run.json nor study.toml in it" if path.is_dir() else "no such file or folder"

@@ -38,6 +38,7 @@ from bayesterra.noise import Noise
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
 from bayesterra.priors import Entry, Source
+from bayesterra.sharing import Pooling, pooling_table
 from bayesterra.units import quantity
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
@@ -129,6 +130,10 @@ def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | No
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
     return low, high
+
+
+def _pooling(value: object, info: ValidationInfo) -> Pooling | None:
+    return pooling_table(value, bare=_bare(info))
 
 
 def _two_slips(value: object) -> tuple[float, float]:
@@ -262,6 +267,7 @@ class StudyContent(Table):
     model: Literal["M1", "M2", "M3", "M2L"] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
+    pooling: Annotated[Pooling | None, BeforeValidator(_pooling)] = None
     data: DataTable
     wheels: dict[str, Annotated[WheelTable, BeforeValidator(_plain)]]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()

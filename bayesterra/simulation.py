@@ -103,6 +103,7 @@ def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
     """Field units; what was simulated beside what was conditioned on."""
     rows = study.observations
     columns: dict[str, object] = {"wheel": rows.wheel} if len(study.wheels) > 1 else {}
+    columns |= rows.labels
     columns["slip"] = rows.slip
     if study.drive == "load":
         columns |= _column("load", rows.load)

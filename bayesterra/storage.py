@@ -12,18 +12,20 @@ import xarray as xr
 
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import write_text
+from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
 from bayesterra.results import Result
 from bayesterra.study import load_study
 from bayesterra.writing import write_study
 
 TABLES = ("summary", "least_squares", "identifiability", "predictive")
+POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
 
 
-def write_result(result: Result | PriorResult, folder: Path) -> None:
+def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> None:
     """Write draws, tables, record and a copy of the study into an existing folder."""
     write_draws(result.draws, folder / "draws.nc")
-    for name in (name for name in TABLES if hasattr(result, name)):
+    for name in (name for name in dict.fromkeys((*TABLES, *POOLED_TABLES)) if hasattr(result, name)):
         write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
     write_study(result.study, folder)
@@ -64,7 +66,11 @@ def read_result(folder: Path) -> Result:
     if not folder.is_dir():
         raise ResultError(f"'{folder}' is not a result folder: there is no such folder")
     missing = [name for name in _FILES if not (folder / name).is_file()]
-    if missing and _prior_only(folder):
+    if missing and _marked(folder, "pooling"):
+        raise ResultError(
+            f"'{folder}' holds a joint posterior of several groups ([pooling]): this takes results without groups"
+        )
+    if missing and _marked(folder, "prior_only"):
         raise ResultError(
             f"'{folder}' holds a prior without readings (run --prior-only): there is no posterior"
         )
@@ -82,10 +88,38 @@ def read_result(folder: Path) -> Result:
         raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
 
 
-def _prior_only(folder: Path) -> bool:
-    """Whether a folder was written by a run without readings."""
+def is_pooled(folder: Path) -> bool:
+    """Whether a folder was written by a run of a study with groups."""
+    return _marked(folder, "pooling")
+
+
+def read_pooled(folder: Path) -> PooledResult:
+    """Read the result folder of a study with groups.
+
+    Raises
+    ------
+    ResultError : it is incomplete or damaged.
+    """
+    needed = ("draws.nc", "run.json", "study.toml", "measurements.csv", *(f"{n}.csv" for n in POOLED_TABLES))
+    missing = [name for name in needed if not (folder / name).is_file()]
+    if missing:
+        raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     try:
-        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get("prior_only"))
+        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in POOLED_TABLES}
+        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
+        draws.close()
+        return PooledResult(study=load_study(folder), draws=draws, record=record, **tables)
+    except StudyError:
+        raise
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
+
+
+def _marked(folder: Path, key: str) -> bool:
+    """Whether the record of a folder has an entry that says what kind of result it is."""
+    try:
+        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get(key))
     except (OSError, ValueError, AttributeError):
         return False
 

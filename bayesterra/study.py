@@ -21,6 +21,7 @@ from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.priors import Entry, Prior
 from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
+from bayesterra.sharing import Pooling, described
 
 if TYPE_CHECKING:
     from bayesterra.earlier import Taken
@@ -56,6 +57,7 @@ class Study:
     noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
     prior : laws and fixed values of soil parameters and estimated noise.
     taken : joint laws that the prior holds from earlier results, and how well they stand for those.
+    pooling : the role of every free parameter where there is a [pooling] table; else None.
     notes : what was filled in, left out or not used; one sentence each.
 
     Raises
@@ -71,6 +73,7 @@ class Study:
     model: WheelSoilModel
     drive: str
     load_range: tuple[float, float] | None
+    pooling: Pooling | None
     wheels: Mapping[str, Wheel]
     observations: Observations
     noise: Mapping[str, Noise]
@@ -155,8 +158,11 @@ class Study:
             "least_squares": asdict(self.least_squares),
             **({"correlation": self.prior.correlation} if self.prior.correlation else {}),
         }
-        named = (field.name for field in fields(Observations) if field.name != "notes")
+        if self.pooling is not None:
+            content["pooling"] = described(self.pooling)
+        named = (f.name for f in fields(Observations) if f.name not in ("notes", "labels"))
         rows = {name: getattr(self.observations, name) for name in named}
+        rows |= {name: list(column) for name, column in self.observations.labels.items()}
         return {"study": _digest(content), "data": _digest(rows)}
 
 
@@ -206,11 +212,15 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
+    pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
+    if pooling is not None:
+        rows.label(pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
+        "pooling": pooling,
         "taken": soil.taken,
         "notes": tuple(notes + _count_notes(rows, noise, prior)),
     }

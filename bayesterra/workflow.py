@@ -10,18 +10,19 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
-from typing import Self
+from typing import Any, Self, cast
 
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
-from bayesterra.errors import ResultError
+from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import WORK, check_free, part_of, tidy, unfinished, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.notebook import result_table
+from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.prior_only import PriorResult, run_prior
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
-from bayesterra.storage import read_result, write_result
+from bayesterra.storage import is_pooled, read_pooled, read_result, write_result
 from bayesterra.study import Study
 from bayesterra.validation import Validation
 
@@ -62,6 +63,30 @@ class RunResult(Result):
         report.write(self, part / "report.html")
 
 
+class PooledRun(PooledResult):
+    """A result of a study with groups that can be saved as a folder with its report."""
+
+    @classmethod
+    def of(cls, result: PooledResult) -> Self:
+        """The same result, with a report to write."""
+        return cls(**{field.name: getattr(result, field.name) for field in fields(PooledResult)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the result folder, whole or not at all; returns the path of the report.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite) as part:
+            self._write(part)
+        return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
+        write_result(self, part)
+        write_text(part / "report.html", report.pooled_html(self))
+
+
 def run(
     study: Study,
     *,
@@ -69,7 +94,17 @@ def run(
     progress: Callable[[Progress], None] = lambda update: None,
     crosscheck: bool = False,
 ) -> RunResult:
-    """Sample the posterior of a study and compare it with least squares; see :func:`inference.run`."""
+    """Sample the posterior of a study and compare it with least squares; see :func:`inference.run`.
+
+    Of a study with a [pooling] table the result is a :class:`PooledRun`; see :func:`pooled.run_pooled`.
+
+    Raises
+    ------
+    StudyError : a cross-check is asked of a study with groups.
+    """
+    if study.pooling is not None:
+        _no_crosscheck(crosscheck)
+        return cast(RunResult, PooledRun.of(run_pooled(study, seed=seed, report=progress)))
     return RunResult.of(inference.run(study, seed=seed, report=progress, crosscheck=crosscheck))
 
 
@@ -79,6 +114,18 @@ def load_result(folder: str | Path) -> RunResult:
     Raises
     ------
     ResultError : the folder is missing, incomplete or damaged.
+    """
+    if is_pooled(Path(folder)):
+        return cast(RunResult, PooledRun.of(read_pooled(Path(folder))))
+    return RunResult.of(read_result(Path(folder)))
+
+
+def load_single(folder: str | Path) -> RunResult:
+    """Read a saved result folder of a study without groups.
+
+    Raises
+    ------
+    ResultError : the folder is missing, incomplete or damaged, or holds a joint posterior of several groups.
     """
     return RunResult.of(read_result(Path(folder)))
 
@@ -107,6 +154,8 @@ def run_study(
     """
     from bayesterra.console import note, progress_bar
 
+    if study.pooling is not None:
+        _no_crosscheck(crosscheck)
     if resume and not overwrite and (done := _finished(study, out, seed)):
         return done
     check_free(out, overwrite=overwrite)
@@ -120,12 +169,20 @@ def run_study(
                 write_text(part / STATUS, json.dumps(_status(progress)) + "\n")
                 show(progress)
 
-            found = inference.run(study, seed=seed, report=update, journal=checkpoints, crosscheck=crosscheck)
-            result = RunResult.of(found)
+            how: dict[str, Any] = {"seed": seed, "report": update, "journal": checkpoints}
+            if study.pooling is None:
+                result = RunResult.of(inference.run(study, crosscheck=crosscheck, **how))
+            else:
+                result = cast(RunResult, PooledRun.of(run_pooled(study, **how)))
             update(Progress("writing the report", 1.0))
             result._write(part)
         (part / STATUS).unlink()
     return result
+
+
+def _no_crosscheck(asked: bool) -> None:
+    if asked:
+        raise StudyError("--crosscheck takes studies without a [pooling] table")
 
 
 def _finished(study: Study, out: Path, seed: int) -> RunResult | None:

@@ -17,6 +17,7 @@ from bayesterra.models import M2L, Wheel
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.priors import Entry, Law, Tie
+from bayesterra.sharing import Pooling
 from bayesterra.study import Reference, Study
 from bayesterra.tabulated import Tabulated
 from bayesterra.units import text
@@ -53,7 +54,7 @@ def write_study(study: Study, folder: Path) -> None:
 def _rows(rows: Observations) -> pd.DataFrame:
     """All that is known of every row, in SI units, slip on the shearing radius, sinkage from the rim."""
     measured = {"load": rows.load, **rows.values}
-    columns: dict[str, object] = {"wheel": rows.wheel, "slip": rows.slip}
+    columns: dict[str, object] = {"wheel": rows.wheel, **rows.labels, "slip": rows.slip}
     for name, values in measured.items():
         if not np.isnan(values).all():
             columns[f"{name} [{CHANNELS[name].dimension}]"] = values
@@ -82,6 +83,8 @@ def _lines(
     priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
     yield from toml_table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
     yield from toml_table("priors.correlation", study.prior.correlation)
+    if study.pooling is not None:
+        yield from toml_table("pooling", _pooling(study.pooling))
     yield from toml_table("least_squares", _least_squares(study))
     for name, reference in references.items():
         if reference is not None:
@@ -93,6 +96,19 @@ def _lines(
 def _model_options(study: Study) -> dict[str, object]:
     loads = {"mean_load": text(study.model.mean_load, "N")} if isinstance(study.model, M2L) else {}
     return {**asdict(study.model), **loads}
+
+
+def _pooling(pooling: Pooling) -> dict[str, object]:
+    hierarchical = {
+        name: {
+            part: law_entry(law, PARAMETERS[name].dimension)
+            for part, law in (("mean", population.mean), ("spread", population.spread))
+            if law is not None
+        }
+        for name, population in pooling.hierarchical.items()
+    }
+    lists = {"by": pooling.by, "shared": list(pooling.shared), "separate": list(pooling.separate)}
+    return {**lists, **({"hierarchical": hierarchical} if hierarchical else {})}
 
 
 def _least_squares(study: Study) -> dict[str, object]:

@@ -49,10 +49,10 @@ def predict(
     ] = False,
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
-    from bayesterra.workflow import load_result
+    from bayesterra.workflow import load_single
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
-    loaded = load_result(result)
+    loaded = load_single(result)
     if rover is not None:
         _drive(loaded, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return

@@ -39,7 +39,7 @@ def run(
         raise typer.BadParameter("goes on with sampling, and --prior-only does none", param_hint="--resume")
     # mistakes in the study are reported before the sampler's libraries are loaded
     loaded = load_study(study, prior_only=prior_only)
-    from bayesterra.console import print_prior, print_result
+    from bayesterra.console import print_pooled, print_prior, print_result
     from bayesterra.workflow import run_prior_study, run_study
 
     folder = out or beside(study, "result")
@@ -48,7 +48,10 @@ def run(
         return print_prior(prior, folder / "report.html")
     how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
     result = run_study(loaded, out=folder, seed=seed, **how)
-    print_result(result, folder / "report.html")
+    if loaded.pooling is not None:
+        print_pooled(result.record, folder / "report.html")
+    else:
+        print_result(result, folder / "report.html")
     raise typer.Exit(0 if result.converged else 3)
 
 

@@ -11,6 +11,7 @@ from bayesterra.figures.contrast import contrast, contrast_derived, contrast_pre
 from bayesterra.figures.coupling import contraction_bars, coupling_map, group_coupling
 from bayesterra.figures.design import gain_over_slip
 from bayesterra.figures.forecast import prediction, predictions
+from bayesterra.figures.groups import group_strip
 from bayesterra.figures.holdout import all_left_out, bands_without, left_out
 from bayesterra.figures.information import combinations, contraction
 from bayesterra.figures.posterior import corner, correlations
@@ -34,6 +35,7 @@ __all__ = [
     "coupling_map",
     "gain_over_slip",
     "group_coupling",
+    "group_strip",
     "left_out",
     "loo_pit",
     "parameter_strip",

@@ -10,6 +10,7 @@ from bayesterra.design.choosing import Design
 from bayesterra.folders import write_text
 from bayesterra.holdout import Holdout
 from bayesterra.identified import Identified
+from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.before import prior_page
 from bayesterra.report.calibration import calibration_page
@@ -18,6 +19,7 @@ from bayesterra.report.design import design_page
 from bayesterra.report.holdout import holdout_page
 from bayesterra.report.identifiability import identifiability_page
 from bayesterra.report.page import page, render
+from bayesterra.report.pooled import pooled_page
 from bayesterra.report.soiltests import soil_test_page
 from bayesterra.results import Result
 from bayesterra.side_by_side import Comparison
@@ -30,6 +32,7 @@ __all__ = [
     "holdout_html",
     "html",
     "identifiability_html",
+    "pooled_html",
     "prior_html",
     "soil_test_html",
     "write",
@@ -44,6 +47,11 @@ def html(result: Result) -> str:
 def write(result: Result, path: str | Path) -> None:
     """Write the report to ``path``, whole or not at all."""
     write_text(Path(path), html(result))
+
+
+def pooled_html(result: PooledResult) -> str:
+    """The report of a study with groups as a self-contained HTML page."""
+    return render(pooled_page(result), "pooled.html")
 
 
 def prior_html(result: PriorResult) -> str:

@@ -57,10 +57,10 @@ def evidence(
     pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
     log_prior, log_likelihood = densities(u)
     log_weights = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood) - pooled
-    return _summed(log_weights.reshape(len(proposals), each))
+    return summed(log_weights.reshape(len(proposals), each))
 
 
-def _summed(log_weights: FloatArray) -> Evidence:
+def summed(log_weights: FloatArray) -> Evidence:
     """Evidence of log weights (proposals, draws); draws of one proposal are a stratum."""
     top = log_weights.max()
     weights = np.exp(log_weights - top)

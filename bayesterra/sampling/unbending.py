@@ -84,7 +84,7 @@ def _features(z: FloatArray) -> FloatArray:
     return np.concatenate([np.ones((len(near), 1)), near, products, near**3], axis=1)
 
 
-def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray) -> Unbending:
+def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray, given: int = 0) -> Unbending:
     """Fit the map to weighted points (n, d) by ridge regression.
 
     Parameters
@@ -92,17 +92,23 @@ def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray) -> Unb
     u, weights : points and their weights (n,).
     widths : standard deviations of the prior in these coordinates (d,); coordinates that the data hardly
         narrow are the drivers, those that they narrow most follow from them.
+    given : so many of the first coordinates come before all others and stay as they are, standardised.
     """
     weights = weights / weights.sum()
     centre = weights @ u
     scale = np.sqrt(weights @ (u - centre) ** 2) + 1e-300
     z = (u - centre) / scale
-    order = tuple(int(j) for j in np.argsort(-scale / widths, kind="stable"))
+    others = given + np.argsort(-scale[given:] / widths[given:], kind="stable")
+    order = (*range(given), *(int(j) for j in others))
     coefficients: list[FloatArray] = []
     spreads: list[FloatArray] = []
     for position, j in enumerate(order):
         before = z[:, order[:position]]
         terms = _features(before)
+        if position < given:
+            coefficients.append(np.zeros(terms.shape[1]))
+            spreads.append(np.zeros(1 + position))
+            continue
         residual = z[:, j] - terms @ _least_squares(terms, z[:, j], weights)
         spreads.append(_spreads(before, residual, weights))
         even = weights * np.exp(-2.0 * _log_spread(before, spreads[-1]))

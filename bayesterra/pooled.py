@@ -1,0 +1,415 @@
+"""The run of a study with a [pooling] table: joint posterior, both extremes beside it, and the verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.random import Generator, SeedSequence, default_rng
+
+from bayesterra import record
+from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import hdi
+from bayesterra.inference import Kept, keep
+from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.pooling.verdicts import Sharing, sharing
+from bayesterra.pooling.weighing import (
+    PriorShares,
+    Weighed,
+    joint_shares,
+    plain_shares,
+    row_terms,
+    weigh_joint,
+    weigh_plain,
+)
+from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.sampling.journal import Journal
+from bayesterra.sampling.sampler import Progress, Samples, sample
+from bayesterra.sharing import law_sd
+from bayesterra.study import Study
+from bayesterra.summary import summary_row
+
+PRIOR_DRAWS = 1000
+GROUP_PRIOR_DRAWS = 4000
+COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
+"""One value for all groups; the study's own roles; every group alone."""
+INDISTINCT = 3.0
+"""Difference of log evidences below which two degrees of pooling are not told apart; odds of 20 to 1."""
+
+
+@dataclass(frozen=True)
+class PooledResult:
+    """The outcome of a run with pooling; everything its report shows.
+
+    Attributes
+    ----------
+    study : what was asked.
+    draws : xarray DataTree. ``posterior`` holds shared parameters without, the groups' own with the dimension
+        ``group``, means and spreads of populations as ``K.mean``; ``alone`` each group's own posterior;
+        ``prior`` the cut joint prior; SI, radians.
+    summary : one row per parameter, ``c``, ``K.mean``, ``K[Wh11]``; ``mode`` is the densest draw.
+    pooling : one row per degree of pooling: evidence, leave-one-out by row and by group.
+    sharing : one row per parameter, and one for c and φ together: one value for all groups, or one for each?
+    left_out : elpd of every row and of every group under every degree of pooling.
+    record : versions, seed, settings, times and verdicts with their thresholds.
+    """
+
+    study: Study
+    draws: xr.DataTree
+    summary: pd.DataFrame
+    pooling: pd.DataFrame
+    sharing: pd.DataFrame
+    left_out: pd.DataFrame
+    record: dict[str, Any]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the joint posterior and both extremes beside it passed every check."""
+        return bool(self.record["verdict"]["converged"])
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups."""
+        return tuple(str(name) for name in self.draws["posterior"]["group"].to_numpy())
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Posterior draws, one row each: chain, draw, then a column per parameter, SI and radians."""
+        data = self.draws["posterior"]
+        columns: dict[str, FloatArray] = {}
+        for name in self.summary["parameter"]:
+            base, _, group = str(name).removesuffix("]").partition("[")
+            column = data[base].sel(group=group) if group else data[base]
+            columns[str(name)] = column.to_numpy().ravel()
+        chain, draw = data.sizes["chain"], data.sizes["draw"]
+        index = {"chain": np.repeat(np.arange(chain), draw), "draw": np.tile(np.arange(draw), chain)}
+        return pd.DataFrame({**index, **columns})
+
+
+def run_pooled(
+    study: Study,
+    *,
+    seed: int = 1,
+    report: Callable[[Progress], None] = lambda progress: None,
+    journal: Journal | None = None,
+    plan: PoolingOptions | None = None,
+) -> PooledResult:
+    """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
+
+    Beside the study's own roles two extremes are sampled: complete pooling, where all groups share every
+    parameter, and none, every group alone under the stated prior.
+
+    Parameters
+    ----------
+    seed, report, journal : as for :func:`bayesterra.inference.run`; of the joint posterior itself nothing is
+        noted, only of what goes before it.
+    plan : size of the adaptation.
+    """
+    started = time.perf_counter()
+    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
+    sampling, whole, weighing, prior_stream, _ = family_streams
+    samples = sample_joint(joint, study.sampling, sampling, report, plan, journal)
+    asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
+    complete = sample(posterior(study), asked, whole, report, (plan or PoolingOptions()).lone, journal)
+    report(Progress("comparing", 1.0))
+    rng = default_rng(weighing)
+    degrees = _degrees(joint, samples, complete, rng)
+    prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
+    kept = keep(samples.chains)
+    verdicts = shared_or_not(joint, samples.lone, default_rng(prior_stream))
+    summary = _summary(samples, kept, prior)
+    table = pd.DataFrame([degree.row() for degree in degrees])
+    shares = _sharing_table(joint, verdicts, kept)
+    findings = {
+        "verdict": _verdict(samples, complete),
+        "pooling": {
+            "by": joint.pooling.by,
+            "groups": list(joint.groups),
+            "shared": list(joint.shared),
+            "separate": list(joint.pooling.separate),
+            "hierarchical": list(joint.populations),
+            "degrees": table.to_dict("records"),
+            "preferred": preferred(degrees),
+            "sentence": sentence(verdicts),
+        },
+        "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
+    }
+    seconds = {**samples.seconds, "total": time.perf_counter() - started}
+    return PooledResult(
+        study=study,
+        draws=_tree(study, joint, samples, kept, prior),
+        summary=summary,
+        pooling=table,
+        sharing=shares,
+        left_out=pd.concat([degree.left_out for degree in degrees], ignore_index=True),
+        record=record.run_record(study, seed, findings, seconds),
+    )
+
+
+@dataclass(frozen=True)
+class Degree:
+    """One degree of pooling.
+
+    Attributes
+    ----------
+    name : ``complete``, ``as stated`` or ``none``.
+    converged : of its sampling.
+    log_z, error, reliable : log evidence under the prior cut to the support and renormalised.
+    left_out : elpd of every row and group, columns ``pooling, what, label, elpd, error, k, reliable``.
+    """
+
+    name: str
+    converged: bool
+    log_z: float
+    error: float
+    reliable: bool
+    left_out: pd.DataFrame
+
+    def row(self) -> dict[str, Any]:
+        """A row of the table."""
+        parts: dict[str, Any] = {}
+        for what in ("row", "group"):
+            some = self.left_out[self.left_out["what"] == what]
+            spread = float(np.sqrt(len(some)) * some["elpd"].std())
+            parts |= {
+                f"elpd_{what}s": float(some["elpd"].sum()),
+                f"se_{what}s": spread,
+                f"error_{what}s": float(np.sqrt((some["error"] ** 2).sum())),
+                f"unreliable_{what}s": int((~some["reliable"]).sum()),
+            }
+        head = {"pooling": self.name, "converged": self.converged, "log_evidence": self.log_z}
+        return {**head, "log_evidence_error": self.error, "evidence_reliable": self.reliable, **parts}
+
+
+def _degrees(
+    joint: JointPosterior, samples: JointSamples, complete: Samples, rng: Generator
+) -> tuple[Degree, Degree, Degree]:
+    """Complete pooling, the study's own roles, none."""
+    names = list(joint.groups)
+    of_joint = weigh_joint(JointFamily(joint), samples.laws, rng)
+    proposals = [adaptation.proposal for adaptation in complete.adaptations]
+    of_all = weigh_plain(joint, names, complete.coordinates, proposals, rng)
+    alone = []
+    for name, lone in samples.lone.items():
+        proposals = [adaptation.proposal for adaptation in lone.adaptations]
+        weighed = weigh_plain(joint, [name], lone.coordinates, proposals, rng)
+        alone.append((weighed, plain_shares(joint, [name], rng)))
+    every = all(lone.diagnosis.converged for lone in samples.lone.values())
+    return (
+        _degree(joint, COMPLETE, complete.diagnosis.converged, of_all, plain_shares(joint, names, rng)),
+        _degree(joint, PARTIAL, samples.diagnosis.converged, of_joint, joint_shares(joint, rng)),
+        _apart(joint, every, alone),
+    )
+
+
+def _entry(name: str, what: str, label: object, found: Any, correction: float = 0.0) -> dict[str, Any]:
+    return {
+        "pooling": name, "what": what, "label": str(label), "elpd": found.elpd + correction,
+        "error": found.error, "k": found.k, "reliable": found.reliable,
+    }  # fmt: skip
+
+
+def _degree(
+    joint: JointPosterior, name: str, converged: bool, weighed: Weighed, shares: PriorShares
+) -> Degree:
+    entries = []
+    for g, (group, own) in enumerate(joint.groups.items()):
+        correction = shares.without[g] - shares.whole
+        entries.append(_entry(name, "group", group, weighed.left_out(g), correction))
+        rows = own.likelihood.observations.rows
+        entries += [_entry(name, "row", row, weighed.left_out(g, i)) for i, row in enumerate(rows)]
+    found = weighed.evidence
+    error = float(np.hypot(found.error, shares.error))
+    return Degree(name, converged, found.log_z - shares.whole, error, found.reliable, pd.DataFrame(entries))
+
+
+def _apart(joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, PriorShares]]) -> Degree:
+    entries, log_z, variance, reliable = [], 0.0, 0.0, True
+    for (group, own), (weighed, shares) in zip(joint.groups.items(), alone, strict=True):
+        found = weighed.evidence
+        log_z += found.log_z - shares.whole
+        variance += found.error**2 + shares.error**2
+        reliable &= found.reliable
+        entries.append(
+            {
+                "pooling": NONE, "what": "group", "label": group, "elpd": found.log_z - shares.whole,
+                "error": float(np.hypot(found.error, shares.error)), "k": found.k_hat,
+                "reliable": found.reliable,
+            }
+        )  # fmt: skip
+        rows = own.likelihood.observations.rows
+        entries += [_entry(NONE, "row", row, weighed.left_out(0, i)) for i, row in enumerate(rows)]
+    return Degree(NONE, converged, log_z, float(np.sqrt(variance)), reliable, pd.DataFrame(entries))
+
+
+def preferred(degrees: Sequence[Degree]) -> str:
+    """Which degree of pooling the evidence prefers, in words."""
+    best, second = sorted(degrees, key=lambda degree: -degree.log_z)[:2]
+    gap = best.log_z - second.log_z
+    if not (best.reliable and second.reliable):
+        return "not known: the evidence cannot be relied on; compare by leaving rows out"
+    if gap - 2 * np.hypot(best.error, second.error) < INDISTINCT:
+        return f"not decided between {best.name} and {second.name}"
+    return best.name
+
+
+def shared_or_not(joint: JointPosterior, lone: Mapping[str, Samples], rng: Generator) -> tuple[Sharing, ...]:
+    """For every soil parameter, and for c and φ together: one value for all groups, or one for each?"""
+    names = joint.first.names
+    priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
+    chains = [samples.chains.reshape(len(samples.chains), -1, len(names)) for samples in lone.values()]
+    sets = [[name] for name in names]
+    if {"c", "phi"} <= set(names):
+        sets.append(["c", "phi"])
+    found = []
+    for chosen in sets:
+        columns = [names.index(name) for name in chosen]
+        posteriors = [x[:, :, columns] for x in chains]
+        found.append(
+            sharing(chosen, joint.laws, posteriors, [x[:, columns] for x in priors], joint.pooling.by)
+        )
+    return tuple(found)
+
+
+def sentence(verdicts: Sequence[Sharing]) -> str:
+    """All verdicts in one sentence."""
+    parts = []
+    for word in dict.fromkeys(verdict.verdict for verdict in verdicts):
+        named = [
+            " and ".join(PARAMETERS[n].symbol for n in one.names)
+            + (" together" if len(one.names) > 1 else "")
+            for one in verdicts
+            if one.verdict == word
+        ]
+        parts.append(f"{word}: {', '.join(named)}")
+    return "; ".join(parts) + "."
+
+
+def _sharing_table(joint: JointPosterior, verdicts: Sequence[Sharing], kept: Kept) -> pd.DataFrame:
+    rows = []
+    for one in verdicts:
+        row: dict[str, Any] = {
+            "parameter": " and ".join(one.names),
+            "role": ", ".join(dict.fromkeys(role(joint, name) for name in one.names)),
+            "log_bayes_factor": one.log_factor,
+            "against_own_values": one.own,
+            "against_a_population": one.population,
+            "error": one.error,
+            "verdict": one.verdict,
+        }
+        spread = dict.fromkeys(("spread_median", "spread_hdi90_lo", "spread_hdi90_hi"), np.nan)
+        if one.names[0] in joint.populations and len(one.names) == 1:
+            name = one.names[0]
+            values = kept.flat[:, joint.names.index(f"{name}.{SPREAD}")] / law_sd(joint.laws[name])
+            low, high = hdi(values, 0.9)
+            spread = {
+                "spread_median": float(np.median(values)), "spread_hdi90_lo": low, "spread_hdi90_hi": high
+            }  # fmt: skip
+        rows.append({**row, **spread})
+    return pd.DataFrame(rows)
+
+
+def role(joint: JointPosterior, name: str) -> str:
+    """``shared``, ``separate`` or ``hierarchical``."""
+    if name in joint.shared:
+        return "shared"
+    return "hierarchical" if name in joint.populations else "separate"
+
+
+def quantity_of(name: str) -> Parameter:
+    """The quantity that a parameter of a joint posterior is, under its whole name."""
+    base = name.split("[")[0].split(".")[0]
+    known = PARAMETERS[base]
+    if name == base:
+        return known
+    part = name.removeprefix(base)
+    words = {f".{MEAN}": "population mean", f".{SPREAD}": "spread between groups"}
+    description = f"{known.description}, {words.get(part, part.strip('[]'))}"
+    return replace(known, name=name, symbol=f"{known.symbol}{part}", description=description)
+
+
+def _summary(samples: JointSamples, kept: Kept, prior: FloatArray) -> pd.DataFrame:
+    densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
+    of = samples.diagnosis
+    return pd.DataFrame(
+        [
+            summary_row(
+                quantity_of(name), kept.chains[:, :, i], prior[:, i], float(densest[i]),
+                (of.ess_bulk[i], of.ess_tail[i], of.r_hat[i]),
+            )
+            for i, name in enumerate(samples.joint.names)
+        ]
+    )  # fmt: skip
+
+
+def _verdict(samples: JointSamples, complete: Samples) -> dict[str, Any]:
+    """The joint sampling's verdict; those of the posteriors it is compared with beside it."""
+    found = record.of_diagnosis(samples.diagnosis)
+    beside = {COMPLETE: complete.diagnosis.converged}
+    beside |= {f"{name} alone": lone.diagnosis.converged for name, lone in samples.lone.items()}
+    return {**found, "compared_with": beside}
+
+
+def _tree(
+    study: Study, joint: JointPosterior, samples: JointSamples, kept: Kept, prior: FloatArray
+) -> xr.DataTree:
+    names = joint.first.names
+    fewest = min(len(keep(lone.chains).flat) for lone in samples.lone.values())
+    alone = np.stack([keep(lone.chains).flat[:fewest] for lone in samples.lone.values()])
+    groups = {
+        "posterior": _dataset(joint, kept.chains),
+        "sample_stats": xr.Dataset(
+            {
+                "lp": (("chain", "draw"), joint.log_density(kept.flat).reshape(kept.chains.shape[:2])),
+                **{name: (("chain", "draw"), values) for name, values in kept.labels.items()},
+            }
+        ),
+        "log_likelihood": _pointwise(joint, kept.chains),
+        "prior": _dataset(joint, prior[None]),
+        "alone": xr.Dataset(
+            {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},
+            coords={"group": list(joint.groups)},
+        ),
+        "observed_data": xr.Dataset(
+            {name: (("row",), study.observations.values[name]) for name in study.noise},
+            coords={"row": list(study.observations.rows)},
+            attrs={"kind": study.kind},
+        ),
+    }
+    return xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+
+
+def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
+    """Label draws (chain, draw, d): a variable per parameter, the groups' own with the dimension group."""
+    variables: dict[str, Any] = {}
+    for i, name in enumerate(joint.drivers):
+        variables[name] = (("chain", "draw"), chains[:, :, i])
+    k, d = len(joint.drivers), len(joint.local)
+    for i, name in enumerate(joint.local):
+        variables[name] = (("chain", "draw", "group"), chains[:, :, k + i :: d])
+    dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
+    for name in dataset.data_vars:
+        known = PARAMETERS[str(name).split(".")[0]]
+        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(known.name, known.dimension or "1")
+        dataset[name].attrs.update(units=unit, long_name=quantity_of(str(name)).description)
+    return dataset
+
+
+def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
+    """Log likelihood of every row in the fit, (chain, draw, used_row), all channels together."""
+    flat = chains.reshape(-1, chains.shape[2])
+    D, L = joint.split(flat)
+    parts, rows = [], []
+    for own, (_, density) in zip(L, joint.groups.items(), strict=True):
+        x = joint.of_group(D, own)
+        parts.append(row_terms(density, x, np.ones(len(x), dtype=bool)))
+        rows += list(density.likelihood.observations.rows)
+    values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
+    return xr.Dataset({"row": (("chain", "draw", "used_row"), values)}, coords={"used_row": rows})

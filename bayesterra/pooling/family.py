@@ -1,0 +1,187 @@
+"""A joint posterior in unbounded coordinates, as the moves of an ensemble take it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.coordinates import Coordinates, Logarithm, NormalScore, coordinates
+from bayesterra.laws import Law
+from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.populations import log_population
+from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.priors import Entry, Prior
+
+SLICES = 2
+"""Slice steps of every mean and spread in one refreshment."""
+WIDTH_DRAWS = 1000
+
+
+def restricted(posterior: Posterior, names: Sequence[str]) -> Coordinates:
+    """Sampling coordinates of some of a posterior's parameters, in the order of ``names``."""
+    held = {name: law.median for name, law in posterior.prior.laws.items() if name not in names}
+    if "c3" in held:
+        held["c3"] = 1.0  # unknown here: the contact angles are then mapped one by one
+    entries: dict[str, Entry] = {**posterior.prior.entries, **held}
+    return coordinates(Posterior(Prior(entries, posterior.prior.width), posterior.likelihood))
+
+
+@dataclass(frozen=True)
+class JointFamily:
+    """A joint posterior in coordinates: see :class:`bayesterra.pooling.moves.Family`.
+
+    Shared parameters and those of a group have the coordinates of an ordinary posterior, each set on its own;
+    population means have the normal score of their law, spreads the log.
+    """
+
+    joint: JointPosterior
+
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+        return len(self.joint.groups)
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(self.joint.groups)
+
+    @cached_property
+    def blocks(self) -> tuple[tuple[int, ...], ...]:
+        """Columns of shared parameters, then of mean and spread of each population."""
+        k = len(self.joint.shared)
+        pairs = [(k + 2 * i, k + 2 * i + 1) for i in range(len(self.joint.populations))]
+        return (tuple(range(k)), *pairs)
+
+    @cached_property
+    def _shared(self) -> Coordinates:
+        return restricted(self.joint.first, self.joint.shared)
+
+    @cached_property
+    def _own(self) -> tuple[Coordinates, ...]:
+        return tuple(restricted(posterior, self.joint.local) for posterior in self.joint.groups.values())
+
+    @cached_property
+    def _hyper(self) -> Coordinates:
+        blocks = []
+        for i, law in enumerate(self.joint.pooling.hierarchical.values()):
+            assert law.mean is not None
+            blocks += [((2 * i,), NormalScore(law.mean)), ((2 * i + 1,), Logarithm())]
+        return Coordinates(tuple(blocks))
+
+    @cached_property
+    def widths(self) -> FloatArray:
+        """Standard deviations (d,) of a group's locals under the cut prior."""
+        posterior = self.joint.first
+        columns = [posterior.names.index(name) for name in self.joint.local]
+        x = draw_cut_prior(posterior, WIDTH_DRAWS, default_rng(0)).x[:, columns]
+        return np.asarray(self._own[0].from_physical(x).std(axis=0))
+
+    def drivers_to_physical(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Physical drivers (n, k) and log Jacobian (n,)."""
+        k = len(self.joint.shared)
+        shared, first = self._shared.to_physical(D[:, :k])
+        hyper, second = self._hyper.to_physical(D[:, k:])
+        return np.concatenate([shared, hyper], axis=1), first + second
+
+    def drivers_from_physical(self, x: FloatArray) -> FloatArray:
+        """Coordinates of physical drivers (n, k)."""
+        k = len(self.joint.shared)
+        return np.concatenate(
+            [self._shared.from_physical(x[:, :k]), self._hyper.from_physical(x[:, k:])], axis=1
+        )
+
+    def locals_to_physical(self, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Physical locals (n, d) of a group and log Jacobian (n,)."""
+        return self._own[group].to_physical(L)
+
+    def locals_from_physical(self, group: int, x: FloatArray) -> FloatArray:
+        """Coordinates of a group's physical locals (n, d)."""
+        return self._own[group].from_physical(x)
+
+    def log_prior(self, D: FloatArray) -> FloatArray:
+        """See :class:`bayesterra.pooling.moves.Family`."""
+        x, log_jacobian = self.drivers_to_physical(D)
+        known = np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian)
+        level = self.joint.log_prior_of_drivers(np.where(known[:, None], x, 0.0))
+        return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf)
+
+    def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
+        """See :class:`bayesterra.pooling.moves.Family`."""
+        return self._prior(self.drivers_to_physical(D)[0], group, L)[0]
+
+    def _prior(self, drivers: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log density given physical drivers, Jacobian included, and physical locals."""
+        own, log_jacobian = self.locals_to_physical(group, L)
+        known = np.isfinite(own).all(axis=1) & np.isfinite(log_jacobian)
+        level = self.joint.log_prior_of_group(drivers, np.where(known[:, None], own, 0.0))
+        return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf), own
+
+    def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`bayesterra.pooling.moves.Family`."""
+        drivers, _ = self.drivers_to_physical(D)
+        population, own = self._prior(drivers, group, L)
+        likelihood = np.full(len(D), -np.inf)
+        alive = np.flatnonzero(np.isfinite(population))
+        if alive.size:
+            name = self._names[group]
+            likelihood[alive] = self.joint.log_likelihood_of_group(name, drivers[alive], own[alive])
+        return population, likelihood
+
+    def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
+        """Slice steps of every mean and spread given the groups' values."""
+        k = len(self.joint.shared)
+        own = np.stack([self.locals_to_physical(g, L[g])[0] for g in range(self.groups)])
+        drivers, _ = self.drivers_to_physical(D)
+        for i, (name, law) in enumerate(self.joint.pooling.hierarchical.items()):
+            values = own[:, :, self.joint.local.index(name)]
+            at, limits = k + 2 * i, self.joint.laws[name].range
+            assert law.mean is not None
+            assert law.spread is not None
+            for _ in range(SLICES):
+                for column, one in ((at, law.mean), (at + 1, law.spread)):
+                    drivers[:, column] = _sliced(drivers, column, at, values, one, limits, rng)
+        new = self.drivers_from_physical(drivers)
+        new[:, :k] = D[:, :k]
+        return np.where(np.isfinite(new).all(axis=1)[:, None], new, D)
+
+
+def _sliced(
+    drivers: FloatArray,
+    column: int,
+    at: int,
+    values: FloatArray,
+    law: Law,
+    limits: tuple[float, float],
+    rng: Generator,
+) -> FloatArray:
+    """One slice step (Neal 2003) of a mean or spread in the probability scale of its law, an interval.
+
+    The first interval is all of it, so that shrinking alone is exact and nothing needs to be tuned.
+    """
+    mean, spread = drivers[:, at].copy(), drivers[:, at + 1].copy()
+
+    def level(chosen: FloatArray) -> FloatArray:
+        pair = (chosen, spread) if column == at else (mean, chosen)
+        return log_population(values, pair[0], pair[1], limits).sum(axis=0)
+
+    now = drivers[:, column]
+    floor = level(now) + np.log(rng.random(len(now)))
+    place = law.cdf(now)
+    low, high, result = np.zeros(len(now)), np.ones(len(now)), now.copy()
+    open_ = np.ones(len(now), dtype=bool)
+    for _ in range(100):
+        tried = low + rng.random(len(now)) * (high - low)
+        x = law.quantile(tried)
+        inside = open_ & (level(x) > floor)
+        result[inside] = x[inside]
+        open_ &= ~inside
+        if not open_.any():
+            break
+        below = open_ & (tried < place)
+        low[below], high[open_ & ~below] = tried[below], tried[open_ & ~below]
+    return result

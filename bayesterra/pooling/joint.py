@@ -1,0 +1,229 @@
+"""The joint posterior of several groups of rows: what they share, their populations, what each has alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, SupportError
+from bayesterra.laws import Law
+from bayesterra.pooling.populations import draw_population, log_population
+from bayesterra.posteriors import Posterior, likelihood_of
+from bayesterra.sharing import Pooling
+from bayesterra.study import Study
+
+MEAN, SPREAD = "mean", "spread"
+
+
+@dataclass(frozen=True)
+class JointPosterior:
+    """Posterior density of all parameters of a study with groups.
+
+    p(shared) p(populations) ∏_g p(locals_g | populations) likelihood_g, every constant included. The prior is
+    the stated one, set to zero where any group's parameters are outside the physical support.
+
+    Attributes
+    ----------
+    pooling : the role of every free parameter.
+    groups : posterior of each group's rows alone, by the group's name; all have the same parameters.
+    """
+
+    pooling: Pooling
+    groups: Mapping[str, Posterior]
+
+    @cached_property
+    def first(self) -> Posterior:
+        """The first group's, for what all have in common."""
+        return next(iter(self.groups.values()))
+
+    @property
+    def laws(self) -> Mapping[str, Law]:
+        """The stated law of every parameter."""
+        return self.first.prior.laws
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Parameters that all groups share."""
+        return self.pooling.shared
+
+    @property
+    def populations(self) -> tuple[str, ...]:
+        """Hierarchical parameters."""
+        return tuple(self.pooling.hierarchical)
+
+    @cached_property
+    def local(self) -> tuple[str, ...]:
+        """Parameters that every group has its own value of, in the package's order."""
+        return tuple(name for name in self.first.names if name not in self.shared)
+
+    @cached_property
+    def drivers(self) -> tuple[str, ...]:
+        """Shared parameters, then mean and spread of every population: ``K.mean``, ``K.spread``."""
+        hyper = (f"{name}.{part}" for name in self.populations for part in (MEAN, SPREAD))
+        return (*self.shared, *hyper)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """All parameters: drivers, then those of each group in turn, ``K[Wh11]``."""
+        return (*self.drivers, *(f"{name}[{group}]" for group in self.groups for name in self.local))
+
+    @cached_property
+    def _columns(self) -> tuple[list[int], list[int]]:
+        """Columns of shared and of local parameters among a group's own."""
+        names = self.first.names
+        return [names.index(n) for n in self.shared], [names.index(n) for n in self.local]
+
+    def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Drivers (n, k) and locals (groups, n, d) of parameter sets (n, all)."""
+        k = len(self.drivers)
+        locals_ = x[:, k:].reshape(len(x), len(self.groups), len(self.local))
+        return x[:, :k], np.ascontiguousarray(np.moveaxis(locals_, 1, 0))
+
+    def joined(self, drivers: FloatArray, locals_: FloatArray) -> FloatArray:
+        """The inverse of :meth:`split`, for any leading shape: (..., k) and (..., groups, d)."""
+        flat = locals_.reshape(*locals_.shape[:-2], -1)
+        return np.concatenate([drivers, flat], axis=-1)
+
+    def of_group(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
+        """Parameter sets (n, names of a group) from drivers (n, k) and a group's locals (n, d)."""
+        x, (shared, local) = np.empty((len(drivers), len(self.first.names))), self._columns
+        x[:, shared], x[:, local] = drivers[:, : len(shared)], own
+        return x
+
+    def log_prior_of_drivers(self, drivers: FloatArray) -> FloatArray:
+        """Log density (n,) of shared parameters, means and spreads under their stated laws."""
+        total, column = np.zeros(len(drivers)), len(self.shared)
+        for i, name in enumerate(self.shared):
+            total += self.laws[name].log_density(drivers[:, i])
+        for name in self.populations:
+            law = self.pooling.hierarchical[name]
+            assert law.mean is not None
+            assert law.spread is not None
+            total += law.mean.log_density(drivers[:, column]) + law.spread.log_density(drivers[:, column + 1])
+            total = np.where(drivers[:, column + 1] > 0, total, -np.inf)
+            column += 2
+        return np.where(np.isfinite(total), total, -np.inf)
+
+    def log_prior_of_group(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
+        """Log density (n,) of a group's locals (n, d) given drivers (n, k), before the physical cut."""
+        total = np.zeros(len(own))
+        for i, name in enumerate(self.local):
+            if name in self.populations:
+                at = len(self.shared) + 2 * self.populations.index(name)
+                total += log_population(own[:, i], drivers[:, at], drivers[:, at + 1], self.laws[name].range)
+            else:
+                total += self.laws[name].log_density(own[:, i])
+        return np.where(np.isfinite(total), total, -np.inf)
+
+    def log_likelihood_of_group(self, group: str, drivers: FloatArray, own: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of a group's rows; −inf outside its physical support."""
+        return self.groups[group].log_prior_and_likelihood(self.of_group(drivers, own))[1]
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log posterior density (n,) of parameter sets ``x`` (n, d) in the order of ``names``.
+
+        Raises
+        ------
+        ValueError : ``x`` does not have one column per parameter.
+        """
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        if x.ndim != 2 or x.shape[1] != len(self.names):
+            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
+        known = np.isfinite(x).all(axis=1)
+        D, L = self.split(np.where(known[:, None], x, 0.0))
+        total = np.where(known, self.log_prior_of_drivers(D), -np.inf)
+        for group, own in zip(self.groups, L, strict=True):
+            alive = np.flatnonzero(np.isfinite(total))
+            total[alive] += self.log_prior_of_group(D[alive], own[alive])
+            alive = alive[np.isfinite(total[alive])]
+            total[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
+        return total
+
+    def draw_drivers(self, n: int, rng: Generator) -> FloatArray:
+        """Shared parameters, means and spreads (n, k) from their stated laws."""
+        columns = [self.laws[name].sample(n, rng) for name in self.shared]
+        for law in self.pooling.hierarchical.values():
+            columns += [part.sample(n, rng) for part in (law.mean, law.spread) if part is not None]
+        return np.column_stack(columns)
+
+    def draw_group(self, drivers: FloatArray, rng: Generator) -> FloatArray:
+        """Locals (n, d) of one group for each row of drivers, before the physical cut."""
+        columns = []
+        for name in self.local:
+            if name in self.populations:
+                at = len(self.shared) + 2 * self.populations.index(name)
+                mean, spread = drivers[:, at], drivers[:, at + 1]
+                columns.append(draw_population(mean, spread, self.laws[name].range, rng))
+            else:
+                columns.append(self.laws[name].sample(len(drivers), rng))
+        return np.column_stack(columns)
+
+
+def joint_posterior(study: Study) -> JointPosterior:
+    """Build the joint posterior of a study that has a [pooling] table.
+
+    Raises
+    ------
+    StudyError : there is no such table, or the rows in use belong to one group only.
+    """
+    if study.pooling is None:
+        raise StudyError("the study needs a [pooling] table")
+    used = study.observations.used()
+    labels = np.array(used.label(study.pooling.by), dtype=object)
+    names = list(dict.fromkeys(labels))
+    if len(names) < 2:
+        raise StudyError(
+            f"[pooling] needs rows in use of at least two groups in '{study.pooling.by}' (got one)"
+        )
+    groups = {n: Posterior(study.prior, likelihood_of(study, used.take(labels == n))) for n in names}
+    return JointPosterior(study.pooling, groups)
+
+
+def draw_joint_prior(
+    joint: JointPosterior, n: int, rng: Generator, *, batch: int = 20000, most: int = 400
+) -> FloatArray:
+    """Parameter sets (n, d) of the joint prior cut to the support of every group, by rejection.
+
+    Where that would take too long, survivors are drawn again after every group (sequential importance
+    resampling): then draws have values of earlier groups in common.
+
+    Raises
+    ------
+    SupportError : no draw of a batch lies in the support of a group.
+    """
+    kept: list[FloatArray] = []
+    tried = found = 0
+    while found < n:
+        if tried >= 10 * batch and found * most < 10 * n:
+            return _resampled(joint, n, rng, batch)
+        D = joint.draw_drivers(batch, rng)
+        L = np.empty((len(joint.groups), batch, len(joint.local)))
+        alive = np.arange(batch)
+        for g, posterior in enumerate(joint.groups.values()):
+            L[g, alive] = joint.draw_group(D[alive], rng)
+            x = joint.of_group(D[alive], L[g, alive])
+            alive = alive[posterior.reasons(x) == 0]
+            if not alive.size:
+                break
+        kept.append(joint.joined(D[alive], np.moveaxis(L[:, alive], 0, 1)))
+        tried, found = tried + batch, found + len(alive)
+    return np.concatenate(kept)[:n]
+
+
+def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> FloatArray:
+    """The same by sequential importance resampling."""
+    D = joint.draw_drivers(batch, rng)
+    L = np.empty((len(joint.groups), batch, len(joint.local)))
+    for g, (name, posterior) in enumerate(joint.groups.items()):
+        L[g] = joint.draw_group(D, rng)
+        alive = np.flatnonzero(posterior.reasons(joint.of_group(D, L[g])) == 0)
+        if not alive.size:
+            raise SupportError(f"no draw of the prior fits the conditions of group {name}")
+        chosen = rng.choice(alive, size=batch)
+        D, L = D[chosen], L[:, chosen]
+    return joint.joined(D, np.moveaxis(L, 0, 1))[:n]

@@ -1,0 +1,297 @@
+"""Walkers of one ensemble that use what pooling gives: groups are independent given what they share.
+
+A state is drivers D (what the groups share, and means and spreads of populations) and locals L of every group,
+with density p(D) ∏ p(L_g | D) likelihood_g(S, L_g), S the first of the drivers. emcee's moves evaluate whole
+vectors, so these moves are our own:
+
+- the locals of one group anew, from their fitted law given D, or by differences of other walkers
+  (differential evolution, ter Braak 2006): one group's likelihood each;
+- drivers by differences or from a fitted law, every group's locals carried along in straight coordinates that
+  hardly depend on the drivers: a partly non-centred step in the sense of Papaspiliopoulos et al. (2007), its
+  degree fitted group by group;
+- shared drivers with the locals held;
+- means and spreads given the locals, which needs no likelihood: the centred step of an interweaving pair
+  (Yu and Meng 2011).
+
+All laws are frozen while draws are kept. Each half of the walkers moves by differences of the other half.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
+from bayesterra.sampling.unbending import Proposal, fit_proposal
+
+INDEPENDENT_DRIVERS = 8
+"""Most drivers that are also proposed afresh all at once."""
+HELD_SHARE = 0.25
+"""Share of sweeps with a move of the shared drivers that holds the locals."""
+
+
+class Family(Protocol):
+    """A density of drivers D (n, k) and locals L of every group (groups, n, d), in unbounded coordinates."""
+
+    groups: int
+    blocks: tuple[tuple[int, ...], ...]
+    """Columns of D that belong together; the first block is what the likelihood depends on, maybe empty."""
+    widths: FloatArray
+    """Standard deviations (d,) of locals before the data."""
+
+    def log_prior(self, D: FloatArray) -> FloatArray:
+        """Log density (n,) of drivers; −inf outside the support."""
+
+    def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
+        """Log density (n,) of one group's locals (n, d) given drivers."""
+
+    def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same, and the group's log likelihood (n,); the latter −inf outside its support."""
+
+    def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
+        """Drivers (n, k) after a move of those that the likelihood does not see, given locals."""
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Frozen proposals: of the drivers, and of every group's locals given the drivers."""
+
+    drivers: Proposal
+    locals: tuple[ConditionalLaw, ...]
+
+
+@dataclass
+class Walkers:
+    """States of w walkers.
+
+    Attributes
+    ----------
+    D, L : drivers (w, k) and locals (groups, w, d).
+    prior : log density of the drivers (w,).
+    population, likelihood : log densities of every group (groups, w).
+    """
+
+    D: FloatArray
+    L: FloatArray
+    prior: FloatArray
+    population: FloatArray
+    likelihood: FloatArray
+
+    @classmethod
+    def at(cls, family: Family, D: FloatArray, L: FloatArray) -> Walkers:
+        """Evaluate everything once."""
+        terms = [family.terms(g, D, L[g]) for g in range(family.groups)]
+        population, likelihood = (np.array(part) for part in zip(*terms, strict=True))
+        return cls(D.copy(), L.copy(), family.log_prior(D), population, likelihood)
+
+    @property
+    def log_density(self) -> FloatArray:
+        """Log density (w,) of the whole states."""
+        return np.asarray(self.prior + self.population.sum(axis=0) + self.likelihood.sum(axis=0))
+
+
+@dataclass
+class Counts:
+    """Accepted and tried moves by kind."""
+
+    accepted: dict[str, float] = field(default_factory=dict)
+    tried: dict[str, float] = field(default_factory=dict)
+
+    def add(self, kind: str, taken: BoolArray) -> None:
+        """Count the moves of some walkers."""
+        self.accepted[kind] = self.accepted.get(kind, 0.0) + float(taken.sum())
+        self.tried[kind] = self.tried.get(kind, 0.0) + taken.size
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Accepted share by kind."""
+        return {kind: self.accepted[kind] / tried for kind, tried in self.tried.items()}
+
+
+@dataclass
+class PooledEnsemble:
+    """One ensemble of walkers with its laws and its stream of random numbers."""
+
+    family: Family
+    laws: Laws
+    walkers: Walkers
+    rng: Generator
+    counts: Counts = field(default_factory=Counts)
+
+    def __post_init__(self) -> None:
+        self._moved = np.zeros(len(self.walkers.D))
+
+    def run(self, sweeps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Take sweeps; drivers (sweeps, w, k), locals (sweeps, groups, w, d), and accepted share (w,)."""
+        D = np.empty((sweeps, *self.walkers.D.shape))
+        L = np.empty((sweeps, *self.walkers.L.shape))
+        self._moved[:] = 0.0
+        for i in range(sweeps):
+            self.sweep()
+            D[i], L[i] = self.walkers.D, self.walkers.L
+        return D, L, self._moved / (sweeps * self.family.groups)
+
+    def sweep(self) -> None:
+        """Move everything once."""
+        for g in range(self.family.groups):
+            self._anew(g)
+            for half in self._halves():
+                self._by_differences(g, *half)
+        if len(self.family.blocks) > 1:
+            self._refresh()
+        k = self.walkers.D.shape[1]
+        if k <= INDEPENDENT_DRIVERS:
+            self._drivers_anew()
+        for half in self._halves():
+            self._drivers_by_differences(tuple(range(k)), *half)
+        blocks = [block for block in self.family.blocks if 0 < len(block) < k]
+        if blocks:
+            block = blocks[self.rng.integers(len(blocks))]
+            for half in self._halves():
+                self._drivers_by_differences(block, *half)
+        if self.family.blocks[0] and self.rng.random() < HELD_SHARE:
+            for half in self._halves():
+                self._drivers_by_differences(self.family.blocks[0], *half, held=True)
+
+    def _halves(self) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
+        order = self.rng.permutation(len(self.walkers.D))
+        first, second = order[: len(order) // 2], order[len(order) // 2 :]
+        return (first, second), (second, first)
+
+    def _steps(self, other: FloatArray, n: int, dimension: int) -> FloatArray:
+        """Differences (n, d) of random pairs among points (m, d), long and short ones."""
+        first = self.rng.integers(len(other), size=n)
+        second = (first + 1 + self.rng.integers(len(other) - 1, size=n)) % len(other)
+        length = 2.38 / np.sqrt(2 * dimension) * self.rng.choice([0.35, 0.7, 1.0], size=n)
+        return np.asarray(length[:, None] * (other[first] - other[second]))
+
+    def _accept(self, log_ratio: FloatArray) -> BoolArray:
+        return np.asarray(np.log(self.rng.random(len(log_ratio))) < log_ratio)
+
+    def _anew(self, g: int) -> None:
+        """Propose the locals of a group from their law given the drivers."""
+        w, law = self.walkers, self.laws.locals[g]
+        L, log_new = law.sample(w.D, self.rng)
+        population, likelihood = self.family.terms(g, w.D, L)
+        log_ratio = population + likelihood - w.population[g] - w.likelihood[g]
+        taken = self._accept(log_ratio + law.log_density(w.D, w.L[g]) - log_new)
+        w.L[g][taken] = L[taken]
+        w.population[g][taken], w.likelihood[g][taken] = population[taken], likelihood[taken]
+        self._moved += taken
+        self.counts.add("locals anew", taken)
+
+    def _by_differences(self, g: int, half: IntArray, other: IntArray) -> None:
+        """Move the locals of a group along differences of other walkers in straight coordinates."""
+        w, law = self.walkers, self.laws.locals[g]
+        v, log_jacobian = law.straighten(w.D, w.L[g])
+        proposed = v[half] + self._steps(v[other], len(half), v.shape[1])
+        L, log_new = law.bend(w.D[half], proposed)
+        population, likelihood = self.family.terms(g, w.D[half], L)
+        log_ratio = population + likelihood - w.population[g][half] - w.likelihood[g][half]
+        taken = self._accept(log_ratio + log_new - log_jacobian[half])
+        chosen = half[taken]
+        w.L[g][chosen] = L[taken]
+        w.population[g][chosen], w.likelihood[g][chosen] = population[taken], likelihood[taken]
+        self.counts.add("locals by differences", taken)
+
+    def _refresh(self) -> None:
+        """Move what the likelihood does not see."""
+        w = self.walkers
+        w.D = self.family.refreshed(w.D, w.L, self.rng)
+        w.prior = self.family.log_prior(w.D)
+        for g in range(self.family.groups):
+            w.population[g] = self.family.log_population(g, w.D, w.L[g])
+
+    def _drivers_anew(self) -> None:
+        """Propose all drivers from their law, the locals carried along."""
+        law, D = self.laws.drivers, self.walkers.D
+        new = law.sample(len(D), self.rng)
+        log_ratio = law.log_density(D) - law.log_density(new)
+        self._carried(np.arange(len(D)), new, log_ratio, "drivers anew")
+
+    def _drivers_by_differences(
+        self, block: Sequence[int], half: IntArray, other: IntArray, *, held: bool = False
+    ) -> None:
+        """Move some drivers along differences of other walkers, the locals carried along or held."""
+        straight, columns = self.laws.drivers.unbending, list(block)
+        v, log_jacobian = straight.straighten(self.walkers.D)
+        proposed = v[half]
+        proposed[:, columns] += self._steps(v[other][:, columns], len(half), len(columns))
+        D, log_new = straight.bend(proposed)
+        kind = "shared with locals held" if held else f"drivers by differences ({len(columns)})"
+        self._carried(half, D, log_new - log_jacobian[half], kind, held=held)
+
+    def _carried(
+        self, chosen: IntArray, D: FloatArray, log_ratio: FloatArray, kind: str, *, held: bool = False
+    ) -> None:
+        """Metropolis step to drivers D of the chosen walkers; ``log_ratio`` of the proposal itself."""
+        w = self.walkers
+        prior = self.family.log_prior(D)
+        alive = np.flatnonzero(np.isfinite(prior))
+        level = np.where(np.isfinite(prior), prior + log_ratio - w.prior[chosen], -np.inf)
+        L = w.L[:, chosen].copy()
+        population, likelihood = np.empty(L.shape[:2]), np.empty(L.shape[:2])
+        for g in range(self.family.groups):
+            law, now = self.laws.locals[g], chosen[alive]
+            if not held:
+                v, before = law.straighten(w.D[now], w.L[g][now])
+                L[g][alive], after = law.bend(D[alive], v)
+                level[alive] += after - before
+            terms = self.family.terms(g, D[alive], L[g][alive])
+            population[g][alive], likelihood[g][alive] = terms
+            level[alive] += terms[0] + terms[1] - w.population[g][now] - w.likelihood[g][now]
+            alive = alive[np.isfinite(level[alive])]
+        taken = self._accept(level)
+        into = chosen[taken]
+        w.D[into], w.prior[into] = D[taken], prior[taken]
+        w.L[:, into] = L[:, taken]
+        w.population[:, into], w.likelihood[:, into] = population[:, taken], likelihood[:, taken]
+        self.counts.add(kind, taken)
+
+
+FITTED = 4096
+"""Most draws that laws are fitted to."""
+
+
+def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator, components: int = 8) -> Laws:
+    """Fit all proposals to draws of drivers (n, k) and locals (groups, n, d)."""
+    every = max(1, -(-len(D) // FITTED))
+    D, L = D[::every], L[:, ::every]
+    drivers = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
+    following = [
+        fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
+    ]
+    return Laws(drivers, tuple(following))
+
+
+def piloted(
+    family: Family, D: FloatArray, L: FloatArray, walkers: int, pilots: Sequence[int], rng: Generator
+) -> PooledEnsemble:
+    """An ensemble whose laws are fitted to starting points, then to what each of some pilot runs found.
+
+    Parameters
+    ----------
+    D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
+    pilots : sweeps of each pilot run, of which the second half is used.
+    """
+    inside = np.isfinite(Walkers.at(family, D, L).log_density)
+    D, L = D[inside], L[:, inside]
+    laws = fit_laws(family, D, L, rng)
+    start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
+    ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
+    for sweeps in pilots:
+        D, L, _ = ensemble.run(sweeps)
+        D, L = D[sweeps // 2 :], L[sweeps // 2 :]
+        laws = fit_laws(
+            family,
+            D.reshape(-1, D.shape[-1]),
+            np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1]),
+            rng,
+        )
+        ensemble = PooledEnsemble(family, laws, ensemble.walkers, rng)
+    return ensemble

@@ -1,0 +1,283 @@
+"""Sampling a joint posterior: each group alone first, then all together with laws learnt from that."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator, SeedSequence, default_rng
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
+
+from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import Diagnosis, diagnose
+from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
+from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.moves import FITTED, Laws, PooledEnsemble, piloted
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.journal import Journal, NoJournal, Segment
+from bayesterra.sampling.sampler import Progress, Samples, sample
+from bayesterra.schema import SamplingOptions
+
+ROUND_SWEEPS = 200
+STARTS = 2048
+"""Points that every ensemble fits its first laws to."""
+START_SHARE = 0.05
+"""Effective share of candidates that the first draws of shared parameters keep, by tempering their weights."""
+LONE_ESS = 4000
+"""Effective draws asked of each group alone, at most; not more than of the joint posterior."""
+
+
+@dataclass(frozen=True)
+class PoolingOptions:
+    """Size of the adaptation.
+
+    Attributes
+    ----------
+    pilots : sweeps of each pilot run, after which all laws are fitted anew.
+    lone : adaptation of each group's own sampler.
+    """
+
+    pilots: tuple[int, ...] = (30, 60, 120)
+    lone: AdaptationOptions = AdaptationOptions(particles=512, components=12, shores=12)
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """Draws of all ensembles and how they were made.
+
+    Attributes
+    ----------
+    joint : what was sampled.
+    chains : physical parameters (ensembles, steps, walkers, d), SI and radians.
+    acceptance : share of accepted proposals of groups' locals (ensembles, walkers).
+    diagnosis : the verdict.
+    lone : samples of each group alone under the stated prior, by group.
+    laws : each ensemble's frozen laws, of drivers and of every group's locals.
+    moves : accepted share of each kind of move, over all ensembles.
+    seconds : wall time by stage; ``processor`` is the processor time of all.
+    """
+
+    joint: JointPosterior
+    chains: FloatArray
+    acceptance: FloatArray
+    diagnosis: Diagnosis
+    lone: Mapping[str, Samples]
+    laws: tuple[Laws, ...]
+    moves: Mapping[str, float]
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A journal under names of its own."""
+
+    journal: Journal
+    prefix: str
+
+    def holds(self, name: str) -> bool:
+        return self.journal.holds(f"{self.prefix}-{name}")
+
+    def load(self, name: str) -> Segment | None:
+        return self.journal.load(f"{self.prefix}-{name}")
+
+    def save(self, name: str, segment: Segment) -> None:
+        self.journal.save(f"{self.prefix}-{name}", segment)
+
+
+def sample_groups(
+    joint: JointPosterior,
+    options: SamplingOptions,
+    seed: SeedSequence,
+    report: Callable[[Progress], None] = lambda progress: None,
+    adaptation: AdaptationOptions | None = None,
+    journal: Journal | None = None,
+) -> dict[str, Samples]:
+    """Sample each group's posterior alone, under the stated prior: no pooling."""
+    asked = replace(options, target_ess=min(options.target_ess, LONE_ESS))
+    found = {}
+    for number, (stream, (group, posterior)) in enumerate(
+        zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
+    ):
+        own = _Named(journal or NoJournal(), f"group-{number + 1}")
+        found[group] = sample(posterior, asked, stream, adaptation=adaptation, journal=own)
+        report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
+    return found
+
+
+def sample_joint(
+    joint: JointPosterior,
+    options: SamplingOptions,
+    seed: SeedSequence,
+    report: Callable[[Progress], None] = lambda progress: None,
+    plan: PoolingOptions | None = None,
+    journal: Journal | None = None,
+) -> JointSamples:
+    """Sample a joint posterior with independent ensembles; see :mod:`bayesterra.pooling.moves`.
+
+    Ensemble e begins with what ensemble e of every group alone found, so that ensembles share nothing.
+
+    Parameters
+    ----------
+    options, report : as for :func:`bayesterra.sampling.sampler.sample`.
+    seed : root of all random streams; the draws depend on nothing else, whatever the number of cores.
+    plan : size of the adaptation.
+    journal : where what the groups alone found is noted, to go on from.
+    """
+    plan = plan or PoolingOptions()
+    started, processor = time.perf_counter(), time.process_time()
+    alone, *streams = seed.spawn(1 + options.ensembles)
+    lone = sample_groups(joint, options, alone, report, plan.lone, journal)
+    apart = time.perf_counter()
+    family = JointFamily(joint)
+    _ = family.widths  # before threads ask for it
+
+    def begun(number: int) -> PooledEnsemble:
+        rng = default_rng(streams[number])
+        chains = {group: samples.chains[number] for group, samples in lone.items()}
+        D, L = starting_points(family, chains, rng)
+        ensemble = piloted(family, D, L, options.walkers, plan.pilots, rng)
+        ensemble.counts.accepted.clear()
+        ensemble.counts.tried.clear()
+        return ensemble
+
+    with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
+        report(Progress("adapting", 0.0))
+        ensembles = list(pool.map(begun, range(options.ensembles)))
+        adapted = time.perf_counter()
+        chains, acceptance, diagnosis = _produced(joint, family, ensembles, options, pool, report)
+    moves = {
+        kind: sum(one.counts.accepted[kind] for one in ensembles)
+        / sum(one.counts.tried[kind] for one in ensembles)
+        for kind in ensembles[0].counts.tried
+    }
+    seconds = {
+        "groups alone": apart - started,
+        "adaptation": adapted - apart,
+        "production": time.perf_counter() - adapted,
+        "processor": time.process_time() - processor,
+    }
+    laws = tuple(one.laws for one in ensembles)
+    return JointSamples(joint, chains, acceptance, diagnosis, lone, laws, moves, seconds)
+
+
+def _produced(
+    joint: JointPosterior,
+    family: JointFamily,
+    ensembles: list[PooledEnsemble],
+    options: SamplingOptions,
+    pool: ThreadPoolExecutor,
+    report: Callable[[Progress], None],
+) -> tuple[FloatArray, FloatArray, Diagnosis]:
+    """Rounds of sweeps until the diagnosis passes or the steps run out."""
+    kept: list[FloatArray] = []
+    accepted = np.zeros((options.ensembles, options.walkers))
+    steps, since = 0, time.perf_counter()
+    while True:
+        length = min(ROUND_SWEEPS, options.max_steps - steps)
+        found = list(pool.map(lambda one: one.run(length), ensembles))
+        kept.append(np.array([_physical(family, D, L) for D, L, _ in found]))
+        accepted += length * np.array([share for _, _, share in found])
+        steps += length
+        chains = np.concatenate(kept, axis=1)
+        diagnosis = diagnose(joint.names, chains, accepted / steps, options.target_ess)
+        done = min(1.0, diagnosis.ess / options.target_ess)
+        elapsed = time.perf_counter() - since
+        report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
+        if diagnosis.converged or steps >= options.max_steps:
+            return chains, accepted / steps, diagnosis
+
+
+def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:
+    """Physical parameters (steps, w, d) of drivers (steps, w, k) and locals (steps, groups, w, d)."""
+    drivers = family.drivers_to_physical(D.reshape(-1, D.shape[-1]))[0].reshape(D.shape)
+    own = np.stack(
+        [
+            family.locals_to_physical(g, L[:, g].reshape(-1, L.shape[-1]))[0].reshape(*D.shape[:2], -1)
+            for g in range(family.groups)
+        ],
+        axis=2,
+    )
+    return family.joint.joined(drivers, own)
+
+
+def starting_points(
+    family: JointFamily, chains: Mapping[str, FloatArray], rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Drivers (n, k) and locals (groups, n, d) spread roughly like the joint posterior.
+
+    Shared parameters are drawn from the product of the groups' posteriors of them, tempered where these hardly
+    overlap; locals from each group's law given them; populations from the locals.
+
+    Parameters
+    ----------
+    chains : one ensemble's draws of each group alone, physical (steps, walkers, d).
+    """
+    joint, k = family.joint, len(family.joint.shared)
+    draws = [_coordinates(family, g, chain, rng) for g, chain in enumerate(chains.values())]
+    if k:
+        laws = [fit_conditional(S, L, family.widths, rng) for S, L in draws]
+        S = _common(family, laws, np.concatenate([S for S, _ in draws]), rng)
+        L = np.stack([law.sample(S, rng)[0] for law in laws])
+    else:
+        S = np.empty((STARTS, 0))
+        L = np.stack([own[rng.integers(len(own), size=STARTS)] for _, own in draws])
+    drivers = np.concatenate([S, np.zeros((STARTS, 2 * len(joint.populations)))], axis=1)
+    if joint.populations:
+        physical = [np.empty((STARTS, 0))]
+        own = np.stack([family.locals_to_physical(g, L[g])[0] for g in range(family.groups)])
+        for name, law in joint.pooling.hierarchical.items():
+            values = own[:, :, joint.local.index(name)]
+            assert law.mean is not None
+            assert law.spread is not None
+            low, high = law.mean.quantile(np.array([0.005, 0.995]))
+            least = float(law.spread.quantile(np.array(0.02)))
+            most = float(law.spread.quantile(np.array(0.98)))
+            physical.append(np.clip(values.mean(axis=0), low, high)[:, None])
+            physical.append(np.clip(values.std(axis=0), least, most)[:, None])
+        drivers[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))
+        for _ in range(5):
+            drivers = family.refreshed(drivers, L, rng)
+    return drivers, L
+
+
+def _coordinates(
+    family: JointFamily, group: int, chain: FloatArray, rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates of shared (n, k) and own (n, d) parameters in draws of a group alone, ``FITTED`` at most."""
+    x = chain.reshape(-1, chain.shape[-1])
+    x = x[rng.choice(len(x), size=min(FITTED, len(x)), replace=False)]
+    shared, local = family.joint._columns
+    return family._shared.from_physical(x[:, shared]), family.locals_from_physical(group, x[:, local])
+
+
+def _common(
+    family: JointFamily, laws: list[ConditionalLaw], candidates: FloatArray, rng: Generator
+) -> FloatArray:
+    """Shared coordinates (n, k) drawn from the candidates by the product of the groups' densities."""
+    joint, k = family.joint, len(family.joint.shared)
+    x, log_jacobian = family._shared.to_physical(candidates)
+    prior = log_jacobian.copy()
+    for i, name in enumerate(joint.shared):
+        prior += joint.laws[name].log_density(x[:, i])
+    inside = np.isfinite(prior)
+    candidates, prior = candidates[inside], prior[inside]
+    each = np.array([law.log_given(candidates) for law in laws])
+    level = each.sum(axis=0) - (len(laws) - 1) * prior - logsumexp(each, axis=0)
+
+    def excess(power: float) -> float:
+        weights = power * (level - level.max())
+        share = 2 * logsumexp(weights) - logsumexp(2 * weights) - np.log(len(weights))
+        return float(np.exp(share) - START_SHARE)
+
+    power = 1.0 if excess(1.0) >= 0 else float(brentq(excess, 0.0, 1.0, rtol=1e-3))
+    weights = np.exp(power * (level - level.max()))
+    chosen = rng.choice(len(candidates), size=STARTS, p=weights / weights.sum())
+    jitter = 0.2 * candidates[chosen].std(axis=0)
+    return np.asarray(candidates[chosen] + jitter * rng.standard_normal((STARTS, k)))

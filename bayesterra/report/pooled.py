@@ -1,0 +1,289 @@
+"""The report of a study with groups: what they share, what each has alone, and the pooling verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from bayesterra import figures
+from bayesterra.parameters import PARAMETERS
+from bayesterra.pooled import PooledResult
+from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
+from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.inputs import conditions, prior_sources, stated_law
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.pages import VerdictPage
+from bayesterra.report.symbols import angles, law_text, listed, symbol, symbols, unit
+from bayesterra.report.verdicts import Verdict
+
+WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
+
+
+@dataclass(frozen=True)
+class PooledPage(VerdictPage):
+    """The page, with the kind of its data."""
+
+    kind: str = ""
+
+
+def pooled_page(result: PooledResult) -> PooledPage:
+    """Put the page of a joint posterior together."""
+    study, record = result.study, result.record
+    rows = study.observations
+    facts = (
+        f"{len(result.groups)} groups by {record['pooling']['by']}",
+        study.soil,
+        f"{int(rows.use.sum())} of {len(rows)} rows in the fit",
+        f"model {study.model.name}, {study.drive}-driven",
+        f"{len(result.summary)} free parameters",
+        f"analysed {str(record['made'])[:10]}",
+    )
+    warning = Markup("")
+    if not result.converged:
+        failed = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
+        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(failed))
+    return PooledPage(
+        title=study.title or "One soil, several groups of rows",
+        facts=tuple(fact for fact in facts if fact),
+        verdicts=(_sampling(result), _sharing(result), _preferred(result)),
+        sections=(
+            _sharing_section(result),
+            _groups_section(result),
+            _degrees_section(result),
+            _summary_section(result),
+            _prior_section(result),
+            Section("data", "Data and model", conditions(study)),
+            _reproduce(result),
+        ),
+        version=record["versions"]["bayesterra"],
+        warning=warning,
+        kind=study.kind,
+    )
+
+
+def _sampling(result: PooledResult) -> Verdict:
+    verdict = result.record["verdict"]
+    figures_ = Markup("R-hat {}, {} effective draws").format(
+        plain(verdict["r_hat"], 4), plain(verdict["ess"])
+    )
+    beside = [name for name, good in verdict["compared_with"].items() if not good]
+    rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
+    if result.converged:
+        grade = "fair" if beside else "good"
+        return Verdict("Sampling", "converged", grade, Markup("{}.{}").format(figures_, rest))
+    return Verdict("Sampling", "not converged", "poor", Markup("{}.{}").format(figures_, rest))
+
+
+def _named(text: object) -> Markup:
+    names = str(text).split(" and ")
+    return symbols(names) if len(names) == 1 else Markup("{} together").format(symbols(names))
+
+
+def _sharing(result: PooledResult) -> Verdict:
+    found: dict[str, list[Markup]] = {}
+    for row in result.sharing.to_dict("records"):
+        found.setdefault(str(row["verdict"]), []).append(_named(row["parameter"]))
+    parts = [Markup("{}: {}").format(word, listed(names)) for word, names in found.items()]
+    decided = sum(len(names) for word, names in found.items() if word != OPEN)
+    grade = "good" if decided else "fair"
+    word = f"{decided} of {len(result.sharing)} decided"
+    return Verdict("One value for all?", word, grade, Markup("; ").join(parts) + ".")
+
+
+def _preferred(result: PooledResult) -> Verdict:
+    preferred = str(result.record["pooling"]["preferred"])
+    rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
+    parts = [Markup("{} {}").format(WORDS[n], plain(row["log_evidence"], 1)) for n, row in rows.items()]
+    word = WORDS.get(preferred, "not decided")
+    grade = "good" if preferred in WORDS else "fair"
+    return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(parts)))
+
+
+def _sharing_section(result: PooledResult) -> Section:
+    body = []
+    for row in result.sharing.to_dict("records"):
+        error = Markup("{} ± {}").format(plain(row["log_bayes_factor"], 1), plain(row["error"], 1))
+        spread: Cell = NOTHING
+        if np.isfinite(row["spread_median"]):
+            spread = Markup("{} ({})").format(
+                plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
+            )
+        against = (plain(row["against_own_values"], 1), plain(row["against_a_population"], 1))
+        body.append(
+            (_named(row["parameter"]), str(row["role"]), *against, error, str(row["verdict"]), spread)
+        )
+    by = result.record["pooling"]["by"]
+    caption = (
+        f"Log Bayes factors (natural units) of one value for all groups, from the groups' own posteriors, all "
+        f"other parameters being each group's own: against a value for each {by} under the stated prior, and "
+        f"against values from a normal population whose spread is about half of the prior's or less. The lesser "
+        f"counts, ± standard error over ensembles: from {STRONG:g} on (odds of 20 to 1), two errors beyond it, "
+        f"the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. Spread: standard deviation between groups over that "
+        "of the parameter's prior, median and 90 % HDI, where the parameter is hierarchical."
+    )
+    header = (
+        "parameter",
+        "role in this study",
+        "against own values",
+        "against a population",
+        "lesser",
+        "verdict",
+        "spread / prior sd",
+    )
+    sentence = Text(_sentence(result))
+    return Section(
+        "sharing", "What belongs to the soil", (sentence, Table(caption, "llrrrlr", header, tuple(body)))
+    )
+
+
+def _sentence(result: PooledResult) -> Markup:
+    parts: dict[str, list[Markup]] = {}
+    for row in result.sharing.to_dict("records"):
+        parts.setdefault(str(row["verdict"]), []).append(_named(row["parameter"]))
+    words = {
+        CONSTANT: "The data say that all groups have one value of",
+        OPEN: "They cannot tell for",
+    }
+    sentences = [
+        Markup("{} {}.").format(
+            words.get(word, "They say that each group has its own value of"), listed(names)
+        )
+        for word, names in parts.items()
+    ]
+    return Markup(" ").join(sentences)
+
+
+def _groups_section(result: PooledResult) -> Section:
+    names = [name for name in PARAMETERS if name in result.draws["alone"].data_vars]
+    held = result.draws["posterior"]
+    shared = [name for name in names if "group" not in held[name].dims]
+    own = [name for name in names if name not in shared]
+    blocks: list[Gallery] = []
+    for chosen, title in ((shared, "Shared"), (own, "Each group's own")):
+        if chosen:
+            pictures = tuple(
+                drawing(figures.group_strip(result, name), f"{PARAMETERS[name].description} by group")
+                for name in chosen
+            )
+            caption = Markup(
+                "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group alone; "
+                "blue: all groups together. The axis is the range of the prior. Circles: true or published "
+                "values, where stated for all groups."
+            ).format(title, symbols(chosen))
+            blocks.append(Gallery("half", pictures, caption))
+    return Section("groups", "Parameters by group", tuple(blocks))
+
+
+def _degrees_section(result: PooledResult) -> Section:
+    body = []
+    for row in result.pooling.to_dict("records"):
+        cells = (
+            WORDS[row["pooling"]],
+            "yes" if row["converged"] else "no",
+            _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"]),
+            _with_error(row["elpd_rows"], row["se_rows"], row["unreliable_rows"] == 0),
+            _with_error(row["elpd_groups"], row["se_groups"], row["unreliable_groups"] == 0),
+        )
+        body.append(cells)
+    caption = (
+        "Complete pooling: all groups share every parameter. None: every group alone. Log evidence under the "
+        "prior cut to the physical support, ± Monte Carlo error; expected log predictive density (elpd) of "
+        "each row left out in turn, and of each group left out as a whole, summed, ± standard error from the "
+        "spread between rows or groups. Greater is better. * importance weights too uneven to rely on."
+    )
+    header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
+    return Section("pooling", "Complete, partial and no pooling", (Table(caption, "lcrrr", header, tuple(body)),
+                                                                   _by_group(result)))  # fmt: skip
+
+
+def _with_error(value: float, error: float, reliable: bool) -> Markup:
+    return Markup("{} ± {}{}").format(plain(value, 1), plain(error, 1), "" if reliable else "*")
+
+
+def _by_group(result: PooledResult) -> Table:
+    some = result.left_out[result.left_out["what"] == "group"]
+    degrees = list(dict.fromkeys(some["pooling"]))
+    body = []
+    for group in result.groups:
+        own = some[some["label"].astype(str) == group].set_index("pooling")
+        cells = [
+            _with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"]))
+            for d in degrees
+        ]
+        body.append((group, *cells))
+    caption = "Log density of all readings of one group as predicted from the others, ± Monte Carlo error."
+    return Table(caption, "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
+
+
+def _summary_section(result: PooledResult) -> Section:
+    body = tuple(_row(row) for row in result.summary.to_dict("records"))
+    caption = (
+        "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean and "
+        "sd with their Monte Carlo errors, smallest effective size, R-hat; prior mean and sd after the cut."
+    )
+    header = (
+        "",
+        "unit",
+        "densest",
+        "median",
+        "90 % HDI",
+        "mean",
+        "sd",
+        "effective",
+        "R-hat",
+        "prior mean",
+        "sd",
+    )
+    return Section("posterior", "Joint posterior", (Table(caption, "ll" + "r" * 9, header, body),))
+
+
+def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
+    name = str(row["parameter"])
+    base = name.split("[")[0].split(".")[0]
+    step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+    label = Markup("{} {}").format(symbol(base), name.removeprefix(base).strip("[].").replace("]", ""))
+    return (
+        label, unit(base) or NOTHING, rounded(row["mode"], step), rounded(row["median"], step),
+        interval(row["hdi90_lo"], row["hdi90_hi"]), *moments(row["mean"], row["sd"]),
+        plain(min(row["ess_bulk"], row["ess_tail"])), plain(row["r_hat"], 4),
+        *moments(row["prior_mean"], row["prior_sd"]),
+    )  # fmt: skip
+
+
+def _prior_section(result: PooledResult) -> Section:
+    study = result.study
+    assert study.pooling is not None
+    roles = dict.fromkeys(study.pooling.shared, "shared") | dict.fromkeys(study.pooling.separate, "separate")
+    body = []
+    for name, entry in study.prior.entries.items():
+        population = study.pooling.hierarchical.get(name)
+        role: Cell = roles.get(name, NOTHING)
+        if population is not None and population.mean and population.spread:
+            role = Markup("hierarchical: mean {}, spread {}").format(
+                law_text(name, population.mean), law_text(name, population.spread)
+            )
+        body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
+    caption = (
+        "Prior laws and roles as stated. A hierarchical value is drawn from a normal law with the population's "
+        "mean and spread, cut to the range of the parameter's own law. The prior is zero where any group's "
+        "parameters are outside the physical support."
+    )
+    table = Table(caption, "llll", ("", "parameter", "prior", "role"), tuple(body))
+    return Section("prior", "Prior and roles", (table, *prior_sources(study)))
+
+
+def _reproduce(result: PooledResult) -> Section:
+    record = result.record
+    facts = (
+        ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
+        ("made", record["made"]),
+        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
+        ("machine", record["machine"]),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+    )
+    table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
+    return Section("reproduce", "Reproduce this", (table,))

@@ -1,0 +1,179 @@
+"""Six wheels on one soil: does the joint posterior find it, and does the verdict say what belongs to the soil?
+
+Run it with ``python studies/many-wheels/run.py``; it takes some minutes per case and rewrites the tables and the
+figure beside it. ``--case NAME`` remakes one case.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import bayesterra as bt
+from bayesterra.models import M1
+from bayesterra.parameters import PARAMETERS
+from bayesterra.pooled import PooledResult, run_pooled
+
+HERE = Path(__file__).parent
+SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
+LOAD = 80.0
+NOISE = {"sinkage": 0.0002, "drawbar_pull": 0.25, "resistance_moment": 0.05}
+"""Standard deviations, SI; an assumption: about those of means over several turns of a wheel."""
+SHARED = ("c", "phi")
+OWN = ("Ks", "n0", "n1", "K", "c1", "c2")
+
+# Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; c1, c2, K_s in kPa, n0, n1, K in mm
+WHEELS = {
+    "Wh11": (135.0, 165.0, 15, 24, 0.388, -0.258, 2499.0, 0.823, 1.257, 13.1),
+    "Wh12": (135.0, 165.0, 10, 24, 0.299, -0.083, 2499.3, 0.913, 1.013, 11.3),
+    "Wh21": (135.0, 110.0, 15, 24, 0.443, -0.234, 2499.3, 0.873, 1.059, 13.8),
+    "Wh22": (135.0, 110.0, 10, 24, 0.465, -0.204, 2499.6, 0.933, 0.824, 10.6),
+    "Wh31": (157.35, 165.0, 15, 30, 0.400, -0.253, 2499.0, 0.776, 1.266, 11.0),
+    "Wh32": (157.35, 165.0, 10, 30, 0.339, -0.017, 2499.3, 0.849, 1.063, 10.1),
+}
+CASES = {
+    "one-soil": dict.fromkeys(WHEELS, (0.19, 30.1)),
+    "six-soils": dict(
+        zip(
+            WHEELS,
+            ((0.2, 24.0), (1.0, 27.0), (0.2, 36.0), (2.0, 30.0), (0.6, 33.0), (1.5, 22.0)),
+            strict=True,
+        )
+    ),
+}
+"""c (kPa) and φ (deg) of every wheel: the mean of Table 10 for all, or made to differ."""
+
+
+def truth(case: str, name: str) -> dict[str, float]:
+    """True values of a wheel's soil, SI."""
+    _, _, _, _, c1, c2, Ks, n0, n1, K = WHEELS[name]
+    c, phi = CASES[case][name]
+    own = {"Ks": Ks * 1e3, "n0": n0, "n1": n1, "K": K * 1e-3, "c1": c1, "c2": c2}
+    return {**own, "c": c * 1e3, "phi": float(np.radians(phi))}
+
+
+def wheel(name: str) -> bt.Wheel:
+    """A wheel of Table 1, its shearing-radius coefficient as IM1 takes it."""
+    r, b, h, lugs, *_ = WHEELS[name]
+    return bt.Wheel(r * 1e-3, b * 1e-3, h * 1e-3, lugs, shearing_radius_coefficient=0.75 if h == 15 else 0.65)
+
+
+def simulated(case: str, seed: int = 1) -> bt.Study:
+    """The study of a case: readings made by M1, load-driven, with stated noise."""
+    frames = []
+    for stream, name in zip(np.random.SeedSequence(seed).spawn(len(WHEELS)), WHEELS, strict=True):
+        soil, rng = bt.Soil(**truth(case, name)), np.random.default_rng(stream)
+        z = np.asarray(M1().sinkage(soil, wheel(name), SLIPS, LOAD))
+        forces = M1().forces(soil, wheel(name), SLIPS, z)
+        exact = {
+            "sinkage": z,
+            "drawbar_pull": forces.drawbar_pull,
+            "resistance_moment": forces.resistance_moment,
+        }
+        read = {n: values + NOISE[n] * rng.standard_normal(len(SLIPS)) for n, values in exact.items()}
+        frames.append(
+            pd.DataFrame(
+                {
+                    "wheel": name,
+                    "slip": SLIPS,
+                    "load [N]": LOAD,
+                    "sinkage [m]": read["sinkage"],
+                    "drawbar_pull [N]": read["drawbar_pull"],
+                    "resistance_moment [N m]": read["resistance_moment"],
+                }
+            )
+        )
+    return bt.Study(
+        pd.concat(frames, ignore_index=True),
+        {name: wheel(name) for name in WHEELS},
+        slip_reference="shearing",
+        title=f"Six wheels, {case.replace('-', ' ')} (simulated)",
+        model="M1",
+        noise=NOISE,
+        kind="simulated",
+        source="studies/many-wheels/run.py: M1, soils of Ding et al. 2015, Table 10, with c and φ as stated there",
+        pooling={"by": "wheel", "shared": SHARED, "separate": OWN},
+    )
+
+
+def recovered(case: str, result: PooledResult) -> pd.DataFrame:
+    """Every parameter's true value beside its posterior, field units; a shared one has the wheels' mean."""
+    rows = []
+    for row in result.summary.to_dict("records"):
+        base, _, name = str(row["parameter"]).removesuffix("]").partition("[")
+        values = [truth(case, one)[base] / PARAMETERS[base].scale for one in ([name] if name else WHEELS)]
+        rows.append(
+            {
+                "case": case,
+                "parameter": row["parameter"],
+                "unit": row["unit"],
+                "truth": float(np.mean(values)),
+                "median": row["median"],
+                "hdi90_lo": row["hdi90_lo"],
+                "hdi90_hi": row["hdi90_hi"],
+                "inside": bool(row["hdi90_lo"] <= np.mean(values) <= row["hdi90_hi"]),
+                "ess": min(row["ess_bulk"], row["ess_tail"]),
+                "r_hat": row["r_hat"],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def costs(case: str, result: PooledResult) -> pd.DataFrame:
+    """Size, convergence, time and effective draws per second of processor time."""
+    verdict, seconds = result.record["verdict"], result.record["seconds"]
+    return pd.DataFrame(
+        [
+            {
+                "case": case,
+                "free_parameters": len(result.summary),
+                "converged": verdict["converged"],
+                "ess": verdict["ess"],
+                "r_hat": verdict["r_hat"],
+                "processor_seconds": seconds["processor"],
+                "ess_per_processor_second": verdict["ess"] / seconds["processor"],
+            }
+        ]
+    )
+
+
+def judged(case: str, table: pd.DataFrame) -> pd.DataFrame:
+    """A table of the result with the case in front."""
+    return pd.concat([pd.Series([case] * len(table), name="case"), table], axis=1)
+
+
+def remake(case: str, keep: Path | None) -> dict[str, pd.DataFrame]:
+    """Run a case and make its tables."""
+    result = run_pooled(simulated(case), report=lambda p: print(case, p.stage, f"{p.done:.2f}", flush=True))
+    if keep is not None:
+        from bayesterra.workflow import PooledRun
+
+        PooledRun.of(result).save(keep / case, overwrite=True)
+    return {
+        "recovery": recovered(case, result),
+        "costs": costs(case, result),
+        "sharing": judged(case, result.sharing),
+        "pooling": judged(case, result.pooling),
+        "by_wheel": judged(case, result.left_out[result.left_out["what"] == "group"].reset_index(drop=True)),
+    }
+
+
+def main() -> None:
+    """Remake the tables, all cases or one."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--case", choices=CASES)
+    parser.add_argument("--keep", type=Path, help="folder for whole result folders, which are not stored")
+    given = parser.parse_args()
+    for case in [given.case] if given.case else CASES:
+        for name, table in remake(case, given.keep).items():
+            path = HERE / f"{name}.csv"
+            old = pd.read_csv(path) if path.is_file() else table.iloc[:0]
+            kept = old[old["case"] != case]
+            pd.concat([kept, table] if len(kept) else [table]).to_csv(path, index=False, float_format="%.6g")
+
+
+if __name__ == "__main__":
+    main()
