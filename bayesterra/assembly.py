@@ -13,7 +13,14 @@ from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
 from bayesterra.models import Soil, Wheel
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, PRIOR_PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import (
+    CHANNELS,
+    MODULI,
+    OFFSET,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
 from bayesterra.prior_sets import PRIOR_SETS
 from bayesterra.priors import Entry, Law, Prior, Tie
 from bayesterra.schema import StatedPriors, WheelTable
@@ -89,7 +96,7 @@ def _taken(given: StatedPriors, entries: SoilPrior, *, constant_exponent: bool) 
     from bayesterra.earlier import taken  # brings ArviZ along, which most studies need not wait for
 
     idle = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
-    idle |= {"n1"} if constant_exponent else set()
+    idle |= {OFFSET} | ({"n1"} if constant_exponent else set())  # a zero error is that of its own test
     known = tuple(name for name in PRIOR_PARAMETERS if name not in idle)
     try:
         return tuple(taken(source, known) for source in given.sources)

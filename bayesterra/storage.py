@@ -1,4 +1,4 @@
-"""Result folders: the only module that knows their file formats."""
+"""Result folders: with :mod:`bayesterra.drawn` the only module that knows their file formats."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
+from bayesterra.drawn import DRAWS
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import write_text
 from bayesterra.prior_only import PriorResult
@@ -28,7 +29,7 @@ def write_result(result: Result | PriorResult, folder: Path) -> None:
         for node in result.draws.subtree
         if node.data_vars
     }
-    result.draws.to_netcdf(folder / "draws.nc", engine="h5netcdf", encoding=encoding)
+    result.draws.to_netcdf(folder / DRAWS, engine="h5netcdf", encoding=encoding)
     for name in (name for name in TABLES if hasattr(result, name)):
         write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
@@ -68,7 +69,7 @@ def read_result(folder: Path) -> Result:
     try:
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
+        draws = xr.open_datatree(folder / DRAWS, engine="h5netcdf").load()
         draws.close()
         return Result(study=load_study(folder), draws=draws, record=record, **tables)
     except StudyError:
