@@ -52,7 +52,7 @@ def test_words_and_tables_follow_the_figures(built_upon: Result) -> None:
     assert "bit to what was known before" in sentence.text
     assert [row[6] for row in parameters.rows] == [f"{ratios[k]:.2f}" for k in (i, j)]
     assert "posterior of 'Shear box'" in str(parameters.caption).replace("&#39;", "'")
-    found = np.corrcoef(draws.T)[i, j]
+    found = np.corrcoef(draws[:, i], draws[:, j])[0, 1]
     assert f"{abs(found):.2f}" in str(correlations.rows[0][2])
 
 
