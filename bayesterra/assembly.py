@@ -17,6 +17,7 @@ from bayesterra.parameters import (
     CHANNELS,
     LOAD_EFFECT,
     MODULI,
+    OFFSET,
     PARAMETERS,
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
@@ -105,7 +106,8 @@ def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Tak
     from bayesterra.earlier import taken  # brings ArviZ along, which most studies need not wait for
 
     other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
-    known = tuple(name for name in PRIOR_PARAMETERS if name not in idle | other)
+    other |= {OFFSET, *idle}  # a zero error is that of its own test
+    known = tuple(name for name in PRIOR_PARAMETERS if name not in other)
     try:
         return tuple(taken(source, known) for source in given.sources)
     except StudyError as error:

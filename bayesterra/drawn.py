@@ -41,7 +41,7 @@ class Drawn:
         plain = {name: v for name, v in columns.items() if set(v.dims) == {"chain", "draw"}}
         title = str(record.get("title") or "")
         return cls(
-            label=" ".join(part for part in (f"'{title}'" if title else "", place) if part),
+            label=" ".join(part for part in (f"'{title}'" if title else "", place) if part) or "a result",
             draws={name: frozen(v.transpose("chain", "draw").to_numpy()) for name, v in plain.items()},
             units={name: str(v.attrs.get("units", "")) for name, v in plain.items()},
             converged=bool(record.get("verdict", {}).get("converged", True)),

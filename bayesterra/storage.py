@@ -1,4 +1,4 @@
-"""Result folders: the only module that knows their file formats."""
+"""Result folders: with :mod:`bayesterra.drawn` the only module that knows their file formats."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
+from bayesterra.drawn import DRAWS
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import write_text
 from bayesterra.pooled import PooledResult
@@ -24,7 +25,7 @@ POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
 
 def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> None:
     """Write draws, tables, record and a copy of the study into an existing folder."""
-    write_draws(result.draws, folder / "draws.nc")
+    write_draws(result.draws, folder / DRAWS)
     for name in (name for name in dict.fromkeys((*TABLES, *POOLED_TABLES)) if hasattr(result, name)):
         write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
@@ -79,7 +80,7 @@ def read_result(folder: Path) -> Result:
     try:
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
+        draws = xr.open_datatree(folder / DRAWS, engine="h5netcdf").load()
         draws.close()
         return Result(study=load_study(folder), draws=draws, record=record, **tables)
     except StudyError:

@@ -1,8 +1,8 @@
 """Is yesterday's posterior today's prior? Two halves of a wheel test one after the other, and both at once.
 
 Run it with ``python studies/sequential/run.py``; it takes about ten minutes and rewrites the tables, the
-figures, the draws that the quick test weighs, and ``second-half``, the study of the second half with its prior
-as numbers.
+figures, the draws that the quick test weighs, and ``second-half``, the study of the second half with its
+prior as numbers.
 """
 
 from __future__ import annotations
@@ -130,7 +130,9 @@ def weighed(second: bt.Study, draws: FloatArray) -> FloatArray:
     nothing is sampled anew.
     """
     first = bt.posterior(study(FIRST, {"set": KEPT}, "Wh32, first half"))
-    log_weights = second.prior.log_density(draws) - first.log_density(draws)
+    before = first.log_density(draws)
+    draws, before = draws[np.isfinite(before)], before[np.isfinite(before)]  # rounded when stored
+    log_weights = second.prior.log_density(draws) - before
     weights = np.exp(log_weights - log_weights.max())
     return np.asarray((quantiles(draws, weights) - quantiles(draws)) / draws.std(axis=0))
 

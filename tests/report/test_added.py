@@ -1,0 +1,75 @@
+"""What the wheel adds: shown where a prior comes from an earlier result, in words that follow the figures."""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesterra.priors import Prior
+from bayesterra.report.added import added_sections
+from bayesterra.report.blocks import Table, Text
+from bayesterra.report.inputs import prior_sources
+from bayesterra.report.symbols import law_text
+from bayesterra.results import Result
+from bayesterra.tabulated import Tabulated
+
+LAW = Tabulated(
+    lower=0.0,
+    upper=1.5,
+    source="posterior of 'Shear box' (box-result), 4000 effective draws",
+    scores=(-1.0, 0.0, 1.0),
+    values=(0.4, 0.5, 0.6),
+)
+
+
+@pytest.fixture
+def built_upon(small_result: Result) -> Result:
+    """The small result as if its φ and K had come from an earlier one."""
+    study = copy(small_result.study)
+    entries = {**study.prior.entries, "phi": LAW, "K": LAW}
+    object.__setattr__(study, "prior", Prior(entries, study.prior.width, {"phi, K": 0.3}))
+    return replace(small_result, study=study)
+
+
+def test_a_prior_of_ones_own_has_no_such_section(small_result: Result) -> None:
+    """Nothing is shown where every law was stated by the study itself."""
+    assert added_sections(small_result) == ()
+
+
+def test_words_and_tables_follow_the_figures(built_upon: Result) -> None:
+    """The sentence has the gain and the narrowed parameters; tables show before beside after."""
+    (section,) = added_sections(built_upon)
+    assert section.title == "What the wheel adds"
+    sentence, parameters, correlations = section.blocks
+    assert isinstance(sentence, Text)
+    assert isinstance(parameters, Table)
+    assert isinstance(correlations, Table)
+    prior, draws = (built_upon.values(group) for group in ("prior", "posterior"))
+    i, j = (built_upon.names.index(name) for name in ("phi", "K"))
+    ratios = draws.std(axis=0) / prior.std(axis=0)
+    assert f"<i>φ</i> to {100 * ratios[i]:.0f} %" in sentence.text
+    assert "bit to what was known before" in sentence.text
+    assert [row[6] for row in parameters.rows] == [f"{ratios[k]:.2f}" for k in (i, j)]
+    assert "posterior of 'Shear box'" in str(parameters.caption).replace("&#39;", "'")
+    found = np.corrcoef(draws[:, i], draws[:, j])[0, 1]
+    assert f"{abs(found):.2f}" in str(correlations.rows[0][2])
+
+
+def test_what_moves_far_is_doubted(built_upon: Result) -> None:
+    """A posterior three standard deviations of the prior away is said to disagree with the earlier result."""
+    summary = built_upon.summary.copy()
+    at = summary["parameter"] == "phi"
+    summary.loc[at, "prior_mean"] = summary.loc[at, "mean"] - 3 * summary.loc[at, "prior_sd"]
+    (section,) = added_sections(replace(built_upon, summary=summary))
+    warning = section.blocks[1]
+    assert isinstance(warning, Text)
+    assert "disagree about <i>φ</i>, which moved by more than 2 standard deviations" in str(warning.text)
+
+
+def test_the_prior_table_names_law_and_source(built_upon: Result) -> None:
+    """A tabulated law is shown by its median and 90 %; parameters of one source share a line."""
+    assert str(law_text("phi", LAW)).startswith("tabulated (median 28.65, 90 % in 19.")
+    (table,) = prior_sources(built_upon.study)
+    assert isinstance(table, Table)
+    assert [str(row[0]) for row in table.rows] == ["<i>φ</i> and <i>K</i>"]
