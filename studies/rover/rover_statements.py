@@ -118,8 +118,8 @@ def _load_effect(rover: Rover, every: list[Drive]) -> dict[str, str]:
         "ours": f"{_signed(both[0])} % front, {_signed(both[1])} % rear; {count} that climb 9°",
         "difference": "",
         "verdict": verdict,
-        "why": f"c_DP alone changes it by {_signed(pull[0])} and {_signed(pull[1])} %, but c_M changes the moments"
-        f" by {_signed(moment[0])} and {_signed(moment[1])} %, and with them the pull the other way",
+        "why": f"c_DP alone changes it by {_signed(pull[0])} and {_signed(pull[1])} %, but c_M changes the"
+        f" moments by {_signed(moment[0])} and {_signed(moment[1])} %, and with them the pull the other way",
     }
 
 
