@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import NOISE_PREFIX, SOIL_PARAMETERS
+from bayesterra.parameters import MODEL_PARAMETERS, NOISE_PREFIX
 from bayesterra.posteriors import Posterior, posterior
 from bayesterra.predictive import curve_forward
 from bayesterra.results import Result
@@ -114,7 +114,7 @@ def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, fl
 
 def complete(result: Result) -> tuple[str, ...]:
     """Those of :func:`estimates` that give every free soil parameter; only they can be judged by density."""
-    free = [name for name in result.names if name in SOIL_PARAMETERS]
+    free = [name for name in result.names if name in MODEL_PARAMETERS]
     return tuple(method for method, values in estimates(result).items() if all(n in values for n in free))
 
 
@@ -125,7 +125,7 @@ def held(result: Result, method: str) -> tuple[str, ...]:
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
-    """Soils (1, 9) of the least-squares methods that leave no parameter open, SI."""
+    """Soils (1, 9 or 13) of the least-squares methods that leave no parameter open, SI."""
     soils = {
         name: _soil(result.study, values) for name, values in estimates(result).items() if name in METHODS
     }
@@ -134,7 +134,7 @@ def complete_soils(result: Result) -> dict[str, FloatArray]:
 
 def _soil(study: Study, values: Mapping[str, float]) -> FloatArray:
     held = study.prior.fixed
-    return np.array([[values.get(name, held.get(name, np.nan)) for name in SOIL_PARAMETERS]])
+    return np.array([[values.get(name, held.get(name, np.nan)) for name in study.model.parameters]])
 
 
 def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:

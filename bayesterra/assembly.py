@@ -10,15 +10,19 @@ import numpy as np
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
-from bayesterra.models import Soil, Wheel
+from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.noise import Noise
-from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.prior_sets import PRIOR_SETS
+from bayesterra.parameters import CHANNELS, LOAD_EFFECT, MODULI, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.prior_sets import LOAD_EFFECT_SETS, PRIOR_SETS
 from bayesterra.priors import Entry, Law, Prior, Tie
-from bayesterra.schema import WheelTable
+from bayesterra.schema import ModelOptions, WheelTable
 
 DEFAULT_PRIOR_SET = "paper-box"
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
+
+LOAD_EFFECT_MODEL = "M2L"
+HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, "c3": 0.0}
+"""Contact angles that Ding et al. 2015 hold where the load effect is identified, (42)."""
 
 LOAD_MARGIN = 6.0
 """Standard deviations by which the range of a latent load reaches beyond the measured normal forces."""
@@ -26,33 +30,89 @@ LOAD_MARGIN = 6.0
 SoilPrior = dict[str, Entry]
 
 
-def soil_prior(given: Mapping[str, Entry | str], *, constant_exponent: bool) -> tuple[SoilPrior, list[str]]:
+def soil_prior(
+    given: Mapping[str, Entry | str], model: str, *, constant_exponent: bool
+) -> tuple[SoilPrior, list[str]]:
     """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
     ----------
     given : the [priors] table: entries by parameter, and the name of a ``set`` for the others.
+    model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
     constant_exponent : N = n0, so n1 is held at 0.
 
     Raises
     ------
     StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent; k_c
-        without k_φ, or beside K_s.
+        without k_φ, or beside K_s; the load effect with a model that does not know it.
     """
     entries: SoilPrior = {name: entry for name, entry in given.items() if not isinstance(entry, str)}
+    effects, notes = _load_effect(entries, model)
     if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
         raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
     stiffness = _stiffness(entries)
-    needed = (*stiffness, *SOIL_PARAMETERS[1:])
+    needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
     missing = [name for name in needed if name not in entries and name != "c3"]
-    notes = []
     if missing and "set" not in given:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
     chosen = str(given.get("set", DEFAULT_PRIOR_SET)) if missing or "set" in given else None
-    known = PRIOR_SETS[chosen] if chosen else {}
+    known: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, known, chosen)
     taken = {name: entry for name, entry in known.items() if name in needed}
     return {"c3": 0.0, **taken, **entries}, notes
+
+
+def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
+    """Names of the load effect where the model knows it; holds what (42) holds, with a note."""
+    if model != LOAD_EFFECT_MODEL:
+        given = next((name for name in LOAD_EFFECT if name in entries), None)
+        if given:
+            raise StudyError(
+                f"[priors] '{given}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
+                f" (got model '{model}'): leave it out, or set model = \"{LOAD_EFFECT_MODEL}\""
+            )
+        return (), []
+    held = {name: value for name, value in HELD_UNDER_LOAD.items() if name not in entries}
+    entries.update(held)
+    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name != "c3")
+    return LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
+
+
+def wheel_soil_model(
+    name: str, options: ModelOptions, rows: Observations
+) -> tuple[WheelSoilModel, list[str]]:
+    """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
+
+    Raises
+    ------
+    StudyError : a mean load that the model does not know, or none known; an option outside its range.
+    """
+    given, notes = asdict(options), []
+    mean = given.pop("mean_load")
+    if name != LOAD_EFFECT_MODEL and mean is not None:
+        raise StudyError(
+            f"[model_options] 'mean_load' belongs to the model '{LOAD_EFFECT_MODEL}' (got '{name}')"
+        )
+    if name == LOAD_EFFECT_MODEL:
+        if mean is None:
+            mean = _mean_load(rows)
+            notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
+        given["mean_load"] = mean
+    try:
+        return MODELS[name](**given), notes
+    except ValueError as error:
+        raise StudyError(f"[model_options] {error}") from error
+
+
+def _mean_load(rows: Observations) -> float:
+    force = rows.values.get("normal_force", rows.load)
+    loads = np.where(np.isnan(rows.load), force, rows.load)
+    if np.isnan(loads).all():
+        raise StudyError(
+            f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no row"
+            " has a load"
+        )
+    return float(np.nanmean(loads))
 
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:

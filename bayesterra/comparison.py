@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PRIOR_PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import MODEL_PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.posteriors import INSIDE, REASONS, Posterior
 
 
@@ -100,7 +100,7 @@ def _standing(
         credible_level=float(np.mean(draw_densities > density)),
         reason="" if reason == INSIDE else REASONS[reason],
         at_bound=tuple(n for n in soil if n in names and _at_edge(posterior, n, soil[n])),
-        filled=tuple(n for n in SOIL_PARAMETERS if n in names and n not in values),
+        filled=tuple(n for n in MODEL_PARAMETERS if n in names and n not in values),
     )
 
 

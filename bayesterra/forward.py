@@ -11,10 +11,19 @@ from numpy.typing import NDArray
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.data import DRIVE_OUTCOMES, Observations
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
-from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import (
+    LOAD_EFFECT,
+    MODEL_PARAMETERS,
+    MODULI,
+    OFFSET,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
 
 Codes = NDArray[np.int8]
 _SOILS = len(SOIL_PARAMETERS)
+_WIDTHS = (_SOILS, len(MODEL_PARAMETERS))
+_EFFECTS = len(PRIOR_PARAMETERS) - len(LOAD_EFFECT)
 _KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
 
@@ -33,21 +42,33 @@ class Outcomes:
 
 
 def soil_at(soil: FloatArray, width: float) -> FloatArray:
-    """The nine soil parameters (n, 9) under a wheel of ``width`` (m): K_s = k_c/b + k_φ where these are used.
+    """The model's parameters (n, 9) under a wheel of ``width`` (m): K_s = k_c/b + k_φ where these are used.
 
-    ``soil`` (n, 9 or 12) is an array of :meth:`bayesterra.priors.Prior.soil_values`. A modulus that is not
-    positive is NaN: nothing carries the wheel.
+    ``soil`` (n, 9 or 12) is an array of :meth:`bayesterra.priors.Prior.soil_values`; the four columns more of
+    a load effect are kept, (n, 13). A modulus that is not positive is NaN: nothing carries the wheel.
     """
-    plain = soil[:, :_SOILS]
-    if soil.shape[1] == _SOILS or np.isnan(soil[:, _KC]).all():
+    plain = _plain(soil)
+    if not _has_moduli(soil):
         return plain
     modulus = soil[:, _KC] / width + soil[:, _KPHI]
     return np.column_stack([np.where(modulus > 0, modulus, np.nan), plain[:, 1:]])
 
 
+def _has_moduli(soil: FloatArray) -> bool:
+    return soil.shape[1] not in _WIDTHS and not bool(np.isnan(soil[:, _KC]).all())
+
+
+def _plain(soil: FloatArray) -> FloatArray:
+    """The model's parameters (n, 9 or 13) as they stand in a soil array."""
+    if soil.shape[1] in _WIDTHS:
+        return soil
+    plain, effects = soil[:, :_SOILS], soil[:, _EFFECTS:]
+    return np.column_stack([plain, effects]) if effects.shape[1] else plain
+
+
 def offset_of(soil: FloatArray) -> FloatArray:
     """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, 9 or 12)."""
-    return np.zeros((len(soil), 1)) if soil.shape[1] == _SOILS else soil[:, _OFFSET : _OFFSET + 1]
+    return np.zeros((len(soil), 1)) if soil.shape[1] in _WIDTHS else soil[:, _OFFSET : _OFFSET + 1]
 
 
 @dataclass(frozen=True)
@@ -56,7 +77,7 @@ class Forward:
 
     Parameters
     ----------
-    model : M1, M2 or M3 with its options.
+    model : one of the models with its options.
     drive : ``load``, ``sinkage``, or ``both``, which is ``load`` with the normal force among the outcomes.
     conditions : slip and wheel of every row.
     given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
@@ -130,9 +151,9 @@ class Forward:
 
 
 def by_wheel(soil: FloatArray, conditions: Conditions) -> Iterator[tuple[BoolArray, FloatArray]]:
-    """Rows (m,) that share the nine soil parameters, and these (n, 9)."""
-    if soil.shape[1] == _SOILS or np.isnan(soil[:, _KC]).all():
-        yield np.ones(len(conditions.slip), dtype=np.bool_), soil[:, :_SOILS]
+    """Rows (m,) that share the model's parameters, and these (n, 9 or 13)."""
+    if not _has_moduli(soil):
+        yield np.ones(len(conditions.slip), dtype=np.bool_), _plain(soil)
         return
     for width in np.unique(conditions.width):
         yield conditions.width == width, soil_at(soil, float(width))

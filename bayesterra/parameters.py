@@ -23,7 +23,8 @@ class Parameter:
     dimension : a unit of the right dimension for the unit parser ("" for pure numbers). A sinkage modulus
         K_s is given as a pressure, per m^N understood.
     description : in words.
-    group : the paper's parameter group, P_I bearing, P_II shearing, P_III contact angles; else "".
+    group : the paper's parameter group, P_I bearing, P_II shearing, P_III contact angles; ``load effect``,
+        (42); else "".
     """
 
     name: str
@@ -61,6 +62,22 @@ _SOIL = (
     Parameter("c3", "c3", r"c_3", "-", 1.0, "", "leaving angle, θ2/θ1", "P_III"),
 )
 
+_LOAD_EFFECT = (
+    Parameter(
+        "cP1", "c_P1", r"c_\mathrm{P1}", "-", 1.0, "", "correction of the pull at zero slip", "load effect"
+    ),
+    Parameter(
+        "cP2", "c_P2", r"c_\mathrm{P2}", "-", 1.0, "", "growth of that correction with slip", "load effect"
+    ),
+    Parameter(
+        "cDP", "c_DP", r"c_\mathrm{DP}", "-", 1.0, "", "load effect on the drawbar pull", "load effect"
+    ),
+    Parameter(
+        "cM", "c_M", r"c_\mathrm{M}", "-", 1.0, "", "load effect on the resistance moment", "load effect"
+    ),
+)
+"""Coefficients of Ding et al. 2015, (42), which the model M2L alone has."""
+
 CHANNELS: dict[str, Channel] = {
     channel.name: channel
     for channel in (
@@ -78,6 +95,9 @@ OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 """Channels that can be outcomes of a drive, in the order of the results."""
 
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
+LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
+MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
+"""Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
 NOISE_PREFIX = "noise_"
 
 _MODULI = (
@@ -109,6 +129,7 @@ PARAMETERS: dict[str, Parameter] = {
         _SOIL[0],
         *_MODULI,
         *_SOIL[1:],
+        *_LOAD_EFFECT,
         *(_noise(CHANNELS[name]) for name in OUTCOMES),
         _OFFSET,
     )
@@ -117,5 +138,5 @@ PARAMETERS: dict[str, Parameter] = {
 
 MODULI = ("kc", "kphi")
 OFFSET = "sinkage_offset"
-PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET)
+PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET, *LOAD_EFFECT)
 """Parameters that the [priors] table may name; also the columns of a soil array that needs them all."""

@@ -31,6 +31,7 @@ REASONS: Mapping[int, str] = {
     int(Status.CONTACT_ANGLE): "θm outside (θ2, θ1)",
     int(Status.LOAD): "no sinkage below the wheel radius carries the load",
     int(Status.SINKAGE): "sinkage outside (0, r)",
+    int(Status.NORMAL_FORCE): "no normal force in (42) at the sinkage",
 }
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bayesterra.parameters import LOAD_EFFECT
 from bayesterra.priors import PAPER_BOX, Law
 
 NO_SOURCE = "no independent source"
@@ -57,5 +58,15 @@ PLANETARY: dict[str, Law | float] = {
 }
 """Informative, from what was measured on the Moon, on Mars and in dry sands, stated with each law; nothing
 was fitted to wheel tests of the laboratory of Ding et al. 2015. c3 is held at 0, as in ``PAPER_BOX``."""
+
+_COEFFICIENTS = f"{NO_SOURCE}: Ding et al. 2015, Table 16, has -0.45 to 0.63 for one rover on one sand. Wide"
+LOAD_EFFECT_SETS: dict[str, dict[str, Law]] = {
+    "paper-box": {name: Law("uniform", {}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT},
+    "planetary": {
+        name: Law("norm", {"loc": 0.0, "scale": 0.5}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT
+    },
+}
+"""What each set says beside that of the coefficients of the load effect, (42), for the model M2L. The paper
+bounds them nowhere; beyond 1 they would turn the sign of a pull or moment within twice the mean load."""
 
 PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX, "planetary": PLANETARY}

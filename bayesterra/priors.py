@@ -12,7 +12,15 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.laws import RANGED, Law
-from bayesterra.parameters import MODULI, OFFSET, PARAMETERS, PRIOR_PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import (
+    LOAD_EFFECT,
+    MODEL_PARAMETERS,
+    MODULI,
+    OFFSET,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
 
 __all__ = ["PAPER_BOX", "RANGED", "Entry", "Law", "Prior", "Tie"]
 
@@ -51,7 +59,8 @@ class Prior:
     Parameters
     ----------
     entries : a law (free), a number (fixed) or a tie for every soil parameter and every estimated noise, by
-        name; ``kc`` and ``kphi`` may stand for ``Ks``, and ``sinkage_offset`` is 0 where it is left out.
+        name; ``kc`` and ``kphi`` may stand for ``Ks``, and ``sinkage_offset`` is 0 where it is left out. All
+        four coefficients of the load effect, or none.
     width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
 
     Raises
@@ -74,12 +83,18 @@ class Prior:
 
     @property
     def _needed(self) -> tuple[str, ...]:
-        return (*MODULI, *SOIL_PARAMETERS[1:]) if self.uses_moduli else SOIL_PARAMETERS
+        soil = (*MODULI, *SOIL_PARAMETERS[1:]) if self.uses_moduli else SOIL_PARAMETERS
+        return (*soil, *LOAD_EFFECT) if self.uses_load_effect else soil
 
     @property
     def uses_moduli(self) -> bool:
         """Whether K_s follows from k_c and k_φ, and so from the width of each wheel."""
         return any(name in self.entries for name in MODULI)
+
+    @property
+    def uses_load_effect(self) -> bool:
+        """Whether the coefficients of the load effect, (42), are among the entries."""
+        return any(name in self.entries for name in LOAD_EFFECT)
 
     @cached_property
     def laws(self) -> dict[str, Law]:
@@ -125,9 +140,10 @@ class Prior:
 
     @cached_property
     def soil_columns(self) -> tuple[str, ...]:
-        """Columns of soil arrays: the nine soil parameters, or all of ``PRIOR_PARAMETERS``."""
+        """Columns of soil arrays: the parameters of the model, or these with k_c, k_φ and the offset."""
+        known = MODEL_PARAMETERS if self.uses_load_effect else SOIL_PARAMETERS
         extended = self.uses_moduli or OFFSET in self.entries
-        return PRIOR_PARAMETERS if extended else SOIL_PARAMETERS
+        return tuple(n for n in PRIOR_PARAMETERS if (extended and n not in LOAD_EFFECT) or n in known)
 
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
@@ -144,8 +160,9 @@ class Prior:
     def soil_values(self, x: FloatArray) -> FloatArray:
         """Soil array of free parameter sets ``x`` (n, d), which every forward model takes.
 
-        Shape (n, 9), columns ``SOIL_PARAMETERS``; or (n, 12), columns ``PRIOR_PARAMETERS``, where k_c and k_φ
-        (NaN where K_s itself has a prior) or the sinkage offset belong to it. K_s is that of ``width``.
+        Shape (n, 9), columns ``SOIL_PARAMETERS``; or (n, 12) with k_c, k_φ (NaN where K_s itself has a prior)
+        and the sinkage offset behind them, where one of these belongs to it. K_s is that of ``width``. The
+        load effect, where there is one, has the last four columns more, (n, 13) or (n, 16).
         """
         template, into, source = self.soil_template
         soil = np.repeat(template[None, :], len(x), axis=0)

@@ -12,7 +12,7 @@ import xarray as xr
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood import Likelihood
-from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS
 from bayesterra.posteriors import Posterior
 from bayesterra.predictive import Curves, RowPredictions
 from bayesterra.study import Study
@@ -209,8 +209,8 @@ def _quantiles(values: FloatArray) -> FloatArray:
 
 
 def soil_columns(names: tuple[str, ...]) -> list[str]:
-    """Those of ``names`` that are soil parameters."""
-    return [name for name in names if name in SOIL_PARAMETERS]
+    """Those of ``names`` that are parameters of a model."""
+    return [name for name in names if name in MODEL_PARAMETERS]
 
 
 def field_values(name: str, values: FloatArray) -> FloatArray:

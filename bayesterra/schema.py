@@ -34,7 +34,7 @@ from bayesterra import entries
 from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean, suggestion
 from bayesterra.noise import Noise
-from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
 from bayesterra.priors import Entry
 from bayesterra.units import quantity
@@ -115,7 +115,7 @@ Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
 Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
 Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
 Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
-SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, SOIL_PARAMETERS))]
+SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
 AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
 Method = Literal["IM1", "IM2", "IM3", "joint"]
 
@@ -160,11 +160,12 @@ class WheelTable(Table):
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class ModelOptions(Table):
-    """Options of the wheel-soil model, as :class:`bayesterra.models.M1`."""
+    """Options of the wheel-soil model, as :class:`bayesterra.models.M2L`."""
 
     transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
     shear_start: Literal["transition", "rim", "tip"] = "transition"
     constant_exponent: StrictBool = False
+    mean_load: Annotated[float | None, BeforeValidator(partial(_quantity, "N"))] = None
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -229,7 +230,7 @@ class StudyContent(Table):
     title: StrictStr = ""
     soil: StrictStr = ""
     date: Annotated[StrictStr, BeforeValidator(_day)] = ""
-    model: Literal["M1", "M2", "M3"] = "M1"
+    model: Literal["M1", "M2", "M3", "M2L"] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
     data: DataTable

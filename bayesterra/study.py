@@ -16,9 +16,8 @@ import pandas as pd
 from bayesterra import assembly, schema
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.data import Observations, observations, read_table
-from bayesterra.errors import StudyError
 from bayesterra.messages import errors_in
-from bayesterra.models import MODELS, Wheel, WheelSoilModel
+from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.priors import Entry, Prior
 from bayesterra.schema import LeastSquaresOptions, Reference, SamplingOptions
@@ -176,31 +175,26 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
 
 def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
-    model = _model(given.model, given.model_options)
-    soil, prior_notes = assembly.soil_prior(given.priors, constant_exponent=model.constant_exponent)
+    soil, prior_notes = assembly.soil_prior(
+        given.priors, given.model, constant_exponent=given.model_options.constant_exponent
+    )
     wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil["phi"])
     with errors_in(given.data.file):
         rows, row_notes = assembly.conditioned(
             _rows(data, wheels, given.data), given.drive, expected=expected
         )
     rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
+    model, model_notes = assembly.wheel_soil_model(given.model, given.model_options, rows)
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
-    notes = [*prior_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
+    notes = [*prior_notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
         "notes": tuple(notes + _count_notes(rows, noise, prior)),
     }
-
-
-def _model(name: str, options: schema.ModelOptions) -> WheelSoilModel:
-    try:
-        return MODELS[name](**asdict(options))
-    except ValueError as error:
-        raise StudyError(f"[model_options] {error}") from error
 
 
 _KEPT = ("title", "soil", "date", "drive", "least_squares", "published", "truth", "sampling")

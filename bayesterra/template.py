@@ -23,7 +23,9 @@ TEMPLATE = """\
 # Every quantity is text with its unit.
 title = "My wheel on my soil"
 soil = ""
-model = "M1"                    # "M1" integral; "M2", "M3" closed forms
+model = "M1"                    # "M1" integral; "M2", "M3" closed forms; "M2L": M2 with the
+                                # effect of the wheel's own load, (42); it takes the mean load per
+                                # wheel from mean_load = "64 N" in [model_options], or from the rows
 drive = "load"                  # "load": slip and load given; "sinkage": slip and sinkage given;
                                 # "both": slip given, load and sinkage both read with errors
 # load_range = ["10 N", "40 N"] # flat prior of every load in the drive "both"; left out: the normal

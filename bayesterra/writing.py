@@ -13,7 +13,7 @@ import pandas as pd
 
 from bayesterra.data import Observations
 from bayesterra.folders import write_text
-from bayesterra.models import Wheel
+from bayesterra.models import M2L, Wheel
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.priors import Entry, Law, Tie
@@ -75,7 +75,7 @@ def _lines(
     yield from _table("data", {**table, **data})
     for name, wheel in study.wheels.items():
         yield from _table(f"wheels.{_key(name)}", _wheel(wheel))
-    yield from _table("model_options", asdict(study.model))
+    yield from _table("model_options", _model_options(study))
     yield from _table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
     entries = study.prior.entries
     priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
@@ -86,6 +86,11 @@ def _lines(
             known = {n: _value(n, v) for n, v in reference.values.items()}
             yield from _table(name, {"source": reference.source, **known})
     yield from _table("sampling", asdict(study.sampling))
+
+
+def _model_options(study: Study) -> dict[str, object]:
+    loads = {"mean_load": text(study.model.mean_load, "N")} if isinstance(study.model, M2L) else {}
+    return {**asdict(study.model), **loads}
 
 
 def _least_squares(study: Study) -> dict[str, object]:

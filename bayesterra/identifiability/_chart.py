@@ -120,7 +120,7 @@ def _ends(name: str, law: Law) -> tuple[float, float]:
 def _physical(posterior: Posterior) -> Iterator[tuple[Mapping[str, float], float]]:
     """Weighted sums of soil parameters, and what each must not be below."""
     forward = posterior.likelihood.forward
-    inputs = forward.model.kernel_inputs(np.zeros((1, 9)), forward.conditions)[1]
+    inputs = forward.model.kernel_inputs(np.zeros((1, len(forward.model.parameters))), forward.conditions)[1]
     for s in {inputs[:, 0].min(), inputs[:, 0].max()}:
         yield {"c1": 1.0, "c2": s, "c3": -1.0}, MARGIN
         yield {"c1": -1.0, "c2": -s}, MARGIN - 1.0

@@ -43,6 +43,9 @@ class Design:
             found.append(f"all rows have the slip {self.slips[0]:.3g}")
         if set(MODULI) <= set(parameters) and len(self.widths) == 1:
             found.append(f"all wheels are {1e3 * self.widths[0]:.3g} mm wide")
+        load_driven = "normal_force" not in (*self.channels, *self.missing)
+        if {"cDP", "cM"} & set(parameters) and load_driven and len(self.given) == 1:
+            found.append(f"all rows have the load {self.given[0]:.3g} N")
         if free is not None and self.readings < free:
             found.append(f"{_counted(self.readings, 'different reading')} for {free} parameters")
         return found

@@ -13,8 +13,8 @@ from bayesterra.diagnostics import rank_scores
 from bayesterra.parameters import MODULI, PARAMETERS
 from bayesterra.posteriors import Posterior
 
-GROUPS = ("P_I", "P_II", "P_III")
-"""Bearing, shearing, contact angles."""
+GROUPS = ("P_I", "P_II", "P_III", "load effect")
+"""Bearing, shearing, contact angles; the load effect of M2L."""
 KNOTS = 65
 """Points at which the normal score of a law is taken from its draws; straight lines in between."""
 TAIL = 10

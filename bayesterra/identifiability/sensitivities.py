@@ -19,11 +19,10 @@ from bayesterra.latent import LatentLoad
 from bayesterra.likelihood import Likelihood
 from bayesterra.models import Conditions
 from bayesterra.noise import Noise
-from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior
 from bayesterra.priors import Prior
 
-_SOILS = len(SOIL_PARAMETERS)
 _KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
 
@@ -65,15 +64,15 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     soil, given = prior.soil_values(x), known_inputs(posterior.likelihood)
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
     shift = _offset_slopes(prior) if forward.as_read else np.zeros(len(prior.names))
-    shape = (len(x), len(given), 3)
+    parameters, shape = forward.model.parameters, (len(x), len(given), 3)
     values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
     by_load = np.zeros(shape)
     for rows, theta in by_wheel(soil, forward.conditions):
         part = take(forward.conditions, rows)
         at = given[rows] - offset if forward.drive == "sinkage" else given[rows]
         values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
-        slopes[:, rows] = local[..., :_SOILS] @ _soil_slopes(prior, float(part.width[0]))
-        by_load[:, rows] = local[..., _SOILS]
+        slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
+        by_load[:, rows] = local[..., -1]
     if forward.drive == "sinkage":
         slopes -= by_load[..., None] * shift
     else:
@@ -96,7 +95,7 @@ def known_inputs(likelihood: Likelihood) -> FloatArray:
 def _by_soil_and_given(
     forward: Forward, theta: FloatArray, conditions: Conditions, given: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What the model says (n, m, 3), and its derivatives by the nine soil parameters and by what is given.
+    """What the model says (n, m, 3), and its derivatives by its parameters and by what is given.
 
     Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
     """
@@ -106,27 +105,27 @@ def _by_soil_and_given(
         return values, model.jacobian_at(theta, conditions, given)
     values, _ = model.response_at(theta, conditions, given, every_row=True)
     slopes = model.jacobian_at(theta, conditions, values[..., 0])
-    by_sinkage = slopes[..., _SOILS:].copy()
-    sinkage = np.concatenate([-slopes[..., :1, :_SOILS], np.ones_like(by_sinkage[..., :1, :])], axis=-1)
+    by_sinkage = slopes[..., -1:].copy()
+    sinkage = np.concatenate([-slopes[..., :1, :-1], np.ones_like(by_sinkage[..., :1, :])], axis=-1)
     sinkage /= by_sinkage[..., :1, :]
-    slopes[..., _SOILS] = 0.0
+    slopes[..., -1] = 0.0
     slopes = slopes + by_sinkage * sinkage
     slopes[..., 0, :] = sinkage[..., 0, :]
-    return values, slopes
+    return values, model.known_under(given, slopes)
 
 
-def _soil_slopes(prior: Prior, width: float) -> FloatArray:
-    """Derivative (9, d) of the soil parameters under a wheel of ``width`` by the free ones: a constant."""
+def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:
+    """Derivative (9, d) of the model's parameters under a wheel of ``width`` by the free ones: a constant."""
     slopes = _column_slopes(prior)
     if prior.uses_moduli:
         slopes[0] = slopes[_KC] / width + slopes[_KPHI]
-    return slopes[:_SOILS]
+    return slopes[[prior.soil_columns.index(name) for name in parameters]]
 
 
 def _offset_slopes(prior: Prior) -> FloatArray:
     """Derivative (d,) of the zero error of the sinkage by the free parameters."""
     slopes = _column_slopes(prior)
-    return slopes[_OFFSET] if len(slopes) > _SOILS else np.zeros(len(prior.names))
+    return slopes[_OFFSET] if OFFSET in prior.soil_columns else np.zeros(len(prior.names))
 
 
 def _column_slopes(prior: Prior) -> FloatArray:

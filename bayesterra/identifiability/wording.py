@@ -8,7 +8,7 @@ from typing import Any
 from bayesterra.identifiability.information import ALL
 from bayesterra.identifiability.verdicts import STRUCTURAL
 
-GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle"}
+GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 

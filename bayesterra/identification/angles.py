@@ -22,7 +22,7 @@ def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
     if not {_C1, _C2}.issubset(columns) or np.ptp(slip) < 1e-6:
         return _narrowed(settings, columns, slip)
     angles = [_C1, _C2]
-    lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(SOIL_PARAMETERS))
+    lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(settings.lower))
     lower[angles], upper[angles] = settings.lower[_C3] + MARGIN, 1 - MARGIN
     basis[np.ix_(angles, angles)] = np.linalg.inv([[1.0, slip.min()], [1.0, slip.max()]])
     return Box(lower, upper, columns, basis)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.models import Soil
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.models import LoadEffectSoil, Soil
+from bayesterra.parameters import MODEL_PARAMETERS, SOIL_PARAMETERS
 
 FORCES = ("normal_force", "drawbar_pull", "resistance_moment")
 """The channels that IM1, IM2 and IM3 fit."""
@@ -55,7 +55,9 @@ class Fit:
 
     def values(self) -> dict[str, float]:
         """Soil parameters by name, SI and radians."""
-        return {name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS}
+        return {
+            name: float(getattr(self.soil, name)) for name in MODEL_PARAMETERS if hasattr(self.soil, name)
+        }
 
     def identified(self) -> dict[str, float]:
         """Soil parameters by name without those that the data could not tell."""
@@ -74,5 +76,6 @@ def error_figure(measured: FloatArray, predicted: FloatArray) -> float:
 
 
 def soil_of(theta: FloatArray) -> Soil:
-    """Soil from parameters (9,)."""
-    return Soil(*(float(value) for value in theta))
+    """Soil from parameters (9,), or (13,) with the load effect."""
+    kind = Soil if len(theta) == len(SOIL_PARAMETERS) else LoadEffectSoil
+    return kind(*(float(value) for value in theta))

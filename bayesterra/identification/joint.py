@@ -20,7 +20,6 @@ from bayesterra.identification.settings import Settings
 from bayesterra.identification.solver import Box, Minimum, minimise
 from bayesterra.identification.support import ClippedModel, clip, excess_jacobian
 from bayesterra.likelihood import Likelihood
-from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.posteriors import Posterior, draw_cut_prior
 
 STARTS = 8
@@ -48,7 +47,7 @@ class WeightedMisfit:
     model : the model at the rows.
     columns : which outcomes were measured, among those of the drive.
     measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
-    lower, upper : (9,) ranges of the parameters.
+    lower, upper : (9 or 13,) ranges of the parameters.
     """
 
     model: ClippedModel
@@ -67,7 +66,7 @@ class WeightedMisfit:
         return self.model.values(theta)[:, self.columns]
 
     def values(self, theta: FloatArray) -> FloatArray:
-        """Residuals of the readings, then 2 m + 9 penalties; NaN where no sinkage carries a load."""
+        """Residuals of the readings, then 2 m + 9 or 13 penalties; NaN where no sinkage carries a load."""
         known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
         misfit = ((self.predicted(theta) - self.measured) / self.sd)[known]
         penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
@@ -82,7 +81,7 @@ class WeightedMisfit:
         return np.where(np.isfinite(width) & (width > 0), width, 1.0)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives of :meth:`values` by the nine parameters."""
+        """Derivatives of :meth:`values` by the parameters."""
         known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
         misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[known]
         outside = np.diag((self._outside(theta) != 0) / self._size)
@@ -96,7 +95,7 @@ class JointFit:
     Attributes
     ----------
     best : parameters and cost after the last round.
-    path : parameters (9,) after each round of weights.
+    path : parameters (9 or 13,) after each round of weights.
     sd : typical standard deviation of each channel behind the last weights, SI.
     errors : error figure (16) of each channel, percent.
     reached, started : how many starts ended at the best cost, of how many.
@@ -111,7 +110,7 @@ class JointFit:
 
 
 def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]) -> JointFit:
-    """Minimise the weighted misfit from ``starts`` (9,), the prior's median and draws from the cut prior.
+    """Minimise the weighted misfit from ``starts`` (9 or 13,), the prior's median and draws from the cut one.
 
     Estimated noise weighs at the median of its prior law first; then, ``ROUNDS`` times, at the root mean
     square residual of its channel (with the parameters fitted counted off), kept inside its law's range.
@@ -122,7 +121,7 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     StudyError : fewer readings than free parameters.
     SupportError : no start has an answer.
     """
-    columns, likelihood = settings.free(SOIL_PARAMETERS), posterior.likelihood
+    columns, likelihood = settings.free(settings.names), posterior.likelihood
     _check_count(likelihood, len(columns))
     box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
     misfit = _misfit(posterior, settings, _prior_medians(posterior))
@@ -168,8 +167,8 @@ def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, fl
 
 
 def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Ranges (9,) of the parameters; held ones have none, for they cannot move."""
-    held = np.isin(SOIL_PARAMETERS, settings.held)
+    """Ranges (9 or 13,) of the parameters; held ones have none, for they cannot move."""
+    held = np.isin(settings.names, settings.held)
     return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
 
 
@@ -198,8 +197,9 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
         drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
     except SupportError:
         return []  # held parameters may still leave an answer at the other starts
-    soil = posterior.prior.soil_values(drawn)[:, : len(SOIL_PARAMETERS)]
-    held = [SOIL_PARAMETERS.index(name) for name in settings.held]
+    columns = [posterior.prior.soil_columns.index(name) for name in settings.names]
+    soil = posterior.prior.soil_values(drawn)[:, columns]
+    held = [settings.names.index(name) for name in settings.held]
     soil[:, held] = settings.start[held]
     return list(soil)
 

@@ -55,7 +55,9 @@ def fit(
     SupportError : joint finds no start value for which the model has an answer.
     """
     overrides = Overrides(hold, start, lower, upper, delta)
-    methods = study.least_squares.methods if methods is None else methods
+    methods = _known_methods(study) if methods is None else methods
+    if not methods:
+        raise StudyError(f"nothing can be fitted: with the model {study.model.name} only joint fits")
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
         raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
@@ -68,11 +70,21 @@ def fit(
     return {method: fits[method] for method in methods}
 
 
+def _known_methods(study: Study) -> tuple[str, ...]:
+    """The methods that the study names, without those that do not know its model."""
+    methods: tuple[str, ...] = study.least_squares.methods
+    return tuple(method for method in methods if method == "joint" or not _has_load_effect(study))
+
+
+def _has_load_effect(study: Study) -> bool:
+    return study.model.parameters != SOIL_PARAMETERS
+
+
 def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
     """Every method that the study names and its data allow, and one line on each that they do not."""
     fits: dict[str, Fit] = {}
     refused = []
-    for method in study.least_squares.methods:
+    for method in _known_methods(study):
         try:
             fits |= fit(study, (method,))
         except (StudyError, SupportError) as error:
@@ -82,6 +94,8 @@ def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
 
 def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str, Fit]) -> Fit:
     """IM1, IM2 or IM3."""
+    if _has_load_effect(study):
+        raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
     integral = method == "IM1"
@@ -130,7 +144,7 @@ def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[s
         passes=len(found.path),
         path=tuple(soil_of(one) for one in found.path),
         held=settings.held,
-        at_bound=settings.at_bound(theta, settings.free(SOIL_PARAMETERS)),
+        at_bound=settings.at_bound(theta, settings.free(settings.names)),
         missing=(),
         clipped=_edge(theta, drive).any,
         notes=(*_joint_notes(found, drive, theta), *_stand_ins(study)),
@@ -157,7 +171,8 @@ def _joint_notes(found: JointFit, drive: Forward, theta: FloatArray) -> tuple[st
 def _stand_ins(study: Study) -> tuple[str, ...]:
     """What stands for quantities that least squares does not estimate."""
     load = ("the measured normal force stands for the load",) if study.drive == "both" else ()
-    return (*load, *_offset_note(study))
+    alone = ("IM1, IM2 and IM3 know no load effect",) if _has_load_effect(study) else ()
+    return (*load, *_offset_note(study), *alone)
 
 
 def _offset_note(study: Study) -> tuple[str, ...]:

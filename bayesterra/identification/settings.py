@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError
-from bayesterra.parameters import MODULI, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import MODEL_PARAMETERS, MODULI, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.priors import PAPER_BOX, Entry, Law
 from bayesterra.study import Study
 
@@ -28,11 +28,11 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """Where a fit starts and how far it may go, in the order of ``SOIL_PARAMETERS``, SI.
+    """Where a fit starts and how far it may go, SI.
 
     Attributes
     ----------
-    start, lower, upper : (9,).
+    start, lower, upper : (9,), or (13,) with the load effect; see ``names``.
     held : names of the parameters that stay at ``start``.
     delta : IM1 stops when c1 and c2 change by less from pass to pass.
     """
@@ -43,9 +43,14 @@ class Settings:
     held: tuple[str, ...]
     delta: float = 0.002
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, those of the study's model."""
+        return MODEL_PARAMETERS[: len(self.start)]
+
     def free(self, names: tuple[str, ...]) -> list[int]:
         """Columns of those of ``names`` that are not held."""
-        return [SOIL_PARAMETERS.index(name) for name in names if name not in self.held]
+        return [MODEL_PARAMETERS.index(name) for name in names if name not in self.held]
 
     def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
         """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
@@ -54,7 +59,7 @@ class Settings:
         )
         margin = 1e-4 * np.where(np.isfinite(width), width, 0.0)
         at = (theta < self.lower + margin) | (theta > self.upper - margin)
-        return tuple(SOIL_PARAMETERS[i] for i in columns if at[i])
+        return tuple(MODEL_PARAMETERS[i] for i in columns if at[i])
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,8 @@ class Overrides:
         delta = given.delta if self.delta is None else self.delta
         if not delta > 0:
             raise StudyError(f"'delta' must be above 0 (got {delta:g})")
+        for table in (self.hold, self.start, self.lower, self.upper, given.hold, given.start):
+            _check_known(table or {}, study)
         return Overrides(
             {**_held_by_study(study), **(given.hold if self.hold is None else self.hold)},
             given.start if self.start is None else self.start,
@@ -88,15 +95,21 @@ class Overrides:
 
 
 def _check(name: str, value: float) -> None:
-    if name not in SOIL_PARAMETERS:
-        raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(SOIL_PARAMETERS)})")
+    if name not in MODEL_PARAMETERS:
+        raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(MODEL_PARAMETERS)})")
     if not np.isfinite(value):
         raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
 
 
+def _check_known(table: Mapping[str, float], study: Study) -> None:
+    for name in table:
+        if name not in study.model.parameters:
+            raise StudyError(f"least squares: the model {study.model.name} knows no parameter {name!r}")
+
+
 def _held_by_study(study: Study) -> dict[str, float]:
     """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
-    fixed = {name: value for name, value in study.prior.fixed.items() if name in SOIL_PARAMETERS}
+    fixed = {name: value for name, value in study.prior.fixed.items() if name in MODEL_PARAMETERS}
     if (
         all(name in study.prior.fixed for name in MODULI)
         and len({w.width for w in study.wheels.values()}) == 1
@@ -123,7 +136,8 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     for name in SOIL_PARAMETERS:
         if name not in hold:
             _check_range(name, low[name], start[name], high[name])
-    return Settings(_ordered(start), _ordered(low), _ordered(high), _in_order(hold), asked.delta or 0.0)
+    first, lower, upper = (_ordered(table, SOIL_PARAMETERS) for table in (start, low, high))
+    return Settings(first, lower, upper, _in_order(hold), asked.delta or 0.0)
 
 
 def joint_settings(study: Study, overrides: Overrides) -> Settings:
@@ -131,12 +145,12 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
 
     The start is the prior's median, except where study or caller give one inside the range.
     """
-    asked = overrides.over(study)
+    asked, names = overrides.over(study), study.model.parameters
     hold = dict(asked.hold or {})
-    tied = [name for name in SOIL_PARAMETERS if name in study.prior.ties and name not in hold]
+    tied = [name for name in names if name in study.prior.ties and name not in hold]
     if tied:
         raise StudyError(f"joint knows no tied parameters (got '{tied[0]}')")
-    laws = {name: study.prior.laws[name] for name in SOIL_PARAMETERS if name in study.prior.laws}
+    laws = {name: study.prior.laws[name] for name in names if name in study.prior.laws}
     start = {name: law.median for name, law in laws.items()}
     low, high = ({name: law.range[end] for name, law in laws.items()} for end in (0, 1))
     if study.prior.uses_moduli and "Ks" not in hold:
@@ -144,7 +158,8 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
     inside = {n: v for n, v in (asked.start or {}).items() if low.get(n, np.inf) <= v <= high.get(n, -np.inf)}
     start |= inside
     low, high = hold | low, hold | high
-    return Settings(_ordered(start | hold), _ordered(low), _ordered(high), _in_order(hold))
+    first, lower, upper = (_ordered(table, names) for table in (start | hold, low, high))
+    return Settings(first, lower, upper, _in_order(hold))
 
 
 def _stiffness(study: Study) -> tuple[float, float, float]:
@@ -163,8 +178,8 @@ def _ends(entry: Entry) -> tuple[float, float, float]:
     return value, value, value
 
 
-def _ordered(table: Mapping[str, float]) -> FloatArray:
-    return frozen([table[name] for name in SOIL_PARAMETERS])
+def _ordered(table: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+    return frozen([table[name] for name in names])
 
 
 def _check_range(name: str, low: float, start: float, high: float) -> None:
@@ -176,4 +191,4 @@ def _check_range(name: str, low: float, start: float, high: float) -> None:
 
 
 def _in_order(names: Mapping[str, float]) -> tuple[str, ...]:
-    return tuple(name for name in SOIL_PARAMETERS if name in names)
+    return tuple(name for name in MODEL_PARAMETERS if name in names)

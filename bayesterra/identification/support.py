@@ -28,7 +28,7 @@ class Clip:
 
     Attributes
     ----------
-    theta : (m, 9) parameters with which each row is modelled.
+    theta : (m, 9 or 13) parameters with which each row is modelled.
     angle : (m,) how far θm/θ1 lies above (> 0) or below (< 0) its limits.
     exponent : (m,) how far N lies below its limit, ≤ 0.
     """
@@ -66,12 +66,13 @@ def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:
 
 
 def excess_jacobian(clipped: Clip, slip: FloatArray) -> FloatArray:
-    """Derivatives (2 m, 9) of the excesses: those of the angle, then those of the exponent."""
-    out = np.zeros((2, len(slip), len(SOIL_PARAMETERS)))
+    """Derivatives (2 m, 9 or 13) of the excesses: those of the angle, then those of the exponent."""
+    width = clipped.theta.shape[1]
+    out = np.zeros((2, len(slip), width))
     angle, exponent = (clipped.angle != 0).astype(float), (clipped.exponent != 0).astype(float)
     out[0, :, _C1], out[0, :, _C2], out[0, :, _C3] = angle, angle * slip, -(clipped.angle < 0).astype(float)
     out[1, :, _N0], out[1, :, _N1] = exponent, exponent * slip
-    return out.reshape(-1, len(SOIL_PARAMETERS))
+    return out.reshape(-1, width)
 
 
 @dataclass(frozen=True)
@@ -95,16 +96,16 @@ class ClippedModel:
         return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (3,))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Exact derivatives (m, 3, 9) of the outcomes."""
+        """Exact derivatives (m, 3, 9 or 13) of the outcomes."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
             model = part.model
             step = model.response_jacobian_at if part.drive == "load" else model.jacobian_at
-            derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, :9]
+            derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, : row.shape[1]]
             return derivatives
 
         clipped = clip(theta, self.forward.conditions.slip)
-        return chain(self._by_group(clipped.theta, run, (3, 9)), clipped)
+        return chain(self._by_group(clipped.theta, run, (3, len(theta))), clipped)
 
     def _by_group(
         self, rows: FloatArray, run: Callable[[Forward, FloatArray], FloatArray], shape: tuple[int, ...]

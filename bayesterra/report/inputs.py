@@ -23,6 +23,7 @@ EQUATIONS = {
     "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
     "M2": "closed form with linear stresses, (18) to (24)",
     "M3": "closed form with linear stress cosines, (25) and (26)",
+    "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
 }
 """Equation numbers of Ding et al. 2015."""
 DRIVES = {
@@ -130,6 +131,8 @@ def _law_of_noise(study: Study) -> str:
 def _option(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g} N"  # the mean load, the one option that has a unit
     return " and ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
 
 

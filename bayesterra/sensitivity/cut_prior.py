@@ -68,7 +68,8 @@ def _rules(posterior: Posterior, x: FloatArray) -> dict[str, tuple[tuple[str, ..
         ),
     }
     if posterior.prior.uses_moduli:
-        modulus = soil[:, 9:10] / forward.conditions.width + soil[:, 10:11]
+        kc, kphi = (soil[:, [posterior.prior.soil_columns.index(name)]] for name in MODULI)
+        modulus = kc / forward.conditions.width + kphi
         rules["k_c/b + k_φ > 0"] = (MODULI, np.asarray(~(modulus > 0).all(axis=1)))
     return rules
 
