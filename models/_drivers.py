@@ -52,20 +52,24 @@ def forces(
             place[which, lane, 0], place[which, lane, 1] = i, j
             filled[which] = lane + 1
             if filled[which] == at.LANES:
-                _collect(trays[which], (plan[0], which, at.LANES), place[which], out, status)
+                evaluate(trays[which], plan[0], which)
+                scatter(trays[which], place[which], at.LANES, out)
+                if plan[0] == M2L:
+                    _refuse(trays[which], place[which], at.LANES, out, status)
                 filled[which] = 0
     for which in range(RULES):
         if filled[which] > 0:
             pad(trays[which], filled[which])
-            _collect(trays[which], (plan[0], which, filled[which]), place[which], out, status)
+            evaluate(trays[which], plan[0], which)
+            scatter(trays[which], place[which], filled[which], out)
+            if plan[0] == M2L:
+                _refuse(trays[which], place[which], filled[which], out, status)
 
 
 @compiled
-def _collect(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
-    """Evaluate a tray, `how` = (model, rule, lanes filled), and scatter the forces."""
-    evaluate(ws, how[0], how[1])
-    scatter(ws, place, how[2], out)
-    for lane in range(how[2] if how[0] == M2L else 0):
+def _refuse(ws: Lanes, place: Whole, filled: int, out: FloatArray, status: Codes) -> None:
+    """Mark the pairs of a tray for which (42) has no normal force."""
+    for lane in range(filled):
         if ws[at.UNDER_ROOT + lane] < 0.0:
             i, j = place[lane, 0], place[lane, 1]
             out[i, j, :] = np.nan

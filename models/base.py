@@ -178,6 +178,10 @@ class WheelSoilModel(ABC):
             batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
         )
 
+    def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
+        """Return derivatives (n, m, 3, k) of a response under `load`, without what the solve leaves of 0."""
+        return slopes
+
     def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
         """Return parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
         from bayesterra.models import batch

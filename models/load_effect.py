@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.conditions import Conditions
 from bayesterra.models.contact import Contact
 from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
+
+_CDP, _CM = (len(SOIL_FIELDS) + LOAD_EFFECT_FIELDS.index(name) for name in ("cDP", "cM"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +34,16 @@ class M2L(WheelSoilModel):
         super().__post_init__()
         if not 0 < self.mean_load < np.inf:
             raise ValueError(f"'mean_load' must be positive and finite (got {self.mean_load})")
+
+    def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
+        """Return the exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 13)."""
+        return self.known_under(load, super().response_jacobian_at(theta, conditions, load))
+
+    def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
+        """Return derivatives by c_DP and c_M as 0 where `load` is the mean load, met by F_N to 1e-11 only."""
+        at_mean = np.broadcast_to(np.asarray(load) == self.mean_load, slopes.shape[:2])
+        slopes[at_mean, :, _CDP : _CM + 1] = 0.0
+        return slopes
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         normal, shear = contact.peak_stresses()

@@ -99,7 +99,7 @@ def group_coupling(found: Coupling, ax: Axes | None = None) -> Axes:
 
 
 def _group(name: str) -> str:
-    return rf"$P_\mathrm{{{name.removeprefix('P_')}}}$"
+    return rf"$P_\mathrm{{{name.removeprefix('P_')}}}$" if name.startswith("P_") else name
 
 
 @styled

@@ -20,11 +20,6 @@ RANK_TOLERANCE = 1e-10
 
 Rounding leaves 1e-15 where nothing is seen; where something is, the least found over the paper's box is 1e-7.
 """
-NOTHING = 1e-9
-"""Length of a parameter's column, rows of unit length, below which it is what the solved sinkage leaves of 0.
-
-F_N meets the load to 1e-10, and so does, for one, the mean load of (42), under which c_DP and c_M do nothing.
-"""
 COMMON = 0.05
 """Share of the parameter sets that must have a rank for it to be the rank of the design."""
 
@@ -111,7 +106,6 @@ def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks
     by_load = np.where(read, found.by_load * known_inputs(posterior.likelihood)[:, None], 0.0)
     rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
     by_x, by_load = by_x / rows[..., None], by_load / rows
-    by_x = np.where(_lengths(by_x, axis=(1, 2))[:, None, None] < NOTHING, 0.0, by_x)
     lengths = _lengths(by_x, axis=(1, 2))
     seen = without_load(by_x / lengths[:, None, None], by_load, 0.0)
     seen = seen.reshape(len(x), read.size, len(soil))

@@ -111,7 +111,7 @@ def _by_soil_and_given(
     slopes[..., -1] = 0.0
     slopes = slopes + by_sinkage * sinkage
     slopes[..., 0, :] = sinkage[..., 0, :]
-    return values, slopes
+    return values, model.known_under(given, slopes)
 
 
 def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:

@@ -122,4 +122,6 @@ def group(scope: str) -> Cell:
     """A group by its word and symbol."""
     if scope == ALL:
         return "all parameters"
+    if not scope.startswith("P_"):
+        return scope
     return Markup("{} <i>P</i><sub>{}</sub>").format(GROUP_WORDS[scope], scope.removeprefix("P_"))

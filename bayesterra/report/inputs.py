@@ -131,6 +131,8 @@ def _law_of_noise(study: Study) -> str:
 def _option(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g} N"  # the mean load, the one option that has a unit
     return " and ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
 
 

@@ -115,12 +115,17 @@ def _load_effect(rover: Rover, every: list[Drive]) -> dict[str, str]:
         "table_or_figure": "Section 8, (42)",
         "statement": "The load effect of the interaction models should be considered",
         "printed": "read as: c_DP and c_M change the pull of each wheel by over a tenth at 9°",
-        "ours": f"{both[0]:+.0f} % front, {both[1]:+.0f} % rear; {count} that climb 9°",
+        "ours": f"{_signed(both[0])} % front, {_signed(both[1])} % rear; {count} that climb 9°",
         "difference": "",
         "verdict": verdict,
-        "why": f"c_DP alone does ({pull[0]:+.0f} and {pull[1]:+.0f} %), but c_M raises and lowers the moments"
-        f" ({moment[0]:+.0f} and {moment[1]:+.0f} %) and with them the pull the other way",
+        "why": f"c_DP alone changes it by {_signed(pull[0])} and {_signed(pull[1])} %, but c_M changes the"
+        f" moments by {_signed(moment[0])} and {_signed(moment[1])} %, and with them the pull the other way",
     }
+
+
+def _signed(percent: float) -> str:
+    """A change with its sign, to one digit after the point."""
+    return f"{percent:+.1f}".replace("-", "−")
 
 
 def _change(rover: Rover, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
