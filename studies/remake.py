@@ -16,6 +16,8 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "tutorial": (("{folder}/tutorial.py",),),
     "hit-wh32": (RUN,),
     "paper-sensitivity": (("{folder}/run.py",),),
+    "paper-identification": (("{folder}/run.py",),),
+    "paper-variants": (("{folder}/run.py",),),
     "recovery": (("{folder}/run.py",),),
     "cmu-grouser": (RUN,),
     "cmu-grouser-wide": (RUN,),
@@ -32,6 +34,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "benchmark-samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")
     ),
+    "paper": (("{folder}/run.py",),),  # last: it gathers the statements of the others
 }
 """Arguments of the interpreter, by study."""
 NOTHING_TO_RUN = ("priors",)

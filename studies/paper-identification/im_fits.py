@@ -61,11 +61,11 @@ def row_of(fit: Fit) -> dict[str, object]:
     return {**field_values(fit.soil), **errors, **went, "at_bound": " ".join(fit.at_bound)}
 
 
-def fits(wheels: tuple[str, ...] = (*SOILS, HIT)) -> pd.DataFrame:
+def fits(wheels: tuple[str, ...] = (*SOILS, HIT), holds: tuple[bool, ...] = (True, False)) -> pd.DataFrame:
     """Every method on noise-free readings of each wheel and on HIT, K_s held and free, with the paper's δ."""
     rows = []
     for wheel in wheels:
-        for hold in (True, False):
+        for hold in holds:
             found = bt.fit(study_of(wheel, hold=hold), METHODS)
             rows += [{"data": wheel, "Ks_held": hold, "method": m, **row_of(f)} for m, f in found.items()]
     return pd.DataFrame(rows)
@@ -179,7 +179,7 @@ def without_shear() -> pd.DataFrame:
 
 
 def printed_judged() -> pd.DataFrame:
-    """Errors (16), percent, of printed values, all held: IM1's and IM3's equations on both kinds of readings."""
+    """Errors (16), percent, of printed values, all held: equations of IM1 and IM3 on all readings."""
     rows = []
     for wheel, (method, number) in product((*SOILS, HIT), (("IM1", 10), ("IM3", 14))):
         soil = soil_of(printed(number).loc["Wh32" if wheel == HIT else wheel].to_dict())

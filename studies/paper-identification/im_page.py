@@ -60,19 +60,27 @@ def beside(kept: Kept) -> str:
     """HIT and simulated Wh32: point estimates and posteriors of M1, both drives, K_s held."""
     rows = []
     for data, kind in (("HIT", "digitised"), ("Wh32", "simulated, noise")):
-        some = kept["posteriors"].query("data == @data and kind == @kind and Ks_held")
-        spread = kept["spreads"].query("data == @data and kind == @kind and Ks_held and model == 'M1'")
+        some, spread = (
+            _of(kept[name], data=data, kind=kind, Ks_held=True) for name in ("posteriors", "spreads")
+        )
         for name in FREE:
-            cells = []
-            for model, drive in (*((m, "load") for m in MODELS), ("M1", "sinkage")):
-                row = some.query("model == @model and drive == @drive and parameter == @name").iloc[0]
-                cells.append(f"{row['median']:.3g} ± {row['sd']:.2g}")
-            load = spread.query("drive == 'load' and parameter == @name").iloc[0]
+            at = [
+                _of(some, model=model, drive=drive, parameter=name).iloc[0]
+                for model, drive in (*((model, "load") for model in MODELS), ("M1", "sinkage"))
+            ]
+            load = _of(spread, model="M1", drive="load", parameter=name).iloc[0]
+            cells = [f"{row['median']:.3g} ± {row['sd']:.2g}" for row in at]
             rows.append(
                 [data, UNITS[name], *cells, f"{load['range_in_sd']:.1f}", f"{load['inside']:.0f} of 3"]
             )
     head = ["readings", "", "M1, load", "M2, load", "M3, load", "M1, sinkage", "IM1 to IM3, sd", "inside"]
     return markdown(head, rows, "||rrrrrr")
+
+
+def _of(table: pd.DataFrame, **values: object) -> pd.DataFrame:
+    """The rows of a table that have these values."""
+    chosen = pd.concat([table[name] == value for name, value in values.items()], axis=1).all(axis=1)
+    return table[chosen]
 
 
 def standings(kept: Kept) -> str:
@@ -105,13 +113,22 @@ def model_errors(kept: Kept) -> str:
     for (wheel, hold, model), some in kept["model-errors"].groupby(keys, sort=False):
         at = some.set_index("parameter")
         names = [name for name in NAMES if name in at.index]
-        cells = [f"{at.loc[n, 'mode']:+.1f} / {at.loc[n, 'mean']:+.1f}" if n in names else "held" for n in NAMES]
+        cells = [
+            f"{at.loc[n, 'mode']:+.1f} / {at.loc[n, 'mean']:+.1f}" if n in names else "held" for n in NAMES
+        ]
         worst = at[[f"misfit_{n}" for n in ("sinkage", "drawbar_pull", "resistance_moment")]].iloc[0].max()
         rows.append(
             [str(wheel), "held" if hold else "free", str(model), *cells, f"{worst:.2f}",
              f"{100 * at['truth_level'].iloc[0]:.1f}"]
         )  # fmt: skip
-    head = ["wheel", "K_s", "model", *(n.replace("Ks", "K_s").replace("phi", "φ") for n in NAMES), "misfit", "truth"]
+    head = [
+        "wheel",
+        "K_s",
+        "model",
+        *(n.replace("Ks", "K_s").replace("phi", "φ") for n in NAMES),
+        "misfit",
+        "truth",
+    ]
     return markdown(head, rows, "|||" + "r" * 10)
 
 
@@ -129,4 +146,3 @@ def comparison(kept: Kept) -> str:
     ]  # fmt: skip
     head = ["readings", "K_s", "model", "log evidence", "less M1", "elpd", "less M1", "told apart"]
     return markdown(head, rows, "|||rrrr|")
-

@@ -1,11 +1,12 @@
-"""Posteriors beside the point estimates, the error that M2 and M3 add, and which model the readings prefer."""
+"""Posteriors beside the point estimates, the error of M2 and M3, and which model the readings prefer."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
+from multiprocessing import get_context
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,7 @@ from paper_data import SOILS, printed, soil_of
 from paper_posteriors import Found, infer
 
 import bayesterra as bt
-from bayesterra.crossvalidation import difference
+from bayesterra.crossvalidation import INDISTINCT
 from bayesterra.models import Soil
 
 MODELS = ("M1", "M2", "M3")
@@ -44,7 +45,9 @@ class Case:
     @property
     def columns(self) -> dict[str, object]:
         """How the case is named in the tables."""
-        kind = "digitised" if self.data == HIT else "simulated, noise" if self.noise else "simulated, no noise"
+        kind = (
+            "digitised" if self.data == HIT else "simulated, noise" if self.noise else "simulated, no noise"
+        )
         return {
             "data": self.data, "kind": kind, "model": self.model, "drive": self.drive, "Ks_held": self.hold
         }  # fmt: skip
@@ -56,38 +59,48 @@ class Case:
         return study_of(self.data, data, hold=self.hold, model=self.model, drive=self.drive)
 
 
-BESIDE = tuple(
-    Case(data, data != HIT, model, drive, hold)
-    for data, model, drive, hold in product((HIT, SIMULATED), MODELS, ("load", "sinkage"), (True, False))
+BESIDE = (
+    *(
+        Case(HIT, False, model, drive, hold)
+        for model, drive, hold in product(MODELS, ("load", "sinkage"), (True, False))
+    ),
+    *(Case(SIMULATED, True, model, "load", hold) for model, hold in product(MODELS, (True, False))),
+    Case(SIMULATED, True, "M1", "sinkage", True),
 )
 """Posteriors that stand beside the point estimates."""
-WHEELS = ("Wh11", "Wh22", SIMULATED)
-"""Wheels on whose readings the models are compared: each radius, width and lug height at least once."""
 CLEAN = (
-    *(Case(wheel, False, model, "load", True) for wheel, model in product(WHEELS, MODELS)),
-    *(Case(SIMULATED, False, model, "load", False) for model in MODELS),
+    *(Case(wheel, False, model, "load", True) for wheel, model in product(("Wh11", SIMULATED), MODELS)),
+    *(Case(SIMULATED, False, model, "load", False) for model in MODELS[1:]),
 )
 """Noise-free readings, on which M2 and M3 show their own error."""
-COMPARED = (
-    *(case for case in BESIDE if case.drive == "load"),
-    *(
-        Case(wheel, True, model, "load", True)
-        for wheel, model in product(WHEELS, MODELS)
-        if wheel != SIMULATED
-    ),
-)
+COMPARED = tuple(case for case in BESIDE if case.drive == "load")
 """Posteriors whose evidence and leave-one-out compare the models."""
+TABLES = ("posteriors", "standings", "spreads", "model-errors", "comparison")
 
 
-@cache
-def found(case: Case) -> Found:
-    """The posterior of a case, sampled once."""
-    return infer(case.study, loo=case in COMPARED)
+def answer(case: Case) -> dict[str, pd.DataFrame]:
+    """Sample a posterior and put down all that is asked of it, by table."""
+    found = infer(case.study, loo=case in COMPARED)
+    made = {"posteriors": found.summary()}
+    if case in BESIDE:
+        points = estimates(case)
+        made["standings"] = pd.DataFrame([found.standing(name, at) for name, at in points.items()])
+        made["spreads"] = spreads(found, points)
+    if case in CLEAN:
+        made["model-errors"] = model_errors(case, found)
+    if case in COMPARED:
+        made["comparison"] = compared(found)
+    return {name: _labelled(case, table) for name, table in made.items()}
 
 
-def summaries(cases: Iterable[Case] = (*BESIDE, *CLEAN)) -> pd.DataFrame:
-    """Mode, median, sd and central 90 % of every parameter, field units."""
-    return pd.concat([_labelled(case, found(case).summary()) for case in cases], ignore_index=True)
+def answers(cases: Iterable[Case] = (*BESIDE, *CLEAN), workers: int = 2) -> dict[str, pd.DataFrame]:
+    """All tables, in the order of the cases whatever the number of processes."""
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        every = list(pool.map(answer, cases))
+    made = {
+        name: pd.concat([one[name] for one in every if name in one], ignore_index=True) for name in TABLES
+    }
+    return {**made, "comparison": less_first(made["comparison"])}
 
 
 def _labelled(case: Case, table: pd.DataFrame) -> pd.DataFrame:
@@ -109,78 +122,63 @@ def _values(soil: Soil) -> dict[str, float]:
     return {name: float(value) for name, value in vars(soil).items()}
 
 
-def standings(cases: Iterable[Case] = BESIDE) -> pd.DataFrame:
-    """Where IM1, IM2, IM3 and the printed values stand in each posterior."""
-    rows: list[dict[str, object]] = []
-    for case in cases:
-        points = estimates(case)
-        rows += [{**case.columns, **found(case).standing(name, at)} for name, at in points.items()]
-    return pd.DataFrame(rows)
-
-
-def spreads(cases: Iterable[Case] = BESIDE) -> pd.DataFrame:
+def spreads(found: Found, points: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
     """Per parameter: range of IM1, IM2 and IM3 in posterior sds, and how many lie in the central 90 %."""
-    return pd.DataFrame(list(_spreads(cases)))
+    low, high = np.quantile(found.draws, (0.05, 0.95), axis=0)
+    values = np.array([[points[method][name] for name in found.names] for method in METHODS])
+    return pd.DataFrame(
+        {
+            "parameter": found.names,
+            "range_in_sd": np.ptp(values, axis=0) / found.draws.std(axis=0, ddof=1),
+            "inside": ((values >= low) & (values <= high)).sum(axis=0),
+        }
+    )
 
 
-def _spreads(cases: Iterable[Case]) -> Iterator[dict[str, object]]:
-    for case in cases:
-        points, posterior = estimates(case), found(case)
-        low, high = np.quantile(posterior.draws, (0.05, 0.95), axis=0)
-        sds = posterior.draws.std(axis=0, ddof=1)
-        for i, name in enumerate(posterior.names):
-            values = np.array([points[method][name] for method in METHODS])
-            inside = int(((values >= low[i]) & (values <= high[i])).sum())
-            yield {**case.columns, "parameter": name, "range_in_sd": np.ptp(values) / sds[i], "inside": inside}
+def model_errors(case: Case, found: Found) -> pd.DataFrame:
+    """Noise-free readings of M1: how far a model puts mode and mean from the truth, in its own sds."""
+    truth = _values(SOILS[case.data])
+    true = np.array([truth[name] for name in found.names])
+    sd, mean = found.draws.std(axis=0, ddof=1), found.draws.mean(axis=0)
+    shifts = {"mode": (found.mode - true) / sd, "mean": (mean - true) / sd}
+    level = found.standing("truth", truth)["credible_level"]
+    return pd.DataFrame({"parameter": found.names, **shifts, "truth_level": level, **_misfit(found)})
 
 
-def model_errors(cases: Iterable[Case] = CLEAN) -> pd.DataFrame:
-    """Noise-free readings of M1: how far M2 and M3 put mode and mean from the truth, in their sds."""
-    rows: list[dict[str, object]] = []
-    for case in cases:
-        posterior, truth = found(case), _values(SOILS[case.data])
-        true = np.array([truth[name] for name in posterior.names])
-        sd, mean = posterior.draws.std(axis=0, ddof=1), posterior.draws.mean(axis=0)
-        misfit = _misfit(case, posterior)
-        standing = posterior.standing("truth", truth)
-        for i, name in enumerate(posterior.names):
-            shifts = {"mode": (posterior.mode[i] - true[i]) / sd[i], "mean": (mean[i] - true[i]) / sd[i]}
-            rows.append(
-                {**case.columns, "parameter": name, **shifts, "truth_level": standing["credible_level"], **misfit}
-            )
-    return pd.DataFrame(rows)
-
-
-def _misfit(case: Case, posterior: Found) -> dict[str, float]:
+def _misfit(found: Found) -> dict[str, float]:
     """Largest misfit at the mode in standard deviations of the noise, by outcome."""
-    likelihood = posterior.density.likelihood
-    outcomes = posterior.density.outcomes(posterior.mode[None, :])
-    predicted = likelihood.predicted(outcomes)
+    likelihood = found.density.likelihood
+    predicted = likelihood.predicted(found.density.outcomes(found.mode[None, :]))
     scales = likelihood.scales(predicted, np.empty((1, 0)))
     worst = np.nanmax(np.abs((predicted - likelihood.measured) / scales)[0], axis=0)
     return {f"misfit_{name}": float(value) for name, value in zip(likelihood.channels, worst, strict=True)}
 
 
-def comparison(cases: Iterable[Case] = COMPARED) -> pd.DataFrame:
-    """Evidence and leave-one-out of M1, M2 and M3 on the same readings; differences are to M1."""
-    rows: list[dict[str, object]] = []
-    for case in cases:
-        one = found(case)
-        first = found(Case(case.data, case.noise, "M1", case.drive, case.hold))
-        if one.loo is None or first.loo is None:
-            raise ValueError(f"{case} was sampled without leave-one-out")
-        away = difference(first.loo, one.loo)
+def compared(found: Found) -> pd.DataFrame:
+    """Evidence and leave-one-out of one posterior; ``by_row`` holds the elpd of every row."""
+    if found.loo is None:
+        raise ValueError("models are compared by leave-one-out")
+    row = {
+        "log_z": found.evidence.log_z, "log_z_error": found.evidence.error,
+        "elpd": found.loo.elpd, "elpd_se": found.loo.se, "by_row": tuple(found.loo.by_row),
+        "reliable": found.evidence.reliable, "converged": found.converged,
+    }  # fmt: skip
+    return pd.DataFrame([row])
+
+
+def less_first(table: pd.DataFrame) -> pd.DataFrame:
+    """Differences of evidence and elpd to M1 on the same readings, with their standard error over rows."""
+    first = table[table["model"] == "M1"].set_index(["data", "Ks_held"])
+    rows = []
+    for row in table.to_dict("records"):
+        one = first.loc[(row["data"], row["Ks_held"])]
+        away = np.subtract(row.pop("by_row"), one["by_row"])
+        se = np.sqrt(len(away)) * away.std(ddof=1)
+        told = abs(away.sum()) >= max(INDISTINCT, 2 * se)
         rows.append(
             {
-                **case.columns,
-                "log_z": one.evidence.log_z, "log_z_error": one.evidence.error,
-                "log_z_less_M1": one.evidence.log_z - first.evidence.log_z,
-                "elpd": one.loo.elpd, "elpd_se": one.loo.se,
-                "elpd_less_M1": one.loo.elpd - first.loo.elpd, "difference_se": away.se,
-                "distinguishable": away.distinguishable,
-                "reliable": one.evidence.reliable, "converged": one.converged,
+                **row, "log_z_less_M1": row["log_z"] - one["log_z"], "elpd_less_M1": away.sum(),
+                "difference_se": se, "distinguishable": told,
             }
         )  # fmt: skip
     return pd.DataFrame(rows)
-
-

@@ -91,11 +91,13 @@ def table_10(kept: Kept) -> list[Statement]:
         Statement(
             "Table 10", "K_s stays close to its start, 2500 kPa/m^N (K_s free, noise-free readings)",
             "2499.0 to 2499.6", "; ".join(f"{m} {span(v, 3)}" for m, v in free.items()), "", False,
-            "K_s hardly matters to the fit, so where it ends tells of the solver: one that scales parameters by"
+            "K_s hardly matters to the fit, so where it ends tells of the solver: one that scales"
+            " parameters by"
             " their bounds moves it, one that does not leaves it",
         ),
         Statement(
-            "Table 10", "the bearing parameters have two degrees of freedom, K_s is redundant (posterior sd of"
+            "Table 10", "the bearing parameters have two degrees of freedom, K_s is redundant"
+            " (posterior sd of"
             " K_s above 0.9 of the prior's)", "K_s redundant",
             f"sd {span(sd / prior, 2)} of the prior's (M1, load drive)", "", bool((sd > 0.9 * prior).all()),
             "" if (sd > 0.9 * prior).all() else "some of the readings narrow K_s a little",
@@ -107,8 +109,10 @@ def table_10(kept: Kept) -> list[Statement]:
         ),
         Statement(
             "Table 10", "with 15 mm lugs n0 and c are smaller, n1, φ and K larger than with 10 mm (medians of"
-            " IM1 over ten sets of readings with a quarter of the noise)", "15 of 15", f"{held} of {pairs}", "",
-            held == pairs, "c, φ and K of IM1 move by more with such noise than they differ between the wheels",
+            " IM1 over ten sets of readings with a quarter of the noise)", "15 of 15", f"{held} of"
+            f" {pairs}", "",
+            held == pairs, "c, φ and K of IM1 move by more with such noise than they differ between"
+            " the wheels",
         ),
         Statement(
             "Table 10", "c and φ are close to the measured 0.251 kPa and 31.9° (IM1 over ten sets of readings"
@@ -117,7 +121,8 @@ def table_10(kept: Kept) -> list[Statement]:
             "c 0.097 to 0.268 kPa, φ 29.2 to 31.1°",
             f"c {span([noisy['c']['least'].min(), noisy['c']['most'].max()], 2)} kPa, φ"
             f" {span([noisy['phi']['least'].min(), noisy['phi']['most'].max()])}°", "", False,
-            "readings determine c and φ together, not each; the printed ones also are close to the start of the"
+            "readings determine c and φ together, not each; the printed ones also are close to the"
+            " start of the"
             " search (0.2 kPa, 30°, 10 mm), as K_s is, which may be why they agree (not proven)",
         ),
         Statement(
@@ -127,7 +132,8 @@ def table_10(kept: Kept) -> list[Statement]:
             "HIT's sinkages are read off a figure to half a millimetre, and IM1 takes them for exact",
         ),
         Statement(
-            "Table 10", "the column of Wh32 explains HIT's readings of the same wheel and soil (credible level"
+            "Table 10", "the column of Wh32 explains HIT's readings of the same wheel and soil"
+            " (credible level"
             " below 0.95, load drive, K_s held)", "fits within 7.56 %",
             ", ".join(f"{SYMBOLS[n]} {judged[n]:.0f}" for n in FORCES)
             + f" %; {100 * level:.1f} % of the draws are denser", "", level < 0.95,
@@ -202,7 +208,8 @@ def table_14(kept: Kept) -> list[Statement]:
     bound, beyond = _bounded(kept)
     return [
         Statement(
-            "Table 14", "42 values of IM3 (between the lowest and highest of IM3 over ten sets of readings with a"
+            "Table 14", "42 values of IM3 (between the lowest and highest of IM3 over ten sets of"
+            " readings with a"
             " quarter of the noise)", "42 values", f"{inside} of 42 (with full noise {wide})",
             f"mean difference, noise-free: φ {away['phi'].mean():+.1f}°, c {away['c'].mean():+.2f} kPa,"
             f" K {away['K'].mean():+.1f} mm, n0 {away['n0'].mean():+.3f}, n1 {away['n1'].mean():+.3f},"
@@ -228,8 +235,10 @@ def table_14(kept: Kept) -> list[Statement]:
             "in print Wh11 and Wh32 have less than 0.25 kPa",
         ),
         Statement(
-            "Table 14", "that stems above all from F_Nτ left out of F_N (IM3 fitted to F_Nσ alone makes good more"
-            " than half of the deviation of φ)", "mainly", f"{100 * share:.0f} % of it", "", bool(share > 0.5),
+            "Table 14", "that stems above all from F_Nτ left out of F_N (IM3 fitted to F_Nσ alone"
+            " makes good more"
+            " than half of the deviation of φ)", "mainly", f"{100 * share:.0f} % of"
+            f" it", "", bool(share > 0.5),
             "the rest is the straight-line stress, which is compensated along the ridge of c against φ",
         ),
         Statement(
@@ -276,19 +285,22 @@ def table_15(kept: Kept) -> list[Statement]:
         inside += int(((known[name] >= ours[f"error_{name}"]) & (known[name] <= seen["most"])).sum())
     total = known[["time_FDP_ms", "time_FN_ms", "time_MDR_ms"]].sum(axis=1)
     times = kept["times"].set_index("data")["IM3"]
-    shown = "; ".join(
-        f"{SYMBOLS[n]} {span(known[n])}" for n in FORCES
-    ), "; ".join(f"{SYMBOLS[n]} {span(ours[f'error_{n}'], 2)}" for n in FORCES)
+    shown = (
+        "; ".join(f"{SYMBOLS[n]} {span(known[n])}" for n in FORCES),
+        "; ".join(f"{SYMBOLS[n]} {span(ours[f'error_{n}'], 2)}" for n in FORCES),
+    )
     return [
         Statement(
-            "Table 15", "18 fit errors of IM3 (at least that on noise-free readings, at most the highest of ten"
+            "Table 15", "18 fit errors of IM3 (at least that on noise-free readings, at most the"
+            " highest of ten"
             " sets with a quarter of the noise)", shown[0] + " %",
             f"{inside} of 18; noise-free {shown[1]} %", "", inside == 18,
             f"{below} of 18 lie below what a quarter of the noise gives; the others fit better than IM3 fits"
             " exact readings, so M3's own error there is another than in the paper's readings",
         ),
         Statement(
-            "Table 15", "IM3 takes tens of milliseconds (all three steps; our median below 100 ms)", span(total, 2, "ms"),
+            "Table 15", "IM3 takes tens of milliseconds (all three steps; our median below 100"
+            " ms)", span(total, 2, "ms"),
             span(times, 2, "ms"), "", bool(times.median() < 100),
         ),
     ]  # fmt: skip
@@ -308,7 +320,8 @@ def fig_17(kept: Kept) -> list[Statement]:
     near = second["c1"].between(0.37, 0.53).all() and second["c2"].between(-0.38, -0.04).all()
     return [
         Statement(
-            "Fig. 17", "IM2: the largest error of φ is 3.1°, against the measured 31.9° (noise-free readings)",
+            "Fig. 17", "IM2: the largest error of φ is 3.1°, against the measured 31.9° (noise-free"
+            " readings)",
             "3.1°", f"{furthest:.1f}°", f"{furthest - 3.1:+.1f}°", furthest <= 3.15,
             f"M2 with another c, φ and K fits M1's readings within {worst:.2f} sd of the noise, and its"
             f" posterior has φ {shift} sd too small: the error of M2 is compensated along the ridge",
@@ -339,11 +352,13 @@ def fig_17(kept: Kept) -> list[Statement]:
             "8.57, 18.7 %", f"{pull['Wh11']:.1f}, {pull['Wh12']:.1f} %",
             f"{pull['Wh11'] - 8.57:+.1f}, {pull['Wh12'] - 18.7:+.1f} points",
             abs(pull["Wh12"] - 18.7) < 3 and abs(pull["Wh11"] - 8.57) < 3,
-            f"Wh12 agrees within 2 points; the others have {span(pull.drop('Wh12'), 3)} %, where the paper has"
+            f"Wh12 agrees within 2 points; the others have {span(pull.drop('Wh12'), 3)} %, where"
+            f" the paper has"
             " about 10: the largest misfit is that of slip 0.6, at which c2 = 0 matters most",
         ),
         Statement(
-            "Fig. 17", "that changes the other parameters only slightly (φ of IM2 by less than 3°)", "slightly",
+            "Fig. 17", "that changes the other parameters only slightly (φ of IM2 by less than"
+            " 3°)", "slightly",
             f"φ by {span(held['phi'] - second['phi'], 3)}°, c to {span(held['c'], 2)} kPa", "",
             bool(((held["phi"] - second["phi"]).abs() < 3).all()),
             "c falls to its bound and φ rises in exchange; the fit error of M_DR stays below 1 %",

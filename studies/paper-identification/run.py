@@ -1,4 +1,4 @@
-"""IM1, IM2 and IM3 side by side with the paper, and beside posteriors: Tables 10, 14, 15 and Figs. 12, 17, 18.
+"""IM1, IM2 and IM3 beside the paper and beside posteriors: Tables 10, 14, 15 and Figs. 12, 17, 18.
 
 Run it with ``python studies/paper-identification/run.py``; it rewrites the CSV and PNG files of this folder
 and the tables in its README. With one of the names ``fits``, ``posteriors`` and ``page`` it does that part.
@@ -7,7 +7,7 @@ and the tables in its README. With one of the names ``fits``, ``posteriors`` and
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -32,24 +32,17 @@ FITS: dict[str, Callable[[], pd.DataFrame]] = {
     "without-shear": fits.without_shear,
     "printed-judged": fits.printed_judged,
 }
-POSTERIORS: dict[str, Callable[[], pd.DataFrame]] = {
-    "posteriors": posteriors.summaries,
-    "standings": posteriors.standings,
-    "spreads": posteriors.spreads,
-    "model-errors": posteriors.model_errors,
-    "comparison": posteriors.comparison,
-}
 
 
 def stored() -> dict[str, pd.DataFrame]:
     """The result files of this folder by name."""
-    return {name: pd.read_csv(HERE / f"{name}.csv") for name in (*FITS, *POSTERIORS)}
+    return {name: pd.read_csv(HERE / f"{name}.csv") for name in (*FITS, *posteriors.TABLES)}
 
 
-def write(made: dict[str, Callable[[], pd.DataFrame]]) -> None:
-    """Make tables and write them."""
-    for name, make in made.items():
-        make().to_csv(HERE / f"{name}.csv", index=False, float_format="%.5g")
+def write(made: Iterable[tuple[str, pd.DataFrame]]) -> None:
+    """Write tables as they are made."""
+    for name, table in made:
+        table.to_csv(HERE / f"{name}.csv", index=False, float_format="%.5g")
 
 
 def write_page() -> None:
@@ -67,7 +60,11 @@ def write_page() -> None:
 def main(parts: list[str]) -> None:
     """Remake the parts named, by default all."""
     for part in parts or ["fits", "posteriors", "page"]:
-        {"fits": lambda: write(FITS), "posteriors": lambda: write(POSTERIORS), "page": write_page}[part]()
+        {
+            "fits": lambda: write((name, make()) for name, make in FITS.items()),
+            "posteriors": lambda: write(posteriors.answers().items()),
+            "page": write_page,
+        }[part]()
 
 
 if __name__ == "__main__":

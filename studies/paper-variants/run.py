@@ -1,4 +1,4 @@
-"""Constant exponent, R_j = r and R_j = R beside Tables 11, 12, 13 and Fig. 16, and what the load drive says of them.
+"""Constant exponent, R_j = r and R_j = R beside Tables 11 to 13 and Fig. 16, and what the load drive says.
 
 Run it with ``python studies/paper-variants/run.py``; it rewrites the CSV and PNG files of this folder and the
 tables in its README. With one of the names ``fits``, ``posteriors`` and ``page`` it does that part.
@@ -48,9 +48,7 @@ def write_page() -> None:
     """Statements, figure and the README, all from the stored tables."""
     kept = stored()
     found = paper_statements.write(statements.statements(kept), HERE)
-    figures.normal_forces(kept["normal-force"]).savefig(
-        HERE / "normal-force.png", dpi=144, facecolor="white"
-    )
+    figures.normal_forces(kept["normal-force"]).savefig(HERE / "normal-force.png", dpi=144, facecolor="white")
     readme = HERE / "README.md"
     text = readme.read_text(encoding="utf-8")
     readme.write_text(paper_statements.filled(text, page.blocks(kept, found)), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Variants of M2 fitted by IM2, sinkage-driven as in the paper, on readings made from Table 10 and on HIT's."""
+"""Variants of M2 fitted by IM2, sinkage-driven as in the paper, on readings made from Table 10 and HIT's."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ WIDE = {"Ks": 1.0, "K": 0.5e-3}
 LOWEST = -0.999
 """Lower bound of n where Section 7.2 extends its limits; the stress (4) has a finite sum above −1 only."""
 WHEELS = (*SOILS, HIT)
-LOAD_DRIVEN = ("Wh11", "Wh32", HIT)
-"""Readings that are fitted load-driven: the wheel of Fig. 16, and the wheel that HIT measured."""
+LOAD_DRIVEN = ("Wh11", HIT)
+"""Readings that are fitted load-driven: the wheel of Fig. 16, and HIT."""
 SEEDS = 10
 SHARE = 0.25
 """Noise, in parts of the standard deviations of studies/hit-wh32."""
@@ -82,16 +82,14 @@ def table_11(wheels: tuple[str, ...] = WHEELS, seeds: int = SEEDS) -> pd.DataFra
 
 
 def tables_12_13(wheels: tuple[str, ...] = WHEELS, seeds: int = SEEDS) -> pd.DataFrame:
-    """R_j = r and R_j = R: printed, ours, the range over noise seeds, and the printed values on our readings."""
+    """R_j = r and R_j = R: printed, ours, the range over noise seeds, the printed values on our readings."""
     known = pd.read_csv(HERE / "printed-tables-12-13.csv").set_index(["shear_start_radius", "wheel"])
     rows = []
     for (variant, radius), wheel in ((pair, w) for pair in ((RIM, "r"), (TIP, "R")) for w in wheels):
         at = known.loc[(radius, "Wh32" if wheel == HIT else wheel)]
         fit = im2(study_of(wheel, variant))
         runs = range(1, seeds + 1) if wheel != HIT else ()
-        spread = pd.DataFrame(
-            [_shearing(im2(study_of(wheel, variant, data=noisy(wheel, s)))) for s in runs]
-        )
+        spread = pd.DataFrame([_shearing(im2(study_of(wheel, variant, data=noisy(wheel, s)))) for s in runs])
         held = {"c": 1e3 * at["c_kPa"], "phi": float(np.radians(at["phi_deg"])), "K": 1e-3 * at["K_mm"]}
         judged = im2(study_of(wheel, variant), hold=held).errors["resistance_moment"]
         printed = {"c": at["c_kPa"], "phi": at["phi_deg"], "K": at["K_mm"], "error": at["err_MDR_percent"]}
@@ -113,12 +111,12 @@ def _shearing(fit: Fit) -> dict[str, float]:
     return {**{name: values[name] for name in ("c", "phi", "K")}, "error": fit.errors["resistance_moment"]}
 
 
-def load_fits(wheels: tuple[str, ...] = LOAD_DRIVEN) -> pd.DataFrame:
+def load_fits(wheels: tuple[str, ...] = LOAD_DRIVEN, models: tuple[str, ...] = ("M1", "M2")) -> pd.DataFrame:
     """Every variant fitted load-driven to all outcomes at once (joint), n ≥ 0: errors (16) and χ²."""
     rows = []
     for wheel in wheels:
         for variant in VARIANTS:
-            for model in ("M1", "M2"):
+            for model in models:
                 given = study_of(wheel, variant, model=model, priors=PRIORS)
                 fit = bt.fit(given, ("joint",))["joint"]
                 errors = {f"error_{name}": fit.errors[name] for name in OUTCOMES}
@@ -132,7 +130,7 @@ PRIORS: Mapping[str, Any] = {
     "Ks": {"dist": "loguniform", "lower": "1 kPa", "upper": "10 MPa"},
     "K": {"dist": "uniform", "lower": "0.5 mm", "upper": "50 mm"},
 }
-"""Laws wide enough for every variant, the same for all, so that evidences compare; the others as in the box."""
+"""Laws wide enough for every variant and the same for all, so that evidences compare; else as the box."""
 
 
 def _chi2(given: bt.Study, fit: Fit) -> float:
@@ -141,4 +139,3 @@ def _chi2(given: bt.Study, fit: Fit) -> float:
     predicted = likelihood.predicted(likelihood.forward(fit.soil.as_array()[None, :]))
     scales = likelihood.scales(predicted, np.empty((1, 0)))
     return float(np.nansum(((predicted - likelihood.measured) / scales) ** 2))
-

@@ -9,7 +9,7 @@ import pandas as pd
 from paper_data import LOAD, NOISE, OUTCOMES, TRANSITION, hit_readings
 from paper_data import readings as made
 from scipy.optimize import least_squares
-from var_fits import CONSTANT, HIT, LOWEST, REFERENCE, WHEELS, im2, study_of
+from var_fits import CONSTANT, HIT, LOAD_DRIVEN, LOWEST, REFERENCE, WHEELS, im2, study_of
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identification.decoupled import Contact, largest_stress, mobilised, shape
@@ -19,7 +19,7 @@ from bayesterra.sensitivity.groups import WHEELS as RIGS
 
 DEPTHS = np.geomspace(5e-4, 0.08, 400)
 """Sinkages (m) among which an equilibrium is looked for."""
-STARTS = 24
+STARTS = 8
 
 
 @dataclass(frozen=True)
@@ -83,17 +83,22 @@ def normal_force_over_depth() -> pd.DataFrame:
     shown = np.array([2.0, 5.0, 10.0, 20.0, 40.0, 60.0])
     for wheel in WHEELS:
         grid = Grid.of(RIGS["Wh32" if wheel == HIT else wheel], np.array([0.2]))
-        fits = {CONSTANT: im2(study_of(wheel, CONSTANT), n0=LOWEST), REFERENCE: im2(study_of(wheel, REFERENCE))}
+        fits = {
+            CONSTANT: im2(study_of(wheel, CONSTANT), n0=LOWEST),
+            REFERENCE: im2(study_of(wheel, REFERENCE)),
+        }
         for variant, fit in fits.items():
             values = np.interp(shown, 1e3 * DEPTHS, grid.forces(fit.soil.as_array())[0, :, 0])
             found = {f"{depth:.0f} mm": value for depth, value in zip(shown, values, strict=True)}
-            answers = [grid.response(fit.soil.as_array(), np.array([f * LOAD]))[0, 0] for f in (0.98, 1, 1.02)]
+            answers = [
+                grid.response(fit.soil.as_array(), np.array([f * LOAD]))[0, 0] for f in (0.98, 1, 1.02)
+            ]
             named = dict(zip(["z_98", "z_100", "z_102"], 1e3 * np.array(answers), strict=True))
             rows.append({"data": wheel, "variant": variant, **found, **named})
     return pd.DataFrame(rows)
 
 
-def below_zero(wheels: tuple[str, ...] = ("Wh11", "Wh32", HIT)) -> pd.DataFrame:
+def below_zero(wheels: tuple[str, ...] = LOAD_DRIVEN) -> pd.DataFrame:
     """Load-driven least squares of CM1 with a constant n, where it may fall to −1, and to 0 only."""
     rows = []
     for wheel in wheels:
@@ -101,7 +106,14 @@ def below_zero(wheels: tuple[str, ...] = ("Wh11", "Wh32", HIT)) -> pd.DataFrame:
         for lowest in (LOWEST, 0.0):
             chi2, best, answered = _best(RIGS["Wh32" if wheel == HIT else wheel], table, lowest)
             rows.append(
-                {"data": wheel, "lowest_n": lowest, "chi2": chi2, "n": best[1], "rows": len(table), "answered": answered}
+                {
+                    "data": wheel,
+                    "lowest_n": lowest,
+                    "chi2": chi2,
+                    "n": best[1],
+                    "rows": len(table),
+                    "answered": answered,
+                }
             )
     return pd.DataFrame(rows)
 
@@ -130,5 +142,3 @@ def _best(wheel: Wheel, table: pd.DataFrame, lowest: float) -> tuple[float, Floa
     best = min(ends, key=lambda x: float(np.sum(misfit(x) ** 2)))
     away = misfit(best)
     return float(np.sum(away**2)), best, int((away.reshape(-1, 3)[:, 0] != 100.0).sum())
-
-

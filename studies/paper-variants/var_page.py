@@ -37,7 +37,17 @@ def table_11(kept: Kept) -> str:
         ]
         for row in kept["table-11"].to_dict("records")
     ]  # fmt: skip
-    head = ["readings", "K_s printed", "ours", "n printed", "ours", "difference", "error, n free, %", "n ≥ 0, %", "(5), %"]
+    head = [
+        "readings",
+        "K_s printed",
+        "ours",
+        "n printed",
+        "ours",
+        "difference",
+        "error, n free, %",
+        "n ≥ 0, %",
+        "(5), %",
+    ]
     return markdown(head, rows, "|rrrrrrrr")
 
 
@@ -47,7 +57,8 @@ def tables_12_13(kept: Kept) -> str:
     for (number, data), some in kept["tables-12-13"].groupby(["table", "data"], sort=False):
         at = some.set_index("quantity")
         cells = [
-            f"{at.loc[n, 'printed']:.4g} / {at.loc[n, 'ours']:.3g} ({at.loc[n, 'ours'] - at.loc[n, 'printed']:+.2g})"
+            f"{at.loc[n, 'printed']:.4g} / {at.loc[n, 'ours']:.3g}"
+            f" ({at.loc[n, 'ours'] - at.loc[n, 'printed']:+.2g})"
             for n in SYMBOLS
         ]
         last = at.iloc[0]
@@ -65,7 +76,9 @@ def load(kept: Kept) -> str:
     for (data, variant), some in kept["load-fits"].groupby(["data", "variant"], sort=False):
         at = some.set_index("model")
         cells = [
-            " / ".join(f"{at.loc[m, f'error_{n}']:.1f}" for n in ("sinkage", "drawbar_pull", "resistance_moment"))
+            " / ".join(
+                f"{at.loc[m, f'error_{n}']:.1f}" for n in ("sinkage", "drawbar_pull", "resistance_moment")
+            )
             + f", χ² {at.loc[m, 'chi2']:.1f}"
             for m in ("M1", "M2")
         ]
@@ -78,10 +91,21 @@ def comparison(kept: Kept) -> str:
     rows = [
         [
             f"{row['data']}, {row['kind'].split(',')[0]}", row["model"], row["variant"],
-            f"{row['log_z']:.2f} ± {row['log_z_error']:.2f}", f"{row['log_z_less']:+.2f}", f"{row['elpd']:.1f}",
-            f"{row['elpd_less']:+.1f} ± {row['difference_se']:.1f}", "yes" if row["distinguishable"] else "no",
+            f"{row['log_z']:.2f} ±"
+            f" {row['log_z_error']:.2f}", f"{row['log_z_less']:+.2f}", f"{row['elpd']:.1f}",
+            f"{row['elpd_less']:+.1f} ±"
+            f" {row['difference_se']:.1f}", "yes" if row["distinguishable"] else "no",
         ]
         for row in kept["comparison"].to_dict("records")
     ]  # fmt: skip
-    head = ["readings", "model", "variant", "log evidence", "less (5), (13)", "elpd", "less (5), (13)", "told apart"]
+    head = [
+        "readings",
+        "model",
+        "variant",
+        "log evidence",
+        "less (5), (13)",
+        "elpd",
+        "less (5), (13)",
+        "told apart",
+    ]
     return markdown(head, rows, "|||rrrr|")

@@ -1,4 +1,4 @@
-"""Readings that stand in for the paper's unpublished ones: made by M1 from Table 10, and the HIT Wh32 rows."""
+"""Readings that stand in for the paper's unpublished ones: made by M1 from Table 10, and HIT's of Wh32."""
 
 from __future__ import annotations
 

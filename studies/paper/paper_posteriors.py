@@ -23,9 +23,9 @@ from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.sampler import Target, sample
 from bayesterra.study import SamplingOptions
 
-OPTIONS = SamplingOptions(target_ess=2000, walkers=32)
-ADAPTATION = AdaptationOptions(particles=512)
-"""Half of the usual size: these are many posteriors, and convergence is checked all the same."""
+OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=2000)
+PARTICLES = {"load": 512, "both": 512, "sinkage": 1024}
+"""Size of the adaptation; posteriors that take a sinkage for exact are narrow and need the usual one."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ def infer(study: bt.Study, seed: int = 1, *, loo: bool = True) -> Found:
     """Sample a study's posterior with 2000 effective draws or more; the same seed, the same draws."""
     density = posterior(study)
     sampling, weighing, leaving = SeedSequence(seed).spawn(3)
-    samples = sample(density, OPTIONS, sampling, adaptation=ADAPTATION)
+    adaptation = AdaptationOptions(particles=PARTICLES[study.drive])
+    samples = sample(density, OPTIONS, sampling, adaptation=adaptation)
     kept = keep(samples.chains)
     laws = [one.proposal for one in samples.adaptations]
     return Found(
