@@ -155,8 +155,8 @@ def _scores_section(found: Holdout) -> Section:
     caption = Markup(
         "Mean scores in the unit of the channel (the smaller the better; the absolute error of a law without "
         "width) and shares of readings inside the central intervals. Standard errors are from the spread "
-        "between levels, as rows of one level are not independent; with few levels they are rough, and 0 says "
-        "no more than that all agree. A reading without a prediction counts as not covered."
+        "between levels, as rows of one level are not independent; with few levels they are rough, and 0 "
+        "says no more than that all agree. A reading without a prediction counts as not covered."
     )
     against = tuple(_skill_row(row) for row in found.skills.to_dict("records"))
     head: tuple[Cell, ...] = ("against", "", "rows", "skill", "90 %", "levels won")
