@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "identifiability": (("{folder}/run.py",),),
     "verdicts": (("{folder}/run.py",),),
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),
+    "streaming": (("{folder}/run.py",),),
     "planted-misfits": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
