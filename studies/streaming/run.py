@@ -1,7 +1,7 @@
 """A rover's posterior row by row: against the batch, time per row, and planted changes of soil.
 
-Run ``python studies/streaming/run.py``, or one part of it: ``agreement`` or ``changes``; each rewrites its
-tables. All readings are simulated. One process, about ten and five minutes on a core of its own.
+Run ``python studies/streaming/run.py``, or one part of it: ``agreement``, ``changed``, ``same``, ``figures``.
+All readings are simulated. One process; about ten, three, three and no minutes on a core of its own.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from numpy.random import Generator, SeedSequence, default_rng
 import bayesterra as bt
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.data import Observations
+from bayesterra.figures.stream import bands_over_rows_png
+from bayesterra.figures.style import new_figure, styled
 from bayesterra.inference import keep
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.posteriors import draw_cut_prior
@@ -231,7 +234,7 @@ CHANGES: dict[str, dict[str, float]] = {
 WILD = {"drawbar_pull": 8.0}
 """Shift of one reading of the row at which else the soil changes, N: sixteen standard deviations."""
 SOILS, DRIVES = 20, 10
-LEARNED, UNCHANGED_ROWS = 20, 100
+LEARNED, UNCHANGED_ROWS = 20, 50
 """Unchanged soils: first soils, drives on soils like each, rows before these and in each."""
 RUNS = {"M1": 4, "M2": 16}
 BEFORE, AFTER = 30, 40
@@ -239,10 +242,14 @@ BEFORE, AFTER = 30, 40
 PARTICLES = 300
 
 
-def changes() -> None:
-    """False alarms on soils that stay the same, and delays until a change of soil is found."""
+def changed() -> None:
+    """Delays until a change of soil is found."""
     table = [row for model, runs in RUNS.items() for run in range(runs) for row in delays(model, run)]
     pd.DataFrame(table).to_csv(HERE / "delays.csv", index=False, float_format="%.5g")
+
+
+def same() -> None:
+    """False alarms on soils that stay the same."""
     quiet = [row for soil in range(SOILS) for row in unchanged(soil)]
     pd.DataFrame(quiet).to_csv(HERE / "unchanged.csv", index=False, float_format="%.5g")
 
@@ -307,10 +314,56 @@ def _delay(stream: bt.Stream, plan: bt.Study, before: Observations, name: str, r
     return {**found, "delay": alarm.row - BEFORE, "off": alarm.since - BEFORE - 1}
 
 
+def figures() -> None:
+    """Draw the time per row, and what is known after each row, from the tables."""
+    rows = pd.read_csv(HERE / "rows.csv")
+    units = {name: PARAMETERS[name].unit for name in TRUTH}
+    renamed = {
+        f"{name}_{key}": f"{name}_{key} [{unit}]"
+        for name, unit in units.items()
+        if unit != "-"
+        for key in ("q05", "q50", "q95")
+    }
+    (HERE / "bands.png").write_bytes(bands_over_rows_png(rows.rename(columns=renamed), TRUTH))
+    (HERE / "time.png").write_bytes(time_png({"M1": rows, "M2": pd.read_csv(HERE / "rows-M2.csv")}))
+
+
+@styled
+def time_png(rows: dict[str, pd.DataFrame]) -> bytes:
+    """Computing time of every row; filled marks, rows that asked for moves of the particles."""
+    estimates = pd.read_csv(HERE / "point-estimates.csv").groupby("rows")["cpu_ms"].median()
+    figure = new_figure(6.4, 3.6)
+    ax = figure.subplots()
+    for colour, (model, table) in zip(("#0072B2", "#E69F00"), rows.items(), strict=True):
+        moved = table["sweeps"] > 0
+        ax.plot(table["row"][~moved], table["cpu_ms"][~moved], ".", color=colour, markersize=2.5, alpha=0.6)
+        ax.plot(
+            table["row"][moved],
+            table["cpu_ms"][moved],
+            "o",
+            color=colour,
+            markersize=4,
+            label=f"{model}, moved",
+        )
+        ax.plot([], [], ".", color=colour, label=f"{model}, weighed only")
+    lines = {
+        "IM3, paper (6 rows)": (sum(PAPER_MS.values()), "--"),
+        "IM3, ours, 500 rows": (estimates[ROWS], ":"),
+    }
+    for label, (level, style) in lines.items():
+        ax.axhline(level, color="#333333", linewidth=0.9, linestyle=style, label=label)
+    ax.set(xscale="log", yscale="log", xlabel="row", ylabel="computing time [ms]")
+    figure.legend(loc="outside lower center", ncols=3)
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=150, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
 def main(names: Sequence[str]) -> None:
     """Do the parts that are named, or all."""
-    for name in names or ("agreement", "changes"):
-        {"agreement": agreement, "changes": changes}[name]()
+    parts = {"agreement": agreement, "changed": changed, "same": same, "figures": figures}
+    for name in names or parts:
+        parts[name]()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,113 @@
+"""The command follow: rows from a file or standard input, tables and a figure at their end."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayesterra as bt
+from bayesterra.__main__ import main
+from bayesterra.writing import write_study
+
+Captured = pytest.CaptureFixture[str]
+QUICK = ["--particles", "150"]
+
+
+@pytest.fixture(scope="module")
+def folder(script: ModuleType, plan: bt.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study whose file of measurements is missing, as before a drive, and rows of a soil that changes."""
+    folder = tmp_path_factory.mktemp("follow")
+    write_study(plan, folder)
+    (folder / "measurements.csv").unlink()
+    soft = {**script.TRUTH, "phi": script.TRUTH["phi"] - np.radians(6.0)}
+    before, after = (bt.simulate(plan, truth, seed=9) for truth in (script.TRUTH, soft))
+    pd.concat([before[:16], after[16:]]).to_csv(folder / "rows.csv", index=False)
+    before[:8].to_csv(folder / "first.csv", index=False)
+    before[8:12].to_csv(folder / "second.csv", index=False)
+    return folder
+
+
+def test_follow_prints_a_line_per_row_and_begins_anew_after_an_alarm(
+    folder: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    """The alarm names the row; the tables go on with another soil; exit code 0."""
+    out = tmp_path / "s"
+    asked = ["--data", str(folder / "rows.csv"), "--out", str(out), "--restart", *QUICK]
+    assert main(["follow", str(folder), *asked]) == 0
+    printed = capsys.readouterr().out
+    assert "  24  slip" in printed
+    assert "the soil seems to have changed at row 1" in printed
+    assert "begun anew there" in printed
+    assert "soil 2 since row 1" in printed
+    table = pd.read_csv(out / "updates.csv")
+    assert table["row"].tolist() == list(range(1, 25))
+    assert table["soil"].iloc[[0, -1]].tolist() == [1, 2]
+    assert abs(table["alarm"].dropna().iloc[0] - 17) <= 1
+    assert (out / "rows.png").read_bytes().startswith(b"\x89PNG")
+    stream = bt.load_stream(out)
+    assert stream.offset == table["alarm"].dropna().iloc[0] - 1
+    assert main(["follow", str(folder), *asked]) == 2
+    assert "add --overwrite" in capsys.readouterr().err
+
+
+def test_a_stream_goes_on_from_its_folder_and_from_standard_input(
+    folder: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two sessions end where one would; a row that cannot be used is left out and said so."""
+    first, second, whole = tmp_path / "first", tmp_path / "second", tmp_path / "whole"
+    given = ["follow", str(folder), "--quiet", *QUICK]
+    assert main([*given, "--data", str(folder / "first.csv"), "--out", str(first)]) == 0
+    lines = (folder / "second.csv").read_text().splitlines()
+    lines.insert(2, lines[1].replace("0.", "1.", 1))  # a slip above 1
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines) + "\n"))
+    assert main(["follow", str(first), "--data", "-", "--out", str(second), "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert "left out: 'slip' must lie in [0, 1)" in captured.err
+    assert "12 rows, 1 left out" in captured.out
+    assert "No change of soil was found (at most 0.0001 false alarms per row)." in captured.out
+    joined = (folder / "first.csv").read_text() + "\n".join(
+        (folder / "second.csv").read_text().split("\n")[1:]
+    )
+    (tmp_path / "joined.csv").write_text(joined)
+    assert main([*given, "--data", str(tmp_path / "joined.csv"), "--out", str(whole)]) == 0
+    assert np.array_equal(bt.load_stream(second).cloud.x, bt.load_stream(whole).cloud.x)
+    assert pd.read_csv(second / "updates.csv")["row"].tolist() == list(range(1, 13))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("slip,load [N]\n", "must hold a header and at least one row"),
+        ("slip,load [N],sinkage\n0.1,80,5\n", "column 'sinkage' needs a unit, e.g. 'sinkage [mm]'"),
+        ("slip,load [N],sinkage [mm]\n0.1,80\n", "every row must have 3 cells (got 2, row 1)"),
+        ("slip,load [N],normal_force [N],sinkage [mm]\n1.1,80,80,5\n", "'slip' must lie in [0, 1) (got 1.1"),
+    ],
+)
+def test_what_cannot_be_followed_is_said_in_one_line(
+    folder: Path, tmp_path: Path, capsys: Captured, content: str, message: str
+) -> None:
+    """Exit code 2, one line on standard error, and no folder."""
+    (tmp_path / "rows.csv").write_text(content)
+    out = tmp_path / "s"
+    assert main(["follow", str(folder), "--data", str(tmp_path / "rows.csv"), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert message in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+
+
+def test_what_was_learned_survives_a_broken_file(folder: Path, tmp_path: Path, capsys: Captured) -> None:
+    """Rows up to the broken one are written; the error is said."""
+    lines = (folder / "first.csv").read_text().splitlines()
+    (tmp_path / "rows.csv").write_text("\n".join([*lines[:4], "0.1,80"]) + "\n")
+    out = tmp_path / "s"
+    given = ["--data", str(tmp_path / "rows.csv"), "--out", str(out), "--quiet", *QUICK]
+    assert main(["follow", str(folder), *given]) == 2
+    assert "(got 2, row 4)" in capsys.readouterr().err
+    assert len(bt.load_stream(out)) == 3
