@@ -39,6 +39,7 @@ from bayesterra.summary import summary_row
 
 PRIOR_DRAWS = 1000
 GROUP_PRIOR_DRAWS = 4000
+ALONE_DRAWS = 4000
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
 """One value for all groups; the study's own roles; every group alone."""
 INDISTINCT = 3.0
@@ -261,7 +262,7 @@ def preferred(degrees: Sequence[Degree]) -> str:
 
 
 def shared_or_not(joint: JointPosterior, lone: Mapping[str, Samples], rng: Generator) -> tuple[Sharing, ...]:
-    """For every soil parameter, and for c and φ together: one value for all groups, or one for each?"""
+    """Judge for every parameter, and for c and φ together, whether all groups have one value."""
     names = joint.first.names
     priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
     chains = [samples.chains.reshape(len(samples.chains), -1, len(names)) for samples in lone.values()]
@@ -290,6 +291,11 @@ def sentence(verdicts: Sequence[Sharing]) -> str:
         ]
         parts.append(f"{word}: {', '.join(named)}")
     return "; ".join(parts) + "."
+
+
+def _together(names: Sequence[str]) -> str:
+    symbols = " and ".join(PARAMETERS[name].symbol for name in names)
+    return f"{symbols} together" if len(names) > 1 else symbols
 
 
 def _sharing_table(joint: JointPosterior, verdicts: Sequence[Sharing], kept: Kept) -> pd.DataFrame:
@@ -361,8 +367,8 @@ def _tree(
     study: Study, joint: JointPosterior, samples: JointSamples, kept: Kept, prior: FloatArray
 ) -> xr.DataTree:
     names = joint.first.names
-    fewest = min(len(keep(lone.chains).flat) for lone in samples.lone.values())
-    alone = np.stack([keep(lone.chains).flat[:fewest] for lone in samples.lone.values()])
+    spaced = [keep(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
+    alone = np.stack([x[: min(map(len, spaced))] for x in spaced])
     groups = {
         "posterior": _dataset(joint, kept.chains),
         "sample_stats": xr.Dataset(
@@ -395,10 +401,10 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     for i, name in enumerate(joint.local):
         variables[name] = (("chain", "draw", "group"), chains[:, :, k + i :: d])
     dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
-    for name in dataset.data_vars:
-        known = PARAMETERS[str(name).split(".")[0]]
+    for name in map(str, dataset.data_vars):
+        known = PARAMETERS[name.split(".")[0]]
         unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(known.name, known.dimension or "1")
-        dataset[name].attrs.update(units=unit, long_name=quantity_of(str(name)).description)
+        dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
     return dataset
 
 

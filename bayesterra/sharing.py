@@ -1,4 +1,4 @@
-"""The [pooling] table: which parameters all groups share, which each has alone, which are drawn from one law."""
+"""The [pooling] table: which parameters groups share, which each has alone, which come from one law."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ class Population:
     Attributes
     ----------
     mean : law of the population mean; by default the parameter's own prior.
-    spread : law of the population's standard deviation, above 0; by default half-normal, its scale half of the
-        standard deviation of the parameter's own prior.
+    spread : law of the population's standard deviation, above 0; by default half-normal, its scale half of
+        the standard deviation of the parameter's own prior.
     """
 
     mean: Law | None = None
     spread: Law | None = None
 
-    def resolved(self, own: Law) -> Population:
-        """The same with defaults filled in from the parameter's own prior."""
-        return Population(self.mean or own, self.spread or default_spread(own))
+    def laws(self, own: Law) -> tuple[Law, Law]:
+        """Laws of mean and spread, the defaults from the parameter's own prior."""
+        return self.mean or own, self.spread or default_spread(own)
 
 
 def law_sd(own: Law) -> float:
@@ -86,15 +86,12 @@ class Pooling:
         own = (*self.separate, *self.hierarchical)
         shared = tuple(name for name in laws if name not in own)
         if not own:
-            raise StudyError(
-                "[pooling] needs a 'separate' or 'hierarchical' parameter: else leave the table out"
-            )
+            raise StudyError("[pooling] needs a 'separate' or 'hierarchical' parameter: else leave it out")
         if not shared and not self.hierarchical:
-            raise StudyError(
-                "[pooling] needs a 'shared' or 'hierarchical' parameter: else run each group alone"
-            )
+            raise StudyError("[pooling] needs a 'shared' or 'hierarchical' parameter: else run groups alone")
         separate = tuple(name for name in laws if name in self.separate)
-        populations = {n: self.hierarchical[n].resolved(laws[n]) for n in laws if n in self.hierarchical}
+        named = [name for name in laws if name in self.hierarchical]
+        populations = {name: Population(*self.hierarchical[name].laws(laws[name])) for name in named}
         return Pooling(self.by, shared, separate, populations)
 
 

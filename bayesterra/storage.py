@@ -69,7 +69,7 @@ def read_result(folder: Path) -> Result:
     missing = [name for name in _FILES if not (folder / name).is_file()]
     if missing and _marked(folder, "pooling"):
         raise ResultError(
-            f"'{folder}' holds a joint posterior of several groups ([pooling]): this takes results without groups"
+            f"'{folder}' holds a joint posterior of several groups ([pooling]): give one without groups"
         )
     if missing and _marked(folder, "prior_only"):
         raise ResultError(

@@ -213,8 +213,6 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, wheels)
     pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
-    if pooling is not None:
-        rows.label(pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
     return {
         **{name: getattr(given, name) for name in _KEPT},
@@ -222,7 +220,7 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
         **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
-        "notes": tuple(notes + _count_notes(rows, noise, prior)),
+        "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling)),
     }
 
 
@@ -245,6 +243,16 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
     if readings >= len(prior.names):
         return []
     return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
+
+
+def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
+    """Say what the groups are and which commands know of them."""
+    if pooling is None:
+        return []
+    groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))
+    return [
+        f"groups by {pooling.by}: {groups}; 'run' pools them, other commands let all share every parameter"
+    ]
 
 
 def _plain(entry: Entry | None) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import Coordinates, Logarithm, NormalScore, coordinates
+from bayesterra.coordinates import Block, Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.laws import Law
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.populations import log_population
@@ -67,10 +67,9 @@ class JointFamily:
 
     @cached_property
     def _hyper(self) -> Coordinates:
-        blocks = []
-        for i, law in enumerate(self.joint.pooling.hierarchical.values()):
-            assert law.mean is not None
-            blocks += [((2 * i,), NormalScore(law.mean)), ((2 * i + 1,), Logarithm())]
+        blocks: list[tuple[tuple[int, ...], Block]] = []
+        for i, (mean, _) in enumerate(self.joint.hyper.values()):
+            blocks += [((2 * i,), NormalScore(mean)), ((2 * i + 1,), Logarithm())]
         return Coordinates(tuple(blocks))
 
     @cached_property
@@ -106,7 +105,7 @@ class JointFamily:
     def log_prior(self, D: FloatArray) -> FloatArray:
         """See :class:`bayesterra.pooling.moves.Family`."""
         x, log_jacobian = self.drivers_to_physical(D)
-        known = np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian)
+        known = np.asarray(np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian))
         level = self.joint.log_prior_of_drivers(np.where(known[:, None], x, 0.0))
         return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf)
 
@@ -117,7 +116,7 @@ class JointFamily:
     def _prior(self, drivers: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density given physical drivers, Jacobian included, and physical locals."""
         own, log_jacobian = self.locals_to_physical(group, L)
-        known = np.isfinite(own).all(axis=1) & np.isfinite(log_jacobian)
+        known = np.asarray(np.isfinite(own).all(axis=1) & np.isfinite(log_jacobian))
         level = self.joint.log_prior_of_group(drivers, np.where(known[:, None], own, 0.0))
         return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf), own
 
@@ -137,17 +136,15 @@ class JointFamily:
         k = len(self.joint.shared)
         own = np.stack([self.locals_to_physical(g, L[g])[0] for g in range(self.groups)])
         drivers, _ = self.drivers_to_physical(D)
-        for i, (name, law) in enumerate(self.joint.pooling.hierarchical.items()):
+        for i, (name, laws) in enumerate(self.joint.hyper.items()):
             values = own[:, :, self.joint.local.index(name)]
             at, limits = k + 2 * i, self.joint.laws[name].range
-            assert law.mean is not None
-            assert law.spread is not None
             for _ in range(SLICES):
-                for column, one in ((at, law.mean), (at + 1, law.spread)):
+                for column, one in zip((at, at + 1), laws, strict=True):
                     drivers[:, column] = _sliced(drivers, column, at, values, one, limits, rng)
         new = self.drivers_from_physical(drivers)
         new[:, :k] = D[:, :k]
-        return np.where(np.isfinite(new).all(axis=1)[:, None], new, D)
+        return np.where(np.asarray(np.isfinite(new).all(axis=1))[:, None], new, D)
 
 
 def _sliced(
@@ -167,7 +164,7 @@ def _sliced(
 
     def level(chosen: FloatArray) -> FloatArray:
         pair = (chosen, spread) if column == at else (mean, chosen)
-        return log_population(values, pair[0], pair[1], limits).sum(axis=0)
+        return np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
 
     now = drivers[:, column]
     floor = level(now) + np.log(rng.random(len(now)))

@@ -57,6 +57,12 @@ class JointPosterior:
         return tuple(self.pooling.hierarchical)
 
     @cached_property
+    def hyper(self) -> dict[str, tuple[Law, Law]]:
+        """Laws of mean and spread of every population."""
+        populations = self.pooling.hierarchical
+        return {name: population.laws(self.laws[name]) for name, population in populations.items()}
+
+    @cached_property
     def local(self) -> tuple[str, ...]:
         """Parameters that every group has its own value of, in the package's order."""
         return tuple(name for name in self.first.names if name not in self.shared)
@@ -100,11 +106,8 @@ class JointPosterior:
         total, column = np.zeros(len(drivers)), len(self.shared)
         for i, name in enumerate(self.shared):
             total += self.laws[name].log_density(drivers[:, i])
-        for name in self.populations:
-            law = self.pooling.hierarchical[name]
-            assert law.mean is not None
-            assert law.spread is not None
-            total += law.mean.log_density(drivers[:, column]) + law.spread.log_density(drivers[:, column + 1])
+        for mean, spread in self.hyper.values():
+            total += mean.log_density(drivers[:, column]) + spread.log_density(drivers[:, column + 1])
             total = np.where(drivers[:, column + 1] > 0, total, -np.inf)
             column += 2
         return np.where(np.isfinite(total), total, -np.inf)
@@ -134,7 +137,7 @@ class JointPosterior:
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         if x.ndim != 2 or x.shape[1] != len(self.names):
             raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
-        known = np.isfinite(x).all(axis=1)
+        known = np.asarray(np.isfinite(x).all(axis=1))
         D, L = self.split(np.where(known[:, None], x, 0.0))
         total = np.where(known, self.log_prior_of_drivers(D), -np.inf)
         for group, own in zip(self.groups, L, strict=True):
@@ -147,8 +150,7 @@ class JointPosterior:
     def draw_drivers(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
         columns = [self.laws[name].sample(n, rng) for name in self.shared]
-        for law in self.pooling.hierarchical.values():
-            columns += [part.sample(n, rng) for part in (law.mean, law.spread) if part is not None]
+        columns += [law.sample(n, rng) for pair in self.hyper.values() for law in pair]
         return np.column_stack(columns)
 
     def draw_group(self, drivers: FloatArray, rng: Generator) -> FloatArray:

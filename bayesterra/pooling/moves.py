@@ -1,8 +1,8 @@
 """Walkers of one ensemble that use what pooling gives: groups are independent given what they share.
 
-A state is drivers D (what the groups share, and means and spreads of populations) and locals L of every group,
-with density p(D) ∏ p(L_g | D) likelihood_g(S, L_g), S the first of the drivers. emcee's moves evaluate whole
-vectors, so these moves are our own:
+A state is drivers D (what the groups share, and means and spreads of populations) and locals L of every
+group, with density p(D) ∏ p(L_g | D) likelihood_g(S, L_g), S the first of the drivers. emcee's moves evaluate
+whole vectors, so these moves are our own:
 
 - the locals of one group anew, from their fitted law given D, or by differences of other walkers
   (differential evolution, ter Braak 2006): one group's likelihood each;
@@ -38,11 +38,17 @@ HELD_SHARE = 0.25
 class Family(Protocol):
     """A density of drivers D (n, k) and locals L of every group (groups, n, d), in unbounded coordinates."""
 
-    groups: int
-    blocks: tuple[tuple[int, ...], ...]
-    """Columns of D that belong together; the first block is what the likelihood depends on, maybe empty."""
-    widths: FloatArray
-    """Standard deviations (d,) of locals before the data."""
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+
+    @property
+    def blocks(self) -> tuple[tuple[int, ...], ...]:
+        """Columns of D that belong together; on the first block the likelihood depends; it may be empty."""
+
+    @property
+    def widths(self) -> FloatArray:
+        """Standard deviations (d,) of locals before the data."""
 
     def log_prior(self, D: FloatArray) -> FloatArray:
         """Log density (n,) of drivers; −inf outside the support."""

@@ -6,7 +6,8 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import repeat
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
@@ -19,7 +20,7 @@ from bayesterra.diagnostics import Diagnosis, diagnose
 from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import FITTED, Laws, PooledEnsemble, piloted
+from bayesterra.pooling.moves import FITTED, Counts, Laws, PooledEnsemble, piloted
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.journal import Journal, NoJournal, Segment
 from bayesterra.sampling.sampler import Progress, Samples, sample
@@ -29,7 +30,7 @@ ROUND_SWEEPS = 200
 STARTS = 2048
 """Points that every ensemble fits its first laws to."""
 START_SHARE = 0.05
-"""Effective share of candidates that the first draws of shared parameters keep, by tempering their weights."""
+"""Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
 LONE_ESS = 4000
 """Effective draws asked of each group alone, at most; not more than of the joint posterior."""
 
@@ -45,7 +46,9 @@ class PoolingOptions:
     """
 
     pilots: tuple[int, ...] = (30, 60, 120)
-    lone: AdaptationOptions = AdaptationOptions(particles=512, components=12, shores=12)
+    lone: AdaptationOptions = field(
+        default_factory=lambda: AdaptationOptions(particles=512, components=12, shores=12)
+    )
 
 
 @dataclass(frozen=True)
@@ -152,11 +155,7 @@ def sample_joint(
         ensembles = list(pool.map(begun, range(options.ensembles)))
         adapted = time.perf_counter()
         chains, acceptance, diagnosis = _produced(joint, family, ensembles, options, pool, report)
-    moves = {
-        kind: sum(one.counts.accepted[kind] for one in ensembles)
-        / sum(one.counts.tried[kind] for one in ensembles)
-        for kind in ensembles[0].counts.tried
-    }
+    moves = _shares(ensembles)
     seconds = {
         "groups alone": apart - started,
         "adaptation": adapted - apart,
@@ -165,6 +164,16 @@ def sample_joint(
     }
     laws = tuple(one.laws for one in ensembles)
     return JointSamples(joint, chains, acceptance, diagnosis, lone, laws, moves, seconds)
+
+
+def _shares(ensembles: list[PooledEnsemble]) -> dict[str, float]:
+    """Accepted share of each kind of move."""
+    total = Counts()
+    for one in ensembles:
+        for kind, tried in one.counts.tried.items():
+            total.tried[kind] = total.tried.get(kind, 0.0) + tried
+            total.accepted[kind] = total.accepted.get(kind, 0.0) + one.counts.accepted[kind]
+    return total.shares
 
 
 def _produced(
@@ -181,7 +190,7 @@ def _produced(
     steps, since = 0, time.perf_counter()
     while True:
         length = min(ROUND_SWEEPS, options.max_steps - steps)
-        found = list(pool.map(lambda one: one.run(length), ensembles))
+        found = list(pool.map(PooledEnsemble.run, ensembles, repeat(length)))
         kept.append(np.array([_physical(family, D, L) for D, L, _ in found]))
         accepted += length * np.array([share for _, _, share in found])
         steps += length
@@ -212,8 +221,8 @@ def starting_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Drivers (n, k) and locals (groups, n, d) spread roughly like the joint posterior.
 
-    Shared parameters are drawn from the product of the groups' posteriors of them, tempered where these hardly
-    overlap; locals from each group's law given them; populations from the locals.
+    Shared parameters are drawn from the product of the groups' posteriors of them, tempered where these
+    hardly overlap; locals from each group's law given them; populations from the locals.
 
     Parameters
     ----------
@@ -232,13 +241,11 @@ def starting_points(
     if joint.populations:
         physical = [np.empty((STARTS, 0))]
         own = np.stack([family.locals_to_physical(g, L[g])[0] for g in range(family.groups)])
-        for name, law in joint.pooling.hierarchical.items():
+        for name, (mean, spread) in joint.hyper.items():
             values = own[:, :, joint.local.index(name)]
-            assert law.mean is not None
-            assert law.spread is not None
-            low, high = law.mean.quantile(np.array([0.005, 0.995]))
-            least = float(law.spread.quantile(np.array(0.02)))
-            most = float(law.spread.quantile(np.array(0.98)))
+            low, high = mean.quantile(np.array([0.005, 0.995]))
+            least = float(spread.quantile(np.array(0.02)))
+            most = float(spread.quantile(np.array(0.98)))
             physical.append(np.clip(values.mean(axis=0), low, high)[:, None])
             physical.append(np.clip(values.std(axis=0), least, most)[:, None])
         drivers[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))
@@ -250,7 +257,7 @@ def starting_points(
 def _coordinates(
     family: JointFamily, group: int, chain: FloatArray, rng: Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Coordinates of shared (n, k) and own (n, d) parameters in draws of a group alone, ``FITTED`` at most."""
+    """Coordinates of shared (n, k) and own (n, d) parameters in ``FITTED`` draws of a group alone."""
     x = chain.reshape(-1, chain.shape[-1])
     x = x[rng.choice(len(x), size=min(FITTED, len(x)), replace=False)]
     shared, local = family.joint._columns

@@ -1,4 +1,4 @@
-"""Does a parameter belong to the soil or to each wheel? The evidence for one value against one for each group.
+"""Whether a parameter belongs to the soil or to each wheel: the evidence for one value against several.
 
 From the groups' posteriors alone, π_g, and the prior p of a parameter θ, all other parameters being each
 group's own, the Bayes factor of one common θ against one for each group is
@@ -8,10 +8,10 @@ group's own, the Bayes factor of one common θ against one for each group is
 p_g being the prior of group g cut to its physical support; the second integral is what the cut alone makes of
 it. Both are taken in normal scores of the stated prior, where p is standard normal.
 
-Values that differ by less than a wide prior allows would pass for one value by this factor alone (Lindley 1957).
-So a second alternative has its say: values of each group from a normal population, in scores, whose mean has the
-prior's law and whose spread is half-normal with a scale of half the prior's standard deviation. A common value
-must beat both, and is beaten by either.
+Values that differ by less than a wide prior allows would pass for one value by this factor alone (Lindley
+1957). So a second alternative has its say: values of each group from a normal population, in scores, whose
+mean has the prior's law and whose spread is half-normal with a scale of half the prior's standard deviation.
+A common value must beat both, and is beaten by either.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from bayesterra.laws import Law
 from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 
 STRONG = 3.0
-"""Log Bayes factor (natural units) from which on the data decide: odds of 20 to 1, which Kass and Raftery (1995,
-J. Am. Stat. Assoc. 90, 773) call strong."""
+"""Log Bayes factor (natural units) from which on the data decide: odds of 20 to 1, which Kass and Raftery
+(1995, J. Am. Stat. Assoc. 90, 773) call strong."""
 CONSTANT, DEPENDENT, OPEN = "soil constant", "dependent", "cannot tell"
 FITTED, COMPONENTS, DOF = 4000, 6, 100.0
 POINTS = 8000
@@ -111,7 +111,7 @@ def sharing(
 
 
 def _levels(draws: Sequence[FloatArray], rng: Generator) -> FloatArray:
-    """Log of the integrals for a common value and for a population, over that for values of each group's own."""
+    """Log of the integrals for a common value and for a population; 0 for values of each group's own."""
     fits = [_fitted(z, rng) for z in draws]
     if draws[0].shape[1] == 1:
         return _on_grid(fits)

@@ -1,7 +1,7 @@
 """Evidence, and what each row or group adds to it, by importance sampling from frozen laws.
 
-Of a joint posterior the outer draws are drivers D; given these every group's locals are integrated out by a few
-inner draws from its law, Ẑ_g(D), which is unbiased. Groups being independent given D,
+Of a joint posterior the outer draws are drivers D; given these every group's locals are integrated out by a
+few inner draws from its law, Ẑ_g(D), which is unbiased. Groups being independent given D,
 
     Z = E[p(D) ∏_g Ẑ_g(D) / q(D)],
 
@@ -18,13 +18,13 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import logsumexp
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.coordinates import Coordinates
 from bayesterra.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.moves import Laws
-from bayesterra.posteriors import Posterior
+from bayesterra.posteriors import INSIDE, Posterior
 from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sampling.mixture import ProposalLaw
 
@@ -131,8 +131,8 @@ def _integrated(
     return mean(total), np.array([mean(total - known[:, i]) for i in range(terms.shape[1])])
 
 
-def row_terms(posterior: Posterior, x: FloatArray, candidates: np.ndarray) -> FloatArray:  # type: ignore[type-arg]
-    """Log density of every row's readings (n, rows), −inf outside the support; only ``candidates`` are tried."""
+def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> FloatArray:
+    """Log density of every row's readings (n, rows), −inf outside the support and off ``candidates``."""
     terms = np.full((len(x), len(posterior.likelihood.observations)), -np.inf)
     inside = np.flatnonzero(candidates)
     inside = inside[np.isfinite(posterior.log_prior(x[inside]))]
@@ -149,7 +149,7 @@ def weigh_plain(
     rng: Generator,
     draws: int = PLAIN,
 ) -> Weighed:
-    """Weigh fresh draws of a posterior in which some groups share every parameter: all of them, or one alone."""
+    """Weigh fresh draws of a posterior in which some groups, all or one, share every parameter."""
     each = -(-draws // len(proposals))
     u = np.concatenate([proposal.sample(each, rng) for proposal in proposals])
     pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
@@ -161,7 +161,7 @@ def weigh_plain(
     levels, rows = [], []
     for name in groups:
         terms = row_terms(joint.groups[name], x, known)
-        inside = np.isfinite(terms).all(axis=1)
+        inside = np.asarray(np.isfinite(terms).all(axis=1))
         total = np.where(inside, terms.sum(axis=1), -np.inf)
         levels.append(total.reshape(shape))
         parts = [
@@ -185,7 +185,7 @@ def joint_shares(joint: JointPosterior, rng: Generator, *, outer: int = 4000, in
     """Of a joint prior: drivers from their laws, every group's locals integrated out by draws."""
     D = np.repeat(joint.draw_drivers(outer, rng), inner, axis=0)
     inside = [
-        (posterior.reasons(joint.of_group(D, joint.draw_group(D, rng))) == 0)
+        (posterior.reasons(joint.of_group(D, joint.draw_group(D, rng))) == INSIDE)
         .reshape(outer, inner)
         .mean(axis=1)
         for posterior in joint.groups.values()
@@ -198,7 +198,7 @@ def plain_shares(
 ) -> PriorShares:
     """Of the prior of a posterior in which some groups share every parameter."""
     x = joint.first.prior.sample(draws, rng)
-    return _shares(np.array([(joint.groups[name].reasons(x) == 0).astype(float) for name in groups]))
+    return _shares(np.array([(joint.groups[name].reasons(x) == INSIDE).astype(float) for name in groups]))
 
 
 def _shares(inside: FloatArray) -> PriorShares:

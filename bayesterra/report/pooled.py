@@ -19,6 +19,7 @@ from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolut
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, law_text, listed, symbol, symbols, unit
 from bayesterra.report.verdicts import Verdict
+from bayesterra.sharing import Pooling
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
@@ -97,7 +98,7 @@ def _sharing(result: PooledResult) -> Verdict:
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
-    parts = [Markup("{} {}").format(WORDS[n], plain(row["log_evidence"], 1)) for n, row in rows.items()]
+    parts = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
     grade = "good" if preferred in WORDS else "fair"
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(parts)))
@@ -106,24 +107,25 @@ def _preferred(result: PooledResult) -> Verdict:
 def _sharing_section(result: PooledResult) -> Section:
     body = []
     for row in result.sharing.to_dict("records"):
-        error = Markup("{} ± {}").format(plain(row["log_bayes_factor"], 1), plain(row["error"], 1))
+        error = Markup("{} ± {}").format(_tenths(row["log_bayes_factor"]), rounded(row["error"], 0.01))
         spread: Cell = NOTHING
         if np.isfinite(row["spread_median"]):
             spread = Markup("{} ({})").format(
                 plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
             )
-        against = (plain(row["against_own_values"], 1), plain(row["against_a_population"], 1))
+        against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
         body.append(
             (_named(row["parameter"]), str(row["role"]), *against, error, str(row["verdict"]), spread)
         )
     by = result.record["pooling"]["by"]
     caption = (
-        f"Log Bayes factors (natural units) of one value for all groups, from the groups' own posteriors, all "
+        "Log Bayes factors (natural units) of one value for all groups, from the groups' own posteriors, all "
         f"other parameters being each group's own: against a value for each {by} under the stated prior, and "
-        f"against values from a normal population whose spread is about half of the prior's or less. The lesser "
-        f"counts, ± standard error over ensembles: from {STRONG:g} on (odds of 20 to 1), two errors beyond it, "
-        f"the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. Spread: standard deviation between groups over that "
-        "of the parameter's prior, median and 90 % HDI, where the parameter is hierarchical."
+        "against values from a normal population whose spread is about half of the prior's or less. The "
+        f"lesser counts, ± standard error over ensembles: from {STRONG:g} on (odds of 20 to 1), two errors "
+        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. Spread: "
+        "standard deviation between groups over that of the parameter's prior, median and 90 % HDI, where "
+        "the parameter is hierarchical."
     )
     header = (
         "parameter",
@@ -170,9 +172,9 @@ def _groups_section(result: PooledResult) -> Section:
                 for name in chosen
             )
             caption = Markup(
-                "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group alone; "
-                "blue: all groups together. The axis is the range of the prior. Circles: true or published "
-                "values, where stated for all groups."
+                "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group "
+                "alone; blue: all groups together. The axis is the range of the prior. Circles: true or "
+                "published values, where stated for all groups."
             ).format(title, symbols(chosen))
             blocks.append(Gallery("half", pictures, caption))
     return Section("groups", "Parameters by group", tuple(blocks))
@@ -196,12 +198,18 @@ def _degrees_section(result: PooledResult) -> Section:
         "spread between rows or groups. Greater is better. * importance weights too uneven to rely on."
     )
     header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
-    return Section("pooling", "Complete, partial and no pooling", (Table(caption, "lcrrr", header, tuple(body)),
-                                                                   _by_group(result)))  # fmt: skip
+    table = Table(caption, "lcrrr", header, tuple(body))
+    return Section("pooling", "Complete, partial and no pooling", (table, _by_group(result)))
+
+
+def _tenths(value: float) -> str:
+    return rounded(value, 0.1)
 
 
 def _with_error(value: float, error: float, reliable: bool) -> Markup:
-    return Markup("{} ± {}{}").format(plain(value, 1), plain(error, 1), "" if reliable else "*")
+    return Markup("{} ± {}{}").format(
+        _tenths(value), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
+    )
 
 
 def _by_group(result: PooledResult) -> Table:
@@ -222,8 +230,8 @@ def _by_group(result: PooledResult) -> Table:
 def _summary_section(result: PooledResult) -> Section:
     body = tuple(_row(row) for row in result.summary.to_dict("records"))
     caption = (
-        "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean and "
-        "sd with their Monte Carlo errors, smallest effective size, R-hat; prior mean and sd after the cut."
+        "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean "
+        "and sd, smallest effective size, R-hat; prior mean and sd after the cut."
     )
     header = (
         "",
@@ -256,11 +264,11 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
 
 def _prior_section(result: PooledResult) -> Section:
     study = result.study
-    assert study.pooling is not None
-    roles = dict.fromkeys(study.pooling.shared, "shared") | dict.fromkeys(study.pooling.separate, "separate")
+    pooling = study.pooling or Pooling()
+    roles = dict.fromkeys(pooling.shared, "shared") | dict.fromkeys(pooling.separate, "separate")
     body = []
     for name, entry in study.prior.entries.items():
-        population = study.pooling.hierarchical.get(name)
+        population = pooling.hierarchical.get(name)
         role: Cell = roles.get(name, NOTHING)
         if population is not None and population.mean and population.spread:
             role = Markup("hierarchical: mean {}, spread {}").format(
@@ -268,9 +276,9 @@ def _prior_section(result: PooledResult) -> Section:
             )
         body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
     caption = (
-        "Prior laws and roles as stated. A hierarchical value is drawn from a normal law with the population's "
-        "mean and spread, cut to the range of the parameter's own law. The prior is zero where any group's "
-        "parameters are outside the physical support."
+        "Prior laws and roles as stated. A hierarchical value is drawn from a normal law with the "
+        "population's mean and spread, cut to the range of the parameter's own law. The prior is zero where "
+        "any group's parameters are outside the physical support."
     )
     table = Table(caption, "llll", ("", "parameter", "prior", "role"), tuple(body))
     return Section("prior", "Prior and roles", (table, *prior_sources(study)))

@@ -1,7 +1,7 @@
-"""Six wheels on one soil: does the joint posterior find it, and does the verdict say what belongs to the soil?
+"""Six wheels on one soil: the joint posterior of all, and whether the verdict finds what belongs to the soil.
 
-Run it with ``python studies/many-wheels/run.py``; it takes some minutes per case and rewrites the tables and the
-figure beside it. ``--case NAME`` remakes one case.
+Run it with ``python studies/many-wheels/run.py``; it takes some minutes per case and rewrites the tables and
+the figure beside it. ``--case NAME`` remakes one case.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
         model="M1",
         noise=NOISE,
         kind="simulated",
-        source="studies/many-wheels/run.py: M1, soils of Ding et al. 2015, Table 10, with c and φ as stated there",
+        source="studies/many-wheels/run.py: M1, soils of Ding et al. 2015, Table 10, c and φ as stated there",
         pooling={"by": "wheel", "shared": SHARED, "separate": OWN},
     )
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from numpy.random import Generator
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import diagnose
+from bayesterra.pooling.conditional import fit_conditional
+from bayesterra.pooling.moves import piloted
 from bayesterra.pooling.populations import log_population
 
 FREE = (-np.inf, np.inf)
@@ -30,22 +34,33 @@ class Linear:
     y: FloatArray
     sd: float
 
-    blocks = ((0,), (1, 2))
-    widths = np.ones(2)
+    @property
+    def blocks(self) -> tuple[tuple[int, ...], ...]:
+        """The shared s; mean and log spread."""
+        return (0,), (1, 2)
+
+    @property
+    def widths(self) -> FloatArray:
+        """Both of order one."""
+        return np.ones(2)
 
     @property
     def groups(self) -> int:
+        """Number of groups."""
         return len(self.y)
 
     def log_prior(self, D: FloatArray) -> FloatArray:
+        """Of s, m and log τ."""
         tau = np.exp(D[:, 2])
         spread = _normal(tau, 0.0, 1.0) + np.log(2.0) + D[:, 2]
         return _normal(D[:, 0], 0.0, 1.0) + _normal(D[:, 1], 0.0, 2.0) + spread
 
     def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
+        """Of a_g and b_g."""
         return log_population(L[:, 0], D[:, 1], np.exp(D[:, 2]), FREE) + _normal(L[:, 1], 0.0, 1.0)
 
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same, and the likelihood."""
         first, second = L[:, 0] + D[:, 0], 0.5 * L[:, 0] + L[:, 1] - D[:, 0]
         one, two = self.y[group]
         likelihood = _normal(first, one, self.sd) + _normal(second, two, self.sd)
@@ -76,7 +91,9 @@ class Linear:
 
     def exact(self) -> tuple[FloatArray, FloatArray, float]:
         """Mean and sd of s, m, τ, a_1, b_1, a_2, ...; log evidence."""
-        taus, G = np.linspace(1e-4, 6.0, 4000), self.groups
+        # a grid that is dense near zero, by its own measure
+        root, G = (np.arange(1500) + 0.5) / 1500, self.groups
+        taus = 6.0 * root**2
         y = self.y.ravel()
         levels, means, squares = [], [], []
         for tau in taus:
@@ -98,12 +115,13 @@ class Linear:
                 multivariate_normal(np.zeros(2 * G), spread).logpdf(y)
                 - 0.5 * tau**2
                 + np.log(2.0 / np.sqrt(2 * np.pi))
+                + np.log(12.0 * np.sqrt(tau / 6.0) / 1500)
             )
             means.append(np.insert(mean, 2, tau))
             squares.append(np.insert(variance + mean**2, 2, tau**2))
         weights = np.exp(np.array(levels) - logsumexp(levels))
         mean, square = weights @ np.array(means), weights @ np.array(squares)
-        log_z = float(logsumexp(levels) + np.log(taus[1] - taus[0]))
+        log_z = float(logsumexp(levels))
         return mean, np.sqrt(square - mean**2), log_z
 
 
@@ -113,3 +131,45 @@ def simulated(groups: int, tau: float, sd: float, seed: int) -> Linear:
     a, b = 0.7 + tau * rng.standard_normal(groups), rng.standard_normal(groups)
     exact = np.column_stack([a + 0.4, 0.5 * a + b - 0.4])
     return Linear(exact + sd * rng.standard_normal(exact.shape), sd)
+
+
+def _sampled(family: Linear, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Draws (sweeps, walkers, 3 + 2 groups) of one ensemble, τ itself, and its accepted shares."""
+    rng = np.random.default_rng(seed)
+    ensemble = piloted(family, *family.start(600, rng), 32, (20, 40, 80), rng)
+    D, L, accepted = ensemble.run(150)
+    own = np.moveaxis(L, 1, 2).reshape(*D.shape[:2], -1)
+    return np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=2), accepted
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.8])
+def test_moves_have_the_exact_posterior(tau: float) -> None:
+    """Also where the groups have one value and the spread piles up at zero."""
+    family = simulated(4, tau, 0.2, 3)
+    chains, accepted = (np.array(part) for part in zip(*(_sampled(family, e) for e in range(4)), strict=True))
+    mean, sd, _ = family.exact()
+    found = diagnose([str(i) for i in range(chains.shape[-1])], chains, accepted, 1000)
+    flat = chains.reshape(-1, chains.shape[-1])
+    z = (flat.mean(axis=0) - mean) / sd * np.sqrt(found.ess_bulk)
+    assert found.worst_r_hat < 1.01
+    assert found.ess > 1500
+    assert np.abs(z).max() < 4.5
+    assert np.abs(flat.std(axis=0) / sd - 1.0).max() < 0.08
+
+
+def test_conditional_law_is_normalised_and_drawn_from() -> None:
+    """Its density integrates to one given any point, and its draws have that density."""
+    rng = np.random.default_rng(0)
+    given = rng.standard_normal((3000, 1))
+    points = (0.5 * given**2 + np.exp(0.3 * given) * rng.standard_normal((3000, 1))).reshape(-1, 1)
+    law = fit_conditional(given, points, np.ones(1), rng, components=4)
+    grid = np.linspace(-60.0, 60.0, 24001)[:, None]
+    for at in (-1.0, 0.0, 1.5):
+        level = law.log_density(np.full_like(grid, at), grid)
+        assert np.trapezoid(np.exp(level), grid[:, 0]) == pytest.approx(1.0, abs=2e-3)
+    same = np.full((20000, 1), 1.5)
+    drawn, level = law.sample(same, rng)
+    np.testing.assert_allclose(level, law.log_density(same, drawn), atol=1e-9)
+    mass = np.exp(law.log_density(np.full_like(grid, 1.5), grid)) * (grid[1, 0] - grid[0, 0])
+    median = grid[np.searchsorted(np.cumsum(mass), 0.5), 0]
+    assert np.mean(drawn < median) == pytest.approx(0.5, abs=0.015)

@@ -1,0 +1,132 @@
+"""Calibration of a hierarchical posterior of three wheels: ranks of known values among its draws.
+
+``python studies/calibration-groups/run.py -n 200`` adds replications to ``ranks.csv`` until it holds 200, one
+after another, so that it can be stopped at any time and goes on where it was; ``--from 101 -n 200 --out F``
+does the second half elsewhere. Then it rewrites ``tests.csv`` beside the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator, SeedSequence, default_rng
+
+import bayesterra as bt
+from bayesterra.arrays import FloatArray
+from bayesterra.calibration.judging import Calibration
+from bayesterra.calibration.ranks import normalised_rank
+from bayesterra.calibration.tasks import CONVERGED, UNCONVERGED, spaced
+from bayesterra.diagnostics import R_HAT_LIMIT
+from bayesterra.inference import keep
+from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.pooling.sampler import PoolingOptions, sample_joint
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.study import SamplingOptions
+
+HERE = Path(__file__).parent
+SEED = 7
+WHEELS = {
+    "Wh11": bt.Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75),
+    "Wh22": bt.Wheel(0.135, 0.110, 0.010, 24, shearing_radius_coefficient=0.65),
+    "Wh32": bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
+}
+SLIPS = (0.05, 0.15, 0.3, 0.45, 0.6)
+FITS = SamplingOptions(target_ess=400, walkers=64, max_steps=200)
+SMALL = PoolingOptions(
+    (20, 40, 80), AdaptationOptions(particles=256, components=8, refinements=(4, 4), more=(), shores=8)
+)
+LONG_FITS = SamplingOptions(target_ess=400, walkers=64, max_steps=4000)
+"""A second fit, with the usual adaptation, where the first was not enough."""
+
+
+def conditions() -> bt.Study:
+    """The study that is simulated: c and φ shared, K from a population, n0, c1 and c2 of each wheel."""
+    rows = [{"wheel": name, "slip": slip, "load [N]": 80.0} for name in WHEELS for slip in SLIPS]
+    readings = {"sinkage [mm]": 10.0, "drawbar_pull [N]": 0.0, "resistance_moment [N m]": 0.0}
+    return bt.Study(
+        pd.DataFrame(rows).assign(**readings),
+        WHEELS,
+        slip_reference="shearing",
+        kind="simulated",
+        title="Three wheels, calibration",
+        model="M2",
+        noise={"sinkage": 0.001, "drawbar_pull": 1.5, "resistance_moment": 0.3},
+        priors={"Ks": 2.5e6, "n1": 1.0},
+        pooling={
+            "by": "wheel",
+            "shared": ["c", "phi"],
+            "separate": ["n0", "c1", "c2"],
+            "hierarchical": {"K": {"spread": {"dist": "halfnorm", "scale": 0.005}}},
+        },
+    )
+
+
+def replicated(study: bt.Study, rng: Generator) -> tuple[FloatArray, JointPosterior]:
+    """True values (1, d) from the cut joint prior, and the joint posterior of readings that they make."""
+    joint = joint_posterior(study)
+    truth = draw_joint_prior(joint, 1, rng, batch=512, most=100_000)
+    D, L = joint.split(truth)
+    values = {name: column.copy() for name, column in study.observations.values.items()}
+    for own, posterior in zip(L, joint.groups.values(), strict=True):
+        likelihood = posterior.likelihood
+        x = joint.of_group(D, own)
+        outcomes = likelihood.forward(posterior.prior.soil_values(x))
+        drawn = likelihood.draw(outcomes, posterior.noise_values(x), rng)[0]
+        rows = np.isin(study.observations.rows, likelihood.observations.rows)
+        for i, name in enumerate(likelihood.channels):
+            values[name][rows] = drawn[:, i]
+    return truth, joint_posterior(study.with_data(values))
+
+
+def replication(study: bt.Study, number: int) -> dict[str, Any]:
+    """One row of the table: ranks of all parameters and of the log density."""
+    started = time.process_time()
+    making, fitting, again, ranking = SeedSequence(SEED, spawn_key=(number,)).spawn(4)
+    truth, joint = replicated(study, default_rng(making))
+    samples = sample_joint(joint, FITS, fitting, plan=SMALL)
+    found = samples.diagnosis
+    if found.ess < FITS.target_ess or found.worst_r_hat >= R_HAT_LIMIT:
+        samples = sample_joint(joint, LONG_FITS, again)
+        found = samples.diagnosis
+    good = found.ess >= FITS.target_ess and found.worst_r_hat < R_HAT_LIMIT
+    rng = default_rng(ranking)
+    both = np.concatenate([truth, spaced(keep(samples.chains).flat, rng)])
+    columns = dict(zip(joint.names, both.T, strict=True)) | {"log_density": joint.log_density(both)}
+    return {
+        "task": number,
+        "status": CONVERGED if good else UNCONVERGED,
+        "ess": found.ess,
+        "r_hat": found.worst_r_hat,
+        "seconds": time.process_time() - started,
+        "note": "",
+        **{name: normalised_rank(values[0], values[1:], rng) for name, values in columns.items()},
+    }
+
+
+def main() -> None:
+    """Add replications and judge them all."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("-n", type=int, default=200, help="number of the last replication")
+    parser.add_argument("--from", type=int, default=1, dest="first", help="number of the first")
+    parser.add_argument("--out", type=Path, default=HERE / "ranks.csv")
+    given = parser.parse_args()
+    study = conditions()
+    table = pd.read_csv(given.out, keep_default_na=True) if given.out.is_file() else pd.DataFrame()
+    for number in range(given.first, given.n + 1):
+        if len(table) and (table["task"] == number).any():
+            continue
+        table = pd.concat([table, pd.DataFrame([replication(study, number)])], ignore_index=True)
+        table.to_csv(given.out, index=False, float_format="%.6g")
+    ranks = table.drop(columns="note").assign(note="")
+    made = Calibration(study, ranks, {})
+    made.tests.to_csv(given.out.with_name("tests.csv"), index=False, float_format="%.4g")
+    print(made.tests.to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""A run with groups: tables, folder, report and command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayesterra.errors import ResultError, StudyError
+from bayesterra.pooled import PooledResult, run_pooled
+from bayesterra.pooling.sampler import PoolingOptions
+from bayesterra.report import pooled_html
+from bayesterra.study import Study
+from bayesterra.workflow import PooledRun, load_result, load_single, run
+
+MakeStudy = Callable[..., Study]
+
+
+@pytest.fixture(scope="module")
+def result(make: MakeStudy, small: PoolingOptions) -> PooledResult:
+    """A small run."""
+    return run_pooled(make(), seed=1, plan=small)
+
+
+def test_tables_name_everything(result: PooledResult) -> None:
+    """Parameters, degrees of pooling, verdicts."""
+    assert list(result.summary["parameter"]) == ["phi", "K.mean", "K.spread", "K[Wh11]", "K[Wh32]"]
+    assert list(result.pooling["pooling"]) == ["complete", "as stated", "none"]
+    assert list(result.sharing["parameter"]) == ["phi", "K"]
+    assert result.draws["posterior"]["K"].dims == ("chain", "draw", "group")
+    assert result.draws["posterior"]["phi"].dims == ("chain", "draw")
+    assert set(result.left_out["what"]) == {"row", "group"}
+    assert result.converged
+
+
+def test_evidences_are_those_of_rows_left_out_one_after_another(result: PooledResult) -> None:
+    """Without pooling the elpd of groups is the evidence itself; with it, what others add is positive."""
+    rows = result.pooling.set_index("pooling")
+    assert rows.loc["none", "elpd_groups"] == pytest.approx(rows.loc["none", "log_evidence"], abs=1e-9)
+    assert rows.loc["as stated", "elpd_groups"] > rows.loc["none", "elpd_groups"]
+
+
+def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
+    """And is not taken for a result without groups."""
+    report = PooledRun.of(result).save(tmp_path / "out")
+    assert report.read_text(encoding="utf-8") == pooled_html(result)
+    found = load_result(tmp_path / "out")
+    assert isinstance(found, PooledRun)
+    frame = found.to_dataframe()
+    np.testing.assert_allclose(frame["K[Wh32]"], result.to_dataframe()["K[Wh32]"])
+    assert found.groups == ("Wh11", "Wh32")
+    with pytest.raises(ResultError, match=r"holds a joint posterior of several groups \(\[pooling\]\)"):
+        load_single(tmp_path / "out")
+
+
+def test_page_says_what_is_shared(result: PooledResult) -> None:
+    """One picture per parameter, every group named."""
+    page = pooled_html(result)
+    assert "What belongs to the soil" in page
+    assert "simulated" in page
+    assert page.count("<img") == 2
+    for group in result.groups:
+        assert group in page
+
+
+def test_no_crosscheck_of_groups(make: MakeStudy) -> None:
+    """A cross-check is refused."""
+    with pytest.raises(StudyError, match=r"--crosscheck takes studies without a \[pooling\] table"):
+        run(make(), crosscheck=True)
