@@ -50,7 +50,8 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     bare : take numbers as SI values.
     """
     if name not in PRIOR_PARAMETERS:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, ('set', *PRIOR_PARAMETERS))}")
+        known = ("set", "from", "correlation", *PRIOR_PARAMETERS)
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
     if isinstance(value, Law | Tie):
         return value
     if isinstance(value, Mapping):

@@ -1,6 +1,6 @@
 """Is yesterday's posterior today's prior? Two halves of a wheel test one after the other, and both at once.
 
-Run it with ``python studies/sequential/run.py``; it takes about ten minutes and rewrites the tables, the
+Run it with ``python studies/sequential/run.py``; it takes some minutes and rewrites the tables, the
 figures, the draws that the quick test weighs, and ``second-half``, the study of the second half with its
 prior as numbers.
 """
@@ -23,9 +23,8 @@ from bayesterra.writing import write_study
 HERE = Path(__file__).parent
 FIRST, SECOND = (0.1, 0.3, 0.6), (0.2, 0.4)
 """Slips of the rows that are measured first, and then."""
-SETS = ("planetary", "paper-box")
 KEPT = "planetary"
-"""The set whose second half is kept as a study, with draws for the quick test."""
+"""The prior set of the study as stored; its second half is kept, with draws for the quick test."""
 WAYS = ("first half", "all rows", "joint prior", "independent prior")
 """Results: of the first half, of all rows at once, and of the second half after the first, with the
 correlations of its posterior and without."""
@@ -157,8 +156,8 @@ def figure(table: pd.DataFrame) -> bytes:
 
 
 def main(sets: list[str]) -> None:
-    """Rewrite what is stored of some prior sets, or of all."""
-    for chosen in sets or SETS:
+    """Rewrite what is stored, or do the same for other prior sets."""
+    for chosen in sets or [KEPT]:
         results = runs(chosen)
         table, verdict = compared(chosen, results), judged(chosen, results)
         table.to_csv(HERE / f"quantiles-{chosen}.csv", index=False, float_format="%.4g")

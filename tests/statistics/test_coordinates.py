@@ -17,6 +17,7 @@ from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
+from bayesterra.tabulated import Tabulated
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -40,6 +41,9 @@ MODULI: Mapping[str, Law] = {
     "kc": Law("uniform", lower=0.0, upper=50e3),
     "kphi": Law("uniform", lower=0.2e6, upper=5e6),
 }
+TABLE = Tabulated(
+    lower=0.0, upper=1e7, scores=(-2.0, -1.0, 0.0, 1.0, 2.0), values=(0.5e6, 1.2e6, 2.0e6, 3.0e6, 5.5e6)
+)
 CASES: Mapping[str, Mapping[str, Any]] = {
     "all free": {},
     "sinkage drive": {"drive": "sinkage"},
@@ -61,6 +65,9 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "c3 fixed": {"priors": {"c3": -0.2}},
     "noise estimated": {"noise": ESTIMATED},
     "other laws": {"priors": OTHER_LAWS},
+    "tables that correlate": {
+        "priors": {"Ks": TABLE, "correlation": {"Ks, n0": 0.7, "c, phi": -0.6}},
+    },
     "one slip": {"slips": (0.3,)},
     "nearly one slip": {"slips": (0.3, 0.3004)},
     "one parameter": {"free": ("phi",)},
