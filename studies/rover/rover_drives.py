@@ -78,7 +78,7 @@ def drive(rover: Rover, model: str, row: str, soil: FloatArray | None = None) ->
 
 
 def el_dorado() -> Rover:
-    """The assumed rover, its wheels' shearing radius from (2) at Table 16's friction angle."""
+    """The assumed rover."""
     return read_rover(HERE / "el-dorado-ii.toml", {}, 35.8 * DEGREE)
 
 
