@@ -49,6 +49,12 @@ def _counted(good: int, whole: int) -> tuple[str, str]:
     return word, f"holds for {good} of {whole} assumed rovers"
 
 
+def _last(one: Drive) -> str:
+    """Slip at the greatest of the values that are held."""
+    k = int(np.flatnonzero(np.isfinite(one.slip))[-1])
+    return f"slip {one.slip[k]:.2f} at {one.values[k]:.0f}"
+
+
 def _climbs(up: Drive, every: list[Drive]) -> dict[str, str]:
     verdict, count = _counted(sum(one.holds for one in every), len(every))
     top = up.greatest.value[0] / DEGREE
@@ -56,10 +62,10 @@ def _climbs(up: Drive, every: list[Drive]) -> dict[str, str]:
         "table_or_figure": "Section 8, Fig. 21",
         "statement": "The robot climbs slopes of 0, 3, 6, 9, 12 and 15°",
         "printed": "15°",
-        "ours": f"slip {up.slip[-1]:.2f} at 15°, greatest slope {top:.1f}°; {count}",
+        "ours": f"{_last(up)}°, greatest slope {top:.1f}°; {count}",
         "difference": f"{top - 15:+.1f}°",
         "verdict": verdict,
-        "why": "weight and wheels are not printed, and decide it: heavier rovers on smaller wheels fail",
+        "why": "weight and wheels are not printed, and decide it: heavy rovers on small wheels fail",
     }
 
 
@@ -70,7 +76,7 @@ def _tows(pulled: Drive, every: list[Drive]) -> dict[str, str]:
         "table_or_figure": "Section 8, Fig. 20",
         "statement": "On the flat it moves against resistances of 0 to 70 N",
         "printed": "70 N",
-        "ours": f"slip {pulled.slip[-1]:.2f} at 70 N, greatest tow force {top:.0f} N; {count}",
+        "ours": f"{_last(pulled)} N, greatest tow force {top:.0f} N; {count}",
         "difference": f"{top - 70:+.0f} N",
         "verdict": verdict,
         "why": "weight and wheels are not printed, and decide it: lighter rovers fail",
