@@ -78,7 +78,7 @@ def drive(rover: Rover, model: str, row: str, soil: FloatArray | None = None) ->
 
 
 def el_dorado() -> Rover:
-    """The assumed rover, its wheels' shearing radius from (2) at Table 16's friction angle."""
+    """The assumed rover."""
     return read_rover(HERE / "el-dorado-ii.toml", {}, 35.8 * DEGREE)
 
 
@@ -134,6 +134,7 @@ def geometry_table(rovers: list[Rover]) -> pd.DataFrame:
                 f"{model}_greatest_slope_deg": float(up.greatest.value[0] / DEGREE),
                 f"{model}_greatest_tow_N": float(pulled.greatest.value[0]),
                 f"{model}_slip_at_9_deg": up.slip[3],
+                f"{model}_slip_at_12_deg": up.slip[4],
                 f"{model}_slip_at_15_deg": up.slip[-1],
                 f"{model}_slip_at_70_N": pulled.slip[-1],
             }

@@ -60,8 +60,8 @@ def answer_block(folder: Path) -> str:
     at = {round(row["slope [deg]"]): row for row in bands[bands["tow [N]"] == 0].to_dict("records")}
     tops = pd.read_csv(folder / "greatest.csv").set_index(["quantity", "slips"])
     every, driven = tops.loc[("greatest_slope", "all")], tops.loc[("greatest_slope", "driven")]
-    cases = pd.read_csv(folder / "printed-parameters.csv").query("slope_deg == 15").set_index("model")
-    rovers = pd.read_csv(folder / "assumed-rovers.csv")
+    assumed = pd.read_csv(folder / "assumed-rovers.csv")
+    base, rovers = assumed.iloc[0], assumed.iloc[1:]
     with_42, without = rovers["M2L_greatest_slope_deg"], rovers["M2_greatest_slope_deg"]
     phi = pd.read_csv(folder / "parameters.csv").set_index("parameter").loc["phi"]
     posterior = (
@@ -78,9 +78,11 @@ def answer_block(folder: Path) -> str:
         f"Of what the paper says of its rover's motion, {verdicts.get('reproduced', 0)} statements are",
         f"reproduced, {verdicts.get('differs', 0)} not, and {verdicts.get('cannot be checked', 0)} cannot",
         "be checked, since it prints neither weight nor wheels of El-Dorado II. For an assumed rover Table",
-        f"16's parameters give a slip of {cases.loc['M2L', 'slip']:.2f} at 15° with (42)'s coefficients,",
-        f"{cases.loc['M2', 'slip']:.2f} without; over {len(rovers)} assumed rovers the greatest slope runs",
-        f"from {with_42.min():.0f} to {with_42.max():.0f}° ({without.min():.0f} to {without.max():.0f}°",
+        f"16's parameters give a slip of {base['M2L_slip_at_12_deg']:.2f} at 12° with (42)'s coefficients,",
+        f"{base['M2_slip_at_12_deg']:.2f} without, and a greatest slope of",
+        f"{base['M2L_greatest_slope_deg']:.1f}° ({base['M2_greatest_slope_deg']:.1f}° without); over",
+        f"{len(rovers)} others that runs from {with_42.min():.0f} to {with_42.max():.0f}°",
+        f"({without.min():.0f} to {without.max():.0f}°",
         "without).",
     )
     return " ".join(posterior) + "\n\n" + " ".join(printed)

@@ -31,7 +31,7 @@ def make_printed() -> None:
     rovers = others(rover)
     drives = [drive(rover, model, row) for row in ("slope", "flat") for model in MODELS]
     write("printed-parameters", printed_table(drives))
-    write("assumed-rovers", geometry_table(rovers))
+    write("assumed-rovers", geometry_table([rover, *rovers]))
     write("statements", statements(rover, rovers))
     (HERE / "printed-parameters.png").write_bytes(figure(rover, rovers))
 
