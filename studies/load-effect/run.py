@@ -1,8 +1,8 @@
 """The load effect (42) of Ding et al. 2015: Table 16's two soils, what the paper says of them, a recovery.
 
 Run it with ``python studies/load-effect/run.py [curves | recovery]``; some minutes, ``curves`` seconds. It
-rewrites all CSV files but ``table-16.csv``, and the plot. Wheel and mean load are assumptions; the measurements
-are simulated.
+rewrites all CSV files but ``table-16.csv``, and the plot. Wheel and mean load are assumptions, the readings
+simulated.
 """
 
 from __future__ import annotations
