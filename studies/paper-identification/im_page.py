@@ -18,16 +18,13 @@ MODELS = ("M1", "M2", "M3")
 
 def blocks(kept: Kept, found: pd.DataFrame) -> dict[str, str]:
     """Every table by the name of its comment."""
-    made = {
+    return {
         "statements": statement_rows(found),
         "delta": delta(kept),
         "beside": beside(kept),
         "standings": standings(kept),
         "model-errors": model_errors(kept),
         "comparison": comparison(kept),
-    }
-    return {name: text.replace("| -", "| −").replace(" -", " −") for name, text in made.items()} | {
-        "statements": made["statements"]
     }
 
 

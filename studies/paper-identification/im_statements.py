@@ -115,12 +115,13 @@ def table_10(kept: Kept) -> list[Statement]:
             " the wheels",
         ),
         Statement(
-            "Table 10", "c and φ are close to the measured 0.251 kPa and 31.9° (IM1 over ten sets of readings"
+            "Table 10", "c and φ are close to the measured 0.251 kPa and 31.9° (central 90 % of IM1"
+            " over ten sets of readings"
             f" with a quarter of the noise, where its fit errors are typically F_N {span(errors[0], 2)},"
             f" F_DP {span(errors[1], 2)}, M_DR {span(errors[2], 2)} %)",
             "c 0.097 to 0.268 kPa, φ 29.2 to 31.1°",
-            f"c {span([noisy['c']['least'].min(), noisy['c']['most'].max()], 2)} kPa, φ"
-            f" {span([noisy['phi']['least'].min(), noisy['phi']['most'].max()])}°", "", False,
+            f"c {span([noisy['c']['low'].min(), noisy['c']['high'].max()], 2)} kPa, φ"
+            f" {span([noisy['phi']['low'].min(), noisy['phi']['high'].max()])}°", "", False,
             "readings determine c and φ together, not each; the printed ones also are close to the"
             " start of the"
             " search (0.2 kPa, 30°, 10 mm), as K_s is, which may be why they agree (not proven)",

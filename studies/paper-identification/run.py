@@ -42,7 +42,7 @@ def stored() -> dict[str, pd.DataFrame]:
 def write(made: Iterable[tuple[str, pd.DataFrame]]) -> None:
     """Write tables as they are made."""
     for name, table in made:
-        table.to_csv(HERE / f"{name}.csv", index=False, float_format="%.5g")
+        table.to_csv(HERE / f"{name}.csv", index=False, float_format="%.9g" if name == "paths" else "%.5g")
 
 
 def write_page() -> None:

@@ -13,18 +13,13 @@ SYMBOLS = {"c": "c, kPa", "phi": "φ, deg", "K": "K, mm", "error": "error of M_D
 
 def blocks(kept: Kept, found: pd.DataFrame) -> dict[str, str]:
     """Every table by the name of its comment."""
-    made = {
+    return {
         "statements": statement_rows(found),
         "table-11": table_11(kept),
         "tables-12-13": tables_12_13(kept),
         "load": load(kept),
         "comparison": comparison(kept),
     }
-    return {name: text if name == "statements" else _minus(text) for name, text in made.items()}
-
-
-def _minus(text: str) -> str:
-    return text.replace("| -", "| −").replace(" -0", " −0").replace(" -1", " −1")
 
 
 def table_11(kept: Kept) -> str:
@@ -63,7 +58,7 @@ def tables_12_13(kept: Kept) -> str:
         ]
         last = at.iloc[0]
         rows.append(
-            [str(number), str(data), *(cell.replace("-", "−") for cell in cells),
+            [str(number), str(data), *cells,
              f"{last['error_of_printed']:.1f}", f"{last['error_of_reference']:.2f}"]
         )  # fmt: skip
     head = ["table", "readings", *SYMBOLS.values(), "printed values on ours, %", "with (13), %"]

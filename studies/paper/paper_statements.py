@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -39,6 +40,7 @@ class Statement:
 def table_of(found: Sequence[Statement]) -> pd.DataFrame:
     """Statements as a table with ``COLUMNS``."""
     rows = [{**asdict(each), "verdict": VERDICTS[not each.holds]} for each in found]
+    rows = [{name: minus(str(value)) for name, value in row.items()} for row in rows]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -75,8 +77,13 @@ def filled(text: str, blocks: dict[str, str]) -> str:
         _, closed, after = rest.partition("<!-- end -->")
         if not (opened and closed):
             raise ValueError(f"the README must hold the comments of the table '{name}'")
-        text = f"{before}{opened}{block}\n{closed}{after}"
+        text = f"{before}{opened}{minus(block)}\n{closed}{after}"
     return text
+
+
+def minus(text: str) -> str:
+    """Minus signs in place of hyphens before numbers."""
+    return re.sub(r"(?<=[ (\[])-(?=\d)", "−", text)
 
 
 def mark(word: str) -> str:

@@ -257,13 +257,7 @@ def blocks(tables: dict[str, pd.DataFrame]) -> dict[str, str]:
 
 def page(text: str) -> str:
     """The README with its tables made anew."""
-    made = {name: _minus(block) for name, block in blocks(found()).items()}
-    return filled(text, made)
-
-
-def _minus(text: str) -> str:
-    """Minus signs in place of hyphens before numbers."""
-    return re.sub(r"(?<=[ (])-(?=\d)", "−", text)
+    return filled(text, blocks(found()))
 
 
 def main() -> None:
