@@ -11,6 +11,7 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
+from bayesterra import report
 from bayesterra.__main__ import main
 from bayesterra.calibration import Fitted
 from bayesterra.errors import ResultError, StudyError
@@ -21,6 +22,7 @@ from bayesterra.holdout.tasks import REFITS, LeaveOneOut
 from bayesterra.leaving import HoldoutResult
 from bayesterra.posteriors import posterior
 from bayesterra.study import Study
+from bayesterra.writing import write_study
 
 from .conftest import MakeStudy, on_grid
 
@@ -182,7 +184,7 @@ def test_skill_is_the_share_of_the_score_that_is_saved() -> None:
     assert summarise(table).set_index(["predictor", "part"]).loc[("M1", "all"), "covered90"] == 0.8
 
 
-def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy, tmp_path: Path) -> None:
+def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy) -> None:
     """The level has no model rows, its baselines stay, and the page says so."""
 
     def fails_once(study: Study, seed: SeedSequence) -> Fitted:
@@ -196,7 +198,7 @@ def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy, tmp
     assert (refit["status"], refit["note"]) == ("failed", "FloatingPointError: no such luck")
     counts = one.table.groupby("predictor")["row"].nunique()
     assert (counts["M2"], counts["polynomial"]) == (5, 6)
-    page = one.save(tmp_path / "out").read_text("utf-8")
+    page = report.holdout_html(one)
     assert "has <b>not converged</b> without slip 0.200" in page
 
 
@@ -219,7 +221,8 @@ def test_the_command(
     make_study: MakeStudy, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It prints the scores, writes the folder and refuses mistakes in one line."""
-    bt.leave_out(make_study(), fit=on_grid).save(tmp_path / "made")
+    (tmp_path / "made").mkdir()
+    write_study(make_study(), tmp_path / "made")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bayesterra.holdout.REFITS", on_grid)
     assert main(["holdout", "made", "--by", "row", "--quiet"]) == 0
