@@ -14,6 +14,7 @@ import bayesterra as bt
 from bayesterra import report
 from bayesterra.__main__ import main
 from bayesterra.calibration import Fitted
+from bayesterra.calibration.tasks import replicated
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.holdout import levels
 from bayesterra.holdout.predictives import predictives
@@ -247,3 +248,29 @@ def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: Hol
     pd.testing.assert_frame_equal(alone, among)
     again = pickle.loads(pickle.dumps(LeaveOneOut(found.study, found.levels, 1)))  # noqa: S301 (our own)
     assert again.fit == REFITS
+
+
+@pytest.mark.parametrize(("drive", "tables"), [("load", 120), ("both", 60)])
+def test_intervals_hold_what_they_state(make_study: MakeStudy, drive: str, tables: int) -> None:
+    """Soils from the prior, readings from them, a level left out: coverage of exact posteriors is right.
+
+    With ``both`` every table has loads of its own, which the left-out row tells by its normal force only.
+    """
+    given = {"load_range": ["40 N", "120 N"]} if drive == "both" else {}
+    study = make_study(drive, **given)
+    parts, pits = levels(study), list[float]()
+    for number in range(tables):
+        rng = default_rng([7, number])
+        made, left = replicated(study, rng)[1], parts[number % len(parts)].left
+        training = made.with_use(made.observations.use & ~left)
+        draws = on_grid(training, SeedSequence(number), points=300).draws[::4]
+        law = predictives(made, posterior(training), draws, left, rng)
+        for row, place in enumerate(np.flatnonzero(left)):
+            for column, channel in enumerate(law.channels):
+                one = law.law(row, column)
+                assert one is not None
+                pits.append(float(one.cdf(made.observations.values[channel][[place]])[0]))
+    found = np.array(pits)
+    for level in (0.5, 0.9):
+        inside = (np.abs(found - 0.5) <= 0.5 * level).mean()
+        assert abs(inside - level) < 3 * np.sqrt(level * (1 - level) / len(found))
