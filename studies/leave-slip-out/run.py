@@ -1,8 +1,8 @@
 """Readings at slips that the fit has not seen: M1, M2 and M3 beside regressions that know no terramechanics.
 
 Run it with ``python studies/leave-slip-out/run.py [PART ...]``; it takes about a quarter of an hour on two
-cores. PART is one of ``measured``, ``simulated``, ``exact``, ``figure``, ``tables``; without, all of them. scores.csv,
-refits.csv and simulated.csv go on where they end; remove them to start anew.
+cores. PART is one of ``measured``, ``simulated``, ``exact``, ``figure``, ``tables``; without, all of them.
+scores.csv, refits.csv and simulated.csv go on where they end; remove them to start anew.
 """
 
 from __future__ import annotations
@@ -176,9 +176,11 @@ def tables() -> None:
     file = HERE / "README.md"
     text = file.read_text(encoding="utf-8")
     for name, lines in readme_tables().items():
-        start, end = f"<!-- {name} -->\n\n", "\n\n<!-- end -->"
-        before, _, rest = text.partition(start)
-        text = "".join([before, start, "\n".join(lines), end, rest.partition(end)[2]])
+        before, start, rest = text.partition(f"<!-- {name} -->\n")
+        _, end, after = rest.partition("<!-- end -->")
+        if not end:
+            raise ValueError(f"README.md has no place for the table '{name}'")
+        text = "\n".join([before + start, *lines, "", end + after])
     file.write_text(text, encoding="utf-8")
 
 
