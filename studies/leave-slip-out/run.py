@@ -1,8 +1,8 @@
 """Readings at slips that the fit has not seen: M1, M2 and M3 beside regressions that know no terramechanics.
 
 Run it with ``python studies/leave-slip-out/run.py [PART ...]``; it takes about a quarter of an hour on two
-cores. PART is one of ``measured``, ``simulated``, ``figure``, ``tables``; without, all of them. scores.csv,
-refits.csv and simulated.csv go on where they end; remove them to start anew.
+cores. PART is one of ``measured``, ``simulated``, ``exact``, ``figure``, ``tables``; without, all of them.
+scores.csv, refits.csv and simulated.csv go on where they end; remove them to start anew.
 """
 
 from __future__ import annotations
@@ -12,19 +12,22 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 
 import bayesterra as bt
+from bayesterra.arrays import FloatArray
 from bayesterra.calibration import ShortRuns
 from bayesterra.calibration.tasks import replicated
 from bayesterra.figures.holdout import left_out_png
-from bayesterra.holdout import leave_out
+from bayesterra.holdout import leave_out, levels
 from bayesterra.holdout.baselines import BASELINES
+from bayesterra.holdout.predictives import predictives
 from bayesterra.holdout.summary import clustered, skills, summarise
+from bayesterra.posteriors import posterior
 
 HERE = Path(__file__).parent
-MEASURED = ("cmu-grouser", "cmu-grouser-wide", "hit-wh32")
 ESTIMATED = {
     'sinkage = "0.55 mm"': 'sinkage = { estimate = { dist = "halfnorm", scale = "3 mm", lower = "0.3 mm" } }',
     'drawbar_pull = "0.34 N"': (
@@ -37,12 +40,18 @@ CASES = [
     ("cmu-grouser", "M1", "M1", {}),
     ("hit-wh32", "M1", "M1", {}),
     ("cmu-grouser-wide", "M1", "M1", {}),
-    *((name, model, model, {}) for model in ("M2", "M3") for name in MEASURED),
-    *((name, "M1", ESTIMATED_NAME, ESTIMATED) for name in MEASURED[:2]),
+    *(("hit-wh32", model, model, {}) for model in ("M2", "M3")),
+    *(("cmu-grouser", model, model, {}) for model in ("M2", "M3")),
+    ("cmu-grouser", "M1", ESTIMATED_NAME, ESTIMATED),
+    *(("cmu-grouser-wide", model, model, {}) for model in ("M2", "M3")),
+    ("cmu-grouser-wide", "M1", ESTIMATED_NAME, ESTIMATED),
 ]
 """Study, model, its name in the tables, and changes to the study file."""
-TABLES = 10
+TABLES = 6
 """Simulated tables, each of another soil of the prior."""
+EXACT_TABLES = 100
+HELD = 'Ks = "2499.3 kPa"\nn0 = 0.849\nn1 = 1.063\nc = "0.268 kPa"\nK = "10.1 mm"\nc1 = 0.339\nc2 = -0.017'
+"""The other parameters where φ alone is unknown: Ding et al. 2015, Table 10, wheel Wh32."""
 
 
 def study(name: str, model: str = "M1", changes: Mapping[str, str] | None = None) -> bt.Study:
@@ -117,6 +126,42 @@ def simulated() -> None:
         print("simulated", number, one.refits["status"].value_counts().to_dict(), flush=True)
 
 
+def exact() -> None:
+    """Many tables that M1 made with φ the only unknown, whose posterior is known on a grid: exact.csv."""
+    base = study("hit-wh32", changes={'set = "paper-box"': 'set = "paper-box"\n' + HELD})
+    parts, rows = levels(base), []
+    for number in range(1, EXACT_TABLES + 1):
+        rng = default_rng([1511, number])
+        made = replicated(base, rng)[1]
+        for level in parts:
+            training = made.with_use(made.observations.use & ~level.left)
+            law = predictives(made, posterior(training), _on_grid(training, rng), level.left, rng)
+            place = int(np.argmax(level.left))
+            for column, channel in enumerate(law.channels):
+                one = law.law(0, column)
+                assert one is not None
+                pit = float(one.cdf(made.observations.values[channel][[place]])[0])
+                rows.append(
+                    {
+                        "data": "simulated",
+                        "table": number,
+                        "level": level.name,
+                        "channel": channel,
+                        "pit": pit,
+                    }
+                )
+    pd.DataFrame(rows).to_csv(HERE / "exact.csv", index=False, float_format="%.4g")
+
+
+def _on_grid(training: bt.Study, rng: Generator, points: int = 400, draws: int = 200) -> FloatArray:
+    """Draws (n, 1) of the only unknown from its posterior on a fine grid."""
+    target = posterior(training)
+    edges = np.linspace(*target.prior.laws["phi"].range, points + 1)
+    density = target.log_density(0.5 * (edges[1:] + edges[:-1])[:, None])
+    below = np.cumsum(np.exp(density - density.max()))
+    return np.interp(rng.random(draws), np.append(0.0, below / below[-1]), edges)[:, None]
+
+
 def figure() -> None:
     """Left-out rows of the narrower wheel and what M1 and the baselines said of them: leave-slip-out.png."""
     table = pd.read_csv(HERE / "scores.csv")
@@ -125,11 +170,18 @@ def figure() -> None:
 
 
 def tables() -> None:
-    """Means, coverages and skills of what scores.csv holds: summary.csv and skills.csv, and the README's."""
+    """Means, coverages and skills of what scores.csv holds: summary.csv, skills.csv, tables in README.md."""
     summary().to_csv(HERE / "summary.csv", index=False, float_format="%.4g")
     skill().to_csv(HERE / "skills.csv", index=False, float_format="%.4g")
-    for lines in readme_tables().values():
-        print(*lines, "", sep="\n")
+    file = HERE / "README.md"
+    text = file.read_text(encoding="utf-8")
+    for name, lines in readme_tables().items():
+        before, start, rest = text.partition(f"<!-- {name} -->\n")
+        _, end, after = rest.partition("<!-- end -->")
+        if not end:
+            raise ValueError(f"README.md has no place for the table '{name}'")
+        text = "\n".join([before + start, *lines, "", end + after])
+    file.write_text(text, encoding="utf-8")
 
 
 def _by_study() -> Iterator[tuple[str, pd.DataFrame]]:
@@ -179,7 +231,7 @@ def readme_tables() -> dict[str, list[str]]:
             gain = gains.loc[(name, predictor, channel)] if predictor not in BASELINES else None
             lines.append(_line(predictor, own, gain))
         found[f"{name} {channel}"] = lines
-    found["simulated"] = simulated_lines()
+    found["simulated"], found["exact"] = simulated_lines(), exact_lines()
     return found
 
 
@@ -214,6 +266,20 @@ def simulated_coverage() -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
+def exact_lines() -> list[str]:
+    """Coverage by channel where φ alone is unknown, as a table of the README."""
+    table = pd.read_csv(HERE / "exact.csv")
+    lines = ["| | readings | in 50 % | in 90 % |", "|---|---|---|---|"]
+    for channel, rows in [*table.groupby("channel", sort=False), ("all", table)]:
+        cells = [str(channel).replace("_", " "), str(len(rows))]
+        for level in (0.5, 0.9):
+            inside = ((rows["pit"] - 0.5).abs() <= 0.5 * level).to_numpy(float)
+            share, error = clustered(inside, rows["table"].to_numpy())
+            cells.append(f"{100 * share:.1f} ± {100 * error:.1f} %")
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
 def simulated_lines() -> list[str]:
     """Coverage on tables that M1 made, as a table of the README."""
     lines = ["| | readings | in 50 % | in 90 % |", "|---|---|---|---|"]
@@ -229,7 +295,7 @@ def simulated_lines() -> list[str]:
 
 def main(parts: list[str]) -> None:
     """Make the parts asked for."""
-    known = {"measured": measured, "simulated": simulated, "figure": figure, "tables": tables}
+    known = {"measured": measured, "simulated": simulated, "exact": exact, "figure": figure, "tables": tables}
     for part in parts or known:
         known[part]()
 

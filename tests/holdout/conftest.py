@@ -48,11 +48,11 @@ def make(drive: str = "load", **options: Any) -> Study:
     return Study(simulate(study, {"phi": np.radians(30.0)}, seed=3), wheels, **tables)
 
 
-def on_grid(study: Study, seed: SeedSequence) -> Fitted:
+def on_grid(study: Study, seed: SeedSequence, points: int = 800) -> Fitted:
     """Independent draws of the only free parameter from its posterior on a fine grid."""
     target = posterior(study)
     (law,) = study.prior.laws.values()
-    edges = np.linspace(*law.range, 801)
+    edges = np.linspace(*law.range, points + 1)
     density = target.log_density(0.5 * (edges[1:] + edges[:-1])[:, None])
     below = np.cumsum(np.exp(density - density.max()))
     u = default_rng(seed).random(400)

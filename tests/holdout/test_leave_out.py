@@ -11,8 +11,10 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
+from bayesterra import report
 from bayesterra.__main__ import main
 from bayesterra.calibration import Fitted
+from bayesterra.calibration.tasks import replicated
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.holdout import levels
 from bayesterra.holdout.predictives import predictives
@@ -21,6 +23,7 @@ from bayesterra.holdout.tasks import REFITS, LeaveOneOut
 from bayesterra.leaving import HoldoutResult
 from bayesterra.posteriors import posterior
 from bayesterra.study import Study
+from bayesterra.writing import write_study
 
 from .conftest import MakeStudy, on_grid
 
@@ -153,8 +156,9 @@ def test_the_model_that_made_the_data_wins(found: HoldoutResult) -> None:
     expected = {"sinkage": 0.5 / np.sqrt(np.pi), "drawbar_pull": 1.0 / np.sqrt(np.pi)}  # E CRPS of N(0, σ²)
     for channel, size in expected.items():
         assert 0.3 * size < summary.loc[("M2", channel), "crps"] < 2.5 * size
-    assert (found.skills.set_index(["baseline", "part"]).loc[("mean", "all"), "skill"] > 0.5).all()
-    assert (found.skills.set_index(["baseline", "part"]).loc[("polynomial", "all"), "skill"] > 0).all()
+    whole = found.skills[found.skills["part"] == "all"]
+    for baseline, least in (("mean", 0.5), ("polynomial", 0.0)):
+        assert (whole.loc[whole["baseline"] == baseline, "skill"] > least).all()
 
 
 def test_errors_know_the_levels() -> None:
@@ -174,14 +178,14 @@ def test_skill_is_the_share_of_the_score_that_is_saved() -> None:
         predictor="M1", crps=[1.0, 2.0, 3.0, 4.0, 5.0], covered90=[True, True, True, True, False]
     )
     table = pd.concat([model, model.assign(predictor="mean", crps=2 * model["crps"])])
-    one = skills(table, "M1").set_index("part")
-    assert one.loc["all", ["skill", "skill_lo", "skill_hi"]].tolist() == pytest.approx([0.5] * 3)
-    assert one.loc["all", ["levels", "levels_won", "difference"]].tolist() == [3, 3, -3.0]
-    assert np.isnan(one.loc["end", "skill_lo"])
+    one = {row["part"]: row for row in skills(table, "M1").to_dict("records")}
+    assert [one["all"][name] for name in ("skill", "skill_lo", "skill_hi")] == pytest.approx([0.5] * 3)
+    assert [one["all"][name] for name in ("levels", "levels_won", "difference")] == [3, 3, -3.0]
+    assert np.isnan(one["end"]["skill_lo"])
     assert summarise(table).set_index(["predictor", "part"]).loc[("M1", "all"), "covered90"] == 0.8
 
 
-def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy, tmp_path: Path) -> None:
+def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy) -> None:
     """The level has no model rows, its baselines stay, and the page says so."""
 
     def fails_once(study: Study, seed: SeedSequence) -> Fitted:
@@ -195,7 +199,7 @@ def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy, tmp
     assert (refit["status"], refit["note"]) == ("failed", "FloatingPointError: no such luck")
     counts = one.table.groupby("predictor")["row"].nunique()
     assert (counts["M2"], counts["polynomial"]) == (5, 6)
-    page = one.save(tmp_path / "out").read_text("utf-8")
+    page = report.holdout_html(one)
     assert "has <b>not converged</b> without slip 0.200" in page
 
 
@@ -218,7 +222,8 @@ def test_the_command(
     make_study: MakeStudy, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It prints the scores, writes the folder and refuses mistakes in one line."""
-    bt.leave_out(make_study(), fit=on_grid).save(tmp_path / "made")
+    (tmp_path / "made").mkdir()
+    write_study(make_study(), tmp_path / "made")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bayesterra.holdout.REFITS", on_grid)
     assert main(["holdout", "made", "--by", "row", "--quiet"]) == 0
@@ -243,3 +248,29 @@ def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: Hol
     pd.testing.assert_frame_equal(alone, among)
     again = pickle.loads(pickle.dumps(LeaveOneOut(found.study, found.levels, 1)))  # noqa: S301 (our own)
     assert again.fit == REFITS
+
+
+@pytest.mark.parametrize(("drive", "tables"), [("load", 120), ("both", 60)])
+def test_intervals_hold_what_they_state(make_study: MakeStudy, drive: str, tables: int) -> None:
+    """Soils from the prior, readings from them, a level left out: coverage of exact posteriors is right.
+
+    With ``both`` every table has loads of its own, which the left-out row tells by its normal force only.
+    """
+    given = {"load_range": ["40 N", "120 N"]} if drive == "both" else {}
+    study = make_study(drive, **given)
+    parts, pits = levels(study), list[float]()
+    for number in range(tables):
+        rng = default_rng([7, number])
+        made, left = replicated(study, rng)[1], parts[number % len(parts)].left
+        training = made.with_use(made.observations.use & ~left)
+        draws = on_grid(training, SeedSequence(number), points=300).draws[::4]
+        law = predictives(made, posterior(training), draws, left, rng)
+        for row, place in enumerate(np.flatnonzero(left)):
+            for column, channel in enumerate(law.channels):
+                one = law.law(row, column)
+                assert one is not None
+                pits.append(float(one.cdf(made.observations.values[channel][[place]])[0]))
+    found = np.array(pits)
+    for level in (0.5, 0.9):
+        inside = (np.abs(found - 0.5) <= 0.5 * level).mean()
+        assert abs(inside - level) < 3 * np.sqrt(level * (1 - level) / len(found))
