@@ -1,7 +1,8 @@
 """A rover's posterior row by row: against the batch, time per row, and planted changes of soil.
 
 Run ``python studies/streaming/run.py``, or one part of it: ``agreement``, ``changed``, ``same``, ``figures``.
-All readings are simulated. One process; about ten, three, three and no minutes on a core of its own.
+All readings are simulated. ``changed`` and ``same`` go on where their tables end: remove these to begin anew.
+One process; about ten, three, three and no minutes on a core of its own.
 """
 
 from __future__ import annotations
@@ -233,25 +234,43 @@ CHANGES: dict[str, dict[str, float]] = {
 """True soil after the change."""
 WILD = {"drawbar_pull": 8.0}
 """Shift of one reading of the row at which else the soil changes, N: sixteen standard deviations."""
-SOILS, DRIVES = 20, 10
+SOILS, DRIVES = 40, 5
 LEARNED, UNCHANGED_ROWS = 20, 50
 """Unchanged soils: first soils, drives on soils like each, rows before these and in each."""
-RUNS = {"M1": 4, "M2": 16}
+RUNS = {"M2": 12, "M1": 4}
 BEFORE, AFTER = 30, 40
 """Rows on the first soil, and on the second one, at most."""
 PARTICLES = 300
 
 
 def changed() -> None:
-    """Delays until a change of soil is found."""
-    table = [row for model, runs in RUNS.items() for run in range(runs) for row in delays(model, run)]
-    pd.DataFrame(table).to_csv(HERE / "delays.csv", index=False, float_format="%.5g")
+    """Delays until a change of soil is found; goes on where the table ends."""
+    for run in range(max(RUNS.values())):
+        for model in (model for model, runs in RUNS.items() if run < runs):
+            if not _done("delays.csv", model=model, run=run):
+                _append("delays.csv", delays(model, run))
 
 
 def same() -> None:
-    """False alarms on soils that stay the same."""
-    quiet = [row for soil in range(SOILS) for row in unchanged(soil)]
-    pd.DataFrame(quiet).to_csv(HERE / "unchanged.csv", index=False, float_format="%.5g")
+    """False alarms on soils that stay the same; goes on where the table ends."""
+    for soil in range(SOILS):
+        if not _done("unchanged.csv", soil=soil):
+            _append("unchanged.csv", unchanged(soil))
+
+
+def _done(file: str, **keys: Any) -> bool:
+    """Whether a table has rows with these values already."""
+    if not (HERE / file).exists():
+        return False
+    table = pd.read_csv(HERE / file)
+    return bool(np.all([table[name] == value for name, value in keys.items()], axis=0).any())
+
+
+def _append(file: str, rows: list[dict[str, Any]]) -> None:
+    there = (HERE / file).exists()
+    text = pd.DataFrame(rows).to_csv(index=False, float_format="%.5g", header=not there)
+    with (HERE / file).open("a", encoding="utf-8") as handle:
+        handle.write(text)
 
 
 def unchanged(soil: int) -> list[dict[str, Any]]:
