@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "cmu-grouser": (RUN,),
     "cmu-grouser-wide": (RUN,),
     "drives": (("{folder}/run.py",),),
+    "soil-tests": (("{folder}/run.py",),),
     "identifiability": (("{folder}/run.py",),),
     "verdicts": (("{folder}/run.py",),),
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),

@@ -242,9 +242,9 @@ class _Parts:
         d, draws = len(self.soil), self.kept.spaced(2000)
         held = draws.copy()
         held[:, d:] = np.median(draws[:, d:], axis=0)
-        start = held[int(self.posterior.log_density(held).argmax())]
+        start: FloatArray = held[int(self.posterior.log_density(held).argmax())]
         if not d:
-            return np.asarray(start)
+            return start
         factor = np.linalg.cholesky(np.atleast_2d(np.cov(draws[:, :d].T)))
 
         def at(y: FloatArray) -> FloatArray:

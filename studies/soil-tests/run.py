@@ -18,6 +18,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.random import SeedSequence, default_rng
 from scipy.integrate import quad_vec
 from scipy.optimize import least_squares
@@ -327,8 +328,8 @@ def wheel_force(soil: np.ndarray, z: np.ndarray, width: float, radius: float, br
     """Force (n, m) on a wheel pushed straight down without turning, N.
 
     Bekker's pressure, at every point of the immersed arc that of a plate at its depth, radial and without
-    shear: F = b R ∫ p cos θ dθ. ``soil`` (n, 3) holds k_c, k_φ, n; ``z`` (n, m) the depth of the lowest point;
-    ``breadth`` stands for the plate radius in k_c/b + k_φ. Zero above the soil.
+    shear: F = b R ∫ p cos θ dθ. ``soil`` (n, 3) holds k_c, k_φ, n; ``z`` (n, m) the depth of the lowest
+    point; ``breadth`` stands for the plate radius in k_c/b + k_φ. Zero above the soil.
     """
     modulus = soil[:, :1] / breadth + soil[:, 1:2]
     depth = np.clip(z, 0.0, 0.999 * radius)
@@ -434,7 +435,7 @@ def insertion() -> None:
                 curves[geometry, breadth, contact] = force
     save(pd.concat(parts), "insertion")
     save(insertion_summary(pd.concat(parts)), "insertion_summary")
-    draw_insertion(curves, posterior.spread(draws))
+    draw_insertion(curves, posterior, draws)
 
 
 def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
@@ -454,27 +455,36 @@ def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw_insertion(
-    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], spread: Spread
+    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]],
+    posterior: TestPosterior,
+    x: np.ndarray,
 ) -> None:
-    """Bands of new insertions for contact along the tips, and all measured ones."""
-    grid = np.geomspace(SHALLOWEST, DEEPEST, 40)
-    chosen = [key for key in curves if key[2] == "tips"]
+    """Bands of new insertions where b lies between the plates' radii, and all measured insertions."""
+    chosen = [key for key in curves if key[:2] in (("50 mm wide", "width"), ("60 mm wide", "half width"))]
+    spread, n, rng = posterior.spread(x), np.abs(posterior.soil(x)[:, 2:]), default_rng(1)
+    scatter, shift = (rng.standard_normal((len(x), 1)) for _ in range(2))
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 3.1), layout="constrained")
         axes = figure.subplots(1, len(chosen), sharey=True)
-        rng = default_rng(1)
         for ax, key in zip(axes, chosen, strict=True):
+            lead = GROUSER if key[2] == "rim" else 0.0
+            grid = np.geomspace(lead + SHALLOWEST, DEEPEST, 40)
             mean = np.log(curves[key](grid))
-            noisy = mean + spread.scatter[:, None] * rng.standard_normal((len(mean), 1))
+            slope = (np.log(curves[key](grid + 1e-5)) - mean) / 1e-5
+            seating = 0.0 if spread.shift is None else spread.shift[:, None] / n * shift * slope
+            noisy = mean + spread.scatter[:, None] * scatter + seating
             for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
                 ends = np.exp(np.nanquantile(noisy, [low, high], axis=0))
                 ax.fill_between(1e3 * grid, *ends, color="#0072B2", alpha=alpha, linewidth=0)
             ax.plot(1e3 * grid, np.exp(np.nanmedian(mean, axis=0)), color="#0072B2")
             for _, z, force in insertion_tests():
                 ax.plot(1e3 * z, force, color="#111111", linewidth=0.6)
+            where = f"{key[0]}, b = {key[1]},\ncontact along the {key[2]}"
             ax.set(
-                xscale="log", yscale="log", title=f"{key[0]}, b = {key[1]}", xlabel="sinkage of the tips [mm]"
+                xscale="log", yscale="log", title=where, xlabel="sinkage of the tips [mm]", ylim=(0.8, 500)
             )
+            ax.set_xticks([3, 5, 10, 20, 30], ["3", "5", "10", "20", "30"])
+            ax.xaxis.set_minor_formatter(NullFormatter())
         axes[0].set_ylabel("force [N]")
         figure.savefig(HERE / "insertion.png", dpi=110, facecolor="white", metadata={"Software": None})
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.laws import Law
+from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.schema import SamplingOptions
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.study import SoilTest, soil_test
@@ -26,10 +27,15 @@ SHEAR_PRIORS = {
     "K": Law("loguniform", lower=0.002, upper=0.05),
 }
 SMALL = SamplingOptions(target_ess=400, walkers=32)
+PLAN = AdaptationOptions(particles=256, components=4, refinements=(4,), more=(), shores=2)
 
 
 def plates(
-    radii: tuple[float, ...] = (0.03, 0.06), tests: int = 2, readings: int = 12, scatter: float = 0.05, **tables: Any
+    radii: tuple[float, ...] = (0.03, 0.06),
+    tests: int = 2,
+    readings: int = 12,
+    scatter: float = 0.05,
+    **tables: Any,
 ) -> SoilTest:
     """Plate tests whose levels scatter, with exact curves otherwise."""
     rng, rows = np.random.default_rng(5), []
@@ -61,12 +67,17 @@ def shear(stresses: tuple[float, ...] = (5e3, 15e3), tests: int = 2, **tables: A
 @pytest.fixture(scope="session")
 def analysed() -> Callable[[str], SoilTestResult]:
     """Results of these tests by kind, each analysed once."""
-    made = {"plates": plates, "one plate": lambda: plates((0.03,)), "shear": shear, "one stress": lambda: shear((15e3,))}
+    made = {
+        "plates": plates,
+        "one plate": lambda: plates((0.03,)),
+        "shear": shear,
+        "one stress": lambda: shear((15e3,)),
+    }
     found: dict[str, SoilTestResult] = {}
 
     def result(kind: str) -> SoilTestResult:
         if kind not in found:
-            found[kind] = analyse(made[kind](), seed=1)
+            found[kind] = analyse(made[kind](), seed=1, plan=PLAN)
         return found[kind]
 
     return result
