@@ -20,7 +20,7 @@ from bayesterra.report.numbers import interval, plain, probability, resolution, 
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.strip import StripRow, axis_end, keys
 from bayesterra.report.strip import drawing as strip_drawing
-from bayesterra.report.symbols import letters, listed
+from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.verdicts import Verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.leastsquares import METHODS
@@ -117,9 +117,7 @@ def _found(result: SoilTestResult) -> Verdict:
     directions = result.record["directions"]
     determined, of = directions["determined"], directions["of"]
     grade = "good" if determined == of else "fair" if determined else "poor"
-    return Verdict(
-        "Identifiability", f"{determined} of {of} determined", grade, Markup("{}").format(result.sentence)
-    )
+    return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
 
 
 def _row(result: SoilTestResult, name: str) -> StripRow:

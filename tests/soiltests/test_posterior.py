@@ -79,7 +79,10 @@ def test_simulated_deviations_have_the_stated_covariance() -> None:
     np.testing.assert_allclose(np.cov(drawn.T), covariance(readings.path, one)[0], atol=1.5e-3)
 
 
-@pytest.mark.parametrize("test", [plates(), plates((0.03,)), shear(), shear((5e3,))])
+DESIGNS = [plates(), plates((0.03,)), shear(), shear((5e3,))]
+
+
+@pytest.mark.parametrize("test", DESIGNS)
 def test_coordinates_are_exact(test: SoilTest) -> None:
     """There and back, and the Jacobian is that of differences."""
     posterior = TestPosterior.of(test)
@@ -109,7 +112,7 @@ def test_moduli_stated_at_a_sinkage_do_not_favour_an_exponent() -> None:
 
 
 def test_structure_sees_what_one_radius_and_one_stress_hide() -> None:
-    """k_c and k_φ under plates of one radius, c and φ under one stress; a fixed partner sets the other free."""
+    """k_c and k_φ under one radius, c and φ under one stress; a fixed partner sets the other free."""
     every = np.ones(3, dtype=bool)
     for made, one, other in ((plates, (0.03,), (0.03, 0.06)), (shear, (5e3,), (5e3, 15e3))):
         for levels, expected in ((one, [False, False, True]), (other, [True, True, True])):

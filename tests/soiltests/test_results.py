@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.soiltesting import SavedSoilTest
@@ -145,6 +146,20 @@ def test_the_command_writes_a_folder_and_prints_the_finding(
     assert {path.name for path in (tmp_path / "plates-result").iterdir()} == FILES
     assert main(["soiltest", str(file), "--quiet"]) == 2
     assert "exists already: add --overwrite" in capsys.readouterr().err
+
+
+def test_mistakes_from_python_are_said_too() -> None:
+    """Without a file the same rules hold; without anything to analyse there is nothing to do."""
+    table = plates().table
+    with pytest.raises(StudyError, match="'test' must be 'plate' or 'shear'"):
+        bt.soil_test(data=table, kind="vane", priors=PLATE_PRIORS)
+    with pytest.raises(StudyError, match=r"\[priors\] needs 'kphi', e.g. kphi = "):
+        bt.soil_test(data=table, kind="plate", priors={"kc": 0.0})
+    fixed = {"kc": 0.0, "kphi": 1e6, "n": 1.0}
+    with pytest.raises(StudyError, match="every parameter is fixed"):
+        bt.soil_test(data=table, kind="plate", priors=fixed, noise={"independent": True, "scatter": 0.1})
+    with pytest.raises(TypeError, match="takes a file"):
+        bt.soil_test()
 
 
 KIND = 'kind = "simulated"'
