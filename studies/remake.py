@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "drives": (("{folder}/run.py",),),
     "load-effect": (("{folder}/run.py",),),
     "sequential": (("{folder}/run.py",),),
+    "soil-tests": (("{folder}/run.py",),),
     "identifiability": (("{folder}/run.py",),),
     "verdicts": (("{folder}/run.py",),),
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),

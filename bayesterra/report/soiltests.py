@@ -20,7 +20,7 @@ from bayesterra.report.numbers import interval, plain, probability, resolution, 
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.strip import StripRow, axis_end, keys
 from bayesterra.report.strip import drawing as strip_drawing
-from bayesterra.report.symbols import letters, listed
+from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.verdicts import Verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.leastsquares import METHODS
@@ -117,9 +117,7 @@ def _found(result: SoilTestResult) -> Verdict:
     directions = result.record["directions"]
     determined, of = directions["determined"], directions["of"]
     grade = "good" if determined == of else "fair" if determined else "poor"
-    return Verdict(
-        "Identifiability", f"{determined} of {of} determined", grade, Markup("{}").format(result.sentence)
-    )
+    return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
 
 
 def _row(result: SoilTestResult, name: str) -> StripRow:
@@ -152,8 +150,8 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
 
 def summary_row_of(result: SoilTestResult, name: str) -> Row:
     """The row of the summary of a parameter."""
-    row = result.summary.set_index("parameter").loc[name]
-    return Row(**{field.name: float(row[field.name]) for field in fields(Row)})
+    found = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
+    return Row(**{field.name: float(found[field.name]) for field in fields(Row)})
 
 
 def _axis(result: SoilTestResult, name: str) -> Axis:
@@ -221,9 +219,9 @@ def _tests(result: SoilTestResult) -> Section:
     rows = tuple(_test_row(row) for row in table.to_dict("records"))
     share = Markup(
         "Each test predicted from all others. Level and slope: share of the prediction below what was read "
-        "(level: mean log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the test's readings "
-        "inside the bands of a new test; readings of one test go together, so that these shares scatter widely. "
-        "k̂: reliability of the importance weights; * sampled anew without the test."
+        "(level: mean log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the "
+        "test's readings inside the bands of a new test; readings of one test go together, so that these "
+        "shares scatter widely. k̂: reliability of the importance weights; * sampled anew without the test."
     )
     checks = result.record["checks"]
     lines = tuple((name, probability(p)) for name, p in checks.items())
@@ -286,9 +284,9 @@ def _parameters(result: SoilTestResult) -> Section:
             )
         )
     said = (
-        "Posterior. The last rows are mean stresses at the middle of the readings (sinkage or displacement; plate "
-        "radius or normal stress), what such tests measure directly. The unit of the moduli hangs on n: moduli "
-        "of different n cannot be compared as they stand."
+        "Posterior. The last rows are mean stresses at the middle of the readings (sinkage or displacement; "
+        "plate radius or normal stress), what such tests measure directly. The unit of moduli hangs on n: "
+        "moduli of different n cannot be compared as they stand."
     )
     words = tuple(
         (
@@ -298,7 +296,10 @@ def _parameters(result: SoilTestResult) -> Section:
         )
         for row in result.identifiability.to_dict("records")
     )
-    meant = "What the data say; contraction: share of the prior's variance that they took away."
+    meant = "What the data say; contraction: share of the prior's variance that they took away"
+    meant += (
+        ", of moduli at the sinkage where their laws are stated." if result.test.reference != 1.0 else "."
+    )
     gallery = (Gallery("small", pictures, caption),) if pictures else ()
     return Section(
         "parameters",
@@ -313,8 +314,8 @@ def _parameters(result: SoilTestResult) -> Section:
 
 def _squares(result: SoilTestResult) -> Section:
     rows = tuple(
-        (METHODS[row["method"]], letters(QUANTITIES[row["parameter"]].symbol), row["unit"], plain(row["value"], 4),
-         plain(row["published"], 4), plain(row["posterior_share"], 2))
+        (METHODS[row["method"]], letters(QUANTITIES[row["parameter"]].symbol), row["unit"],
+         plain(row["value"], 4), plain(row["published"], 4), plain(row["posterior_share"], 2))
         for row in result.least_squares.to_dict("records")
     )  # fmt: skip
     header = ("method", "", "unit", "value", "published or true", "posterior below")
@@ -328,18 +329,18 @@ def _squares(result: SoilTestResult) -> Section:
 def _assumptions(result: SoilTestResult) -> Section:
     rows = [
         "The mean curve has exactly the form of the law above, the same for all tests.",
-        "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from test "
-        "to test, with correlation exp(−distance/ℓ) along the log of sinkage or displacement.",
-        "Plates: the zero of the sinkage is wrong by z_0 in all tests, and by a part that differs from test to "
-        "test, to first order in its ratio to the sinkage.",
+        "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from "
+        "test to test, with correlation exp(−distance/ℓ) along the log of sinkage or displacement.",
+        "Plates: the zero of the sinkage is wrong by z_0 in all tests, and by a part that differs from test "
+        "to test, to first order in its ratio to the sinkage.",
         "Readings outside the range, or closer together than the spacing of the file, are left out; leaving "
         "out by pressure is leaving out by an outcome, which matters at the ends of the range only.",
         "Errors of single readings are taken as part of the deviation.",
     ]
     if result.test.independent:
         rows[1:3] = [
-            "Readings are independent of each other, as [noise] says: where they are not, intervals are far too "
-            "narrow."
+            "Readings are independent of each other, as [noise] says: where they are not, intervals are far "
+            "too narrow."
         ]
     text = Markup("").join(Markup("{}<br>").format(row) for row in rows)
     prior = Markup("").join(

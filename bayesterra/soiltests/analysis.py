@@ -25,6 +25,7 @@ from bayesterra.identifiability import Identifiability, identifiability
 from bayesterra.inference import PRIOR_DRAWS, Kept, keep
 from bayesterra.parameters import Parameter
 from bayesterra.posteriors import PriorDraws, draw_cut_prior
+from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.evidence import evidence
 from bayesterra.sampling.sampler import Progress, Samples, Target, sample_target
 from bayesterra.soiltests.curves import log_curve, structural
@@ -103,7 +104,11 @@ class SoilTestResult:
 
 
 def analyse(
-    test: SoilTest, *, seed: int = 1, report: Callable[[Progress], None] = lambda progress: None
+    test: SoilTest,
+    *,
+    seed: int = 1,
+    report: Callable[[Progress], None] = lambda progress: None,
+    plan: AdaptationOptions = PLAN,
 ) -> SoilTestResult:
     """Sample the posterior of a soil test and set it beside least squares.
 
@@ -112,6 +117,7 @@ def analyse(
     test : what to analyse.
     seed : same seed, same draws on one machine.
     report : called as the sampling goes on.
+    plan : size of the adaptation.
 
     Raises
     ------
@@ -125,7 +131,7 @@ def analyse(
     sampling, drawing, weighing, predicting, leaving = SeedSequence(seed).spawn(5)
     prior = draw_cut_prior(posterior, PRIOR_DRAWS, default_rng(drawing))
     target = Target(posterior, coordinates(posterior))
-    samples = sample_target(target, test.sampling, sampling, report, adaptation=PLAN)
+    samples = sample_target(target, test.sampling, sampling, report, adaptation=plan)
     kept = keep(samples.chains)
     report(Progress("leaving tests out", 1.0))
     left_out = leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving)
@@ -218,7 +224,8 @@ class _Parts:
         kind, path = self.test.kind, self._typical()
 
         def stress(x: FloatArray) -> FloatArray:
-            return np.exp(log_curve(kind, self.posterior.soil(x), np.array([path]), np.array([level])))[:, 0]
+            curve = log_curve(kind, self.posterior.soil(x), np.array([path]), np.array([level]))
+            return np.asarray(np.exp(curve[:, 0]))
 
         chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
         sizes = array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)
@@ -235,7 +242,7 @@ class _Parts:
         d, draws = len(self.soil), self.kept.spaced(2000)
         held = draws.copy()
         held[:, d:] = np.median(draws[:, d:], axis=0)
-        start = held[int(self.posterior.log_density(held).argmax())]
+        start: FloatArray = held[int(self.posterior.log_density(held).argmax())]
         if not d:
             return start
         factor = np.linalg.cholesky(np.atleast_2d(np.cov(draws[:, :d].T)))

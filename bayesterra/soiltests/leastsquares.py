@@ -103,8 +103,8 @@ def _shear(readings: Readings) -> Fitted:
     if len(np.unique(stress)) == 1:
         unit = COLUMNS["shear_stress"]
         note = (
-            f"one normal stress: c and φ cannot be separated, c + σ tan φ = {strength.mean() / unit.scale:.4g} kPa"
-            f" at σ = {stress[0] / unit.scale:g} kPa"
+            f"one normal stress: c and φ cannot be separated, c + σ tan φ ="
+            f" {strength.mean() / unit.scale:.4g} kPa at σ = {stress[0] / unit.scale:g} kPa"
         )
         direct = _curve(readings.path, readings.stress)[1]
         return Fitted({"regression": {"K": middle}, "nonlinear": {"K": direct}}, (note,))

@@ -150,7 +150,7 @@ class TestPosterior:
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        finite = np.isfinite(x).all(axis=1)
+        finite = np.asarray(np.isfinite(x).all(axis=1))
         safe = np.where(finite[:, None], x, 1.0)
         inside = np.flatnonzero(finite & (self.reasons(safe) == INSIDE))
         prior, likelihood = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
@@ -216,7 +216,8 @@ class Bearing:
 def coordinates(posterior: TestPosterior) -> Coordinates:
     """Sampling coordinates: stresses at what is typical of the readings, and logs of the scatter."""
     names, laws, readings = posterior.names, posterior.prior.laws, posterior.readings
-    soil, block = KINDS[readings.kind], None
+    soil: tuple[str, ...] = KINDS[readings.kind]
+    block: Block | None = None
     typical = float(np.exp(np.median(np.log(readings.path))))
     if readings.kind == "plate" and set(soil) <= set(names):
         radii = float(readings.levels.min()), float(readings.levels.max())

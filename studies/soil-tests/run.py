@@ -18,8 +18,10 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.random import SeedSequence, default_rng
 from scipy.integrate import quad_vec
+from scipy.optimize import least_squares
 from scipy.special import ndtr
 from scipy.stats import binomtest, kstest
 
@@ -35,6 +37,7 @@ from bayesterra.sampling.sampler import Target, sample, sample_target
 from bayesterra.schema import SamplingOptions
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.curves import structural
+from bayesterra.soiltests.data import Readings
 from bayesterra.soiltests.leaving_out import PLAN
 from bayesterra.soiltests.posterior import TestPosterior, coordinates
 from bayesterra.soiltests.scatter import Spread, covariance
@@ -141,7 +144,7 @@ WHEEL_PRIORS = {
     "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
     "K": Law("uniform", lower=0.002, upper=0.050),
 }
-WHEEL_SEEDS = 5
+WHEEL_SEEDS = 2
 
 
 def wheel_study(widths: tuple[float, ...], seed: int) -> bt.Study:
@@ -229,39 +232,70 @@ def files() -> None:
 
 
 def naive() -> None:
-    """The same readings taken as independent, as usual practice does: every test predicted from the
-    others.
-    """
-    rows = []
+    """Usual practice, whose readings are independent, beside ``left_out.csv``: every test from the others."""
+    stored, rows = pd.read_csv(HERE / "left_out.csv"), []
     for name in ("grc1", "cmu"):
-        stated = load_soil_test(HERE / f"{name}.toml")
-        tables = {
-            "test": "plate",
-            "data": {
-                "file": stated.content.data.file,
-                "pressure_range": stated.content.data.pressure_range,
-                "spacing": 0.0,
-            },
-            "priors": stated.content.priors,
-            "noise": {"independent": True},
-        }
-        for label, test in (("stated", stated), ("independent", soil_test(stated.table, tables))):
-            found = analyse(test, seed=1)
-            rows += [scored(name, label, found, kind) for kind in ("level", "slope")]
-            for row in found.summary.to_dict("records")[:3]:
-                rows[-1][f"sd_{row['parameter']}"] = row["sd"]
+        posterior = TestPosterior.of(load_soil_test(HERE / f"{name}.toml"))
+        rows += scored(name, "stated", stored[stored["file"] == name])
+        rows += scored(name, "independent", pd.DataFrame(usual_predictions(posterior.readings)))
     save(pd.DataFrame(rows), "naive")
 
 
-def scored(name: str, label: str, found: SoilTestResult, kind: str) -> dict[str, Any]:
+def usual_predictions(readings: Readings) -> list[dict[str, float]]:
+    """Where every test lies when least squares of all other tests predict it with their own standard errors.
+
+    log p = log(k_c/b + k_φ) + n log z with independent residuals of one standard deviation.
+    """
+    rows = []
+    for number in range(len(readings.tests)):
+        own = readings.only(np.arange(len(readings.tests)) == number)
+        fitted, law, sd = usual_fit(readings.only(np.arange(len(readings.tests)) != number))
+        residual = np.log(own.stress) - usual_curve(fitted, own)
+        slopes = np.array(
+            [usual_curve(fitted + step, own) - usual_curve(fitted - step, own) for step in STEPS]
+        ).T
+        slopes /= 2 * STEPS[0, 0]
+        covariance = slopes @ law @ slopes.T + sd**2 * np.eye(len(own))
+        half = len(own) // 2
+        weights = {
+            "level_pit": np.full(len(own), 1 / len(own)),
+            "slope_pit": np.where(np.arange(len(own)) < half, -1 / half, 1 / (len(own) - half)),
+        }
+        rows.append(
+            {kind: float(ndtr(residual @ w / np.sqrt(w @ covariance @ w))) for kind, w in weights.items()}
+        )
+    return rows
+
+
+STEPS = 1e-5 * np.eye(3)
+
+
+def usual_curve(u: np.ndarray, readings: Readings) -> np.ndarray:
+    """Log pressures (m,) for logs of pressure at 5 mm under plates of 30 and 100 mm radius, and n."""
+    ends = 1.0 / np.array([0.03, 0.10])
+    share = (ends[0] - 1.0 / readings.level) / (ends[0] - ends[1])
+    modulus = (1.0 - share) * np.exp(u[0]) + share * np.exp(u[1])
+    return np.asarray(np.log(modulus) + u[2] * np.log(readings.path / 5e-3))
+
+
+def usual_fit(readings: Readings) -> tuple[np.ndarray, np.ndarray, float]:
+    """Estimate (3,), its covariance (3, 3) and the standard deviation of residuals, by least squares."""
+    logs = np.log(readings.stress)
+    found = least_squares(lambda u: usual_curve(u, readings) - logs, [logs.mean(), logs.mean(), 1.2])
+    sd = float(np.sqrt((found.fun**2).sum() / (len(logs) - 3)))
+    return found.x, sd**2 * np.linalg.inv(found.jac.T @ found.jac), sd
+
+
+def scored(name: str, label: str, table: pd.DataFrame) -> list[dict[str, Any]]:
     """How many tests lie inside their 50 and 90 % intervals, and whether they are evenly spread."""
-    pit = found.left_out[f"{kind}_pit"].dropna().to_numpy()
-    inside = {f"inside_{level}": int((np.abs(pit - 0.5) <= level / 200).sum()) for level in (50, 90)}
-    chance = binomtest(inside["inside_90"], len(pit), 0.9, alternative="less").pvalue
-    return {
-        "file": name, "likelihood": label, "of": kind, "readings": found.record["readings"], "tests": len(pit), **inside,
-        "chance_of_so_few": chance, "uniform_p": kstest(pit, "uniform").pvalue, "elpd": found.left_out["elpd"].sum(),
-    }  # fmt: skip
+    rows = []
+    for kind in ("level", "slope"):
+        pit = table[f"{kind}_pit"].to_numpy()
+        inside = {f"inside_{level}": int((np.abs(pit - 0.5) <= level / 200).sum()) for level in (50, 90)}
+        chance = binomtest(inside["inside_90"], len(pit), 0.9, alternative="less").pvalue
+        figures = {"chance_of_so_few": chance, "uniform_p": kstest(pit, "uniform").pvalue}
+        rows.append({"file": name, "likelihood": label, "of": kind, "tests": len(pit), **inside, **figures})
+    return rows
 
 
 def table2() -> None:
@@ -291,12 +325,11 @@ SHALLOWEST, DEEPEST = 0.003, 0.030
 
 
 def wheel_force(soil: np.ndarray, z: np.ndarray, width: float, radius: float, breadth: float) -> np.ndarray:
-    """Force (n, m) on a wheel pushed straight down without turning, N, by Bekker's pressure over the
-    immersed arc.
+    """Force (n, m) on a wheel pushed straight down without turning, N.
 
-    The pressure at every point of the arc is that of a plate at its depth; radial, no shear: F = b R ∫ p
-    cos θ dθ. ``soil`` (n, 3) holds k_c, k_φ, n; ``z`` (n, m) the depth of the lowest point; ``breadth``
-    stands for the plate radius in k_c/b + k_φ. Zero above the soil.
+    Bekker's pressure, at every point of the immersed arc that of a plate at its depth, radial and without
+    shear: F = b R ∫ p cos θ dθ. ``soil`` (n, 3) holds k_c, k_φ, n; ``z`` (n, m) the depth of the lowest
+    point; ``breadth`` stands for the plate radius in k_c/b + k_φ. Zero above the soil.
     """
     modulus = soil[:, :1] / breadth + soil[:, 1:2]
     depth = np.clip(z, 0.0, 0.999 * radius)
@@ -346,8 +379,9 @@ def insertion_of(
         return wheel_force(soil, spread.true_path(z) - lead, width, radius, effective)
 
     rows = []
-    for name, z, measured in insertion_tests():
-        z, measured = (values[z > lead + SHALLOWEST] for values in (z, measured))
+    for name, depths, forces in insertion_tests():
+        below = depths > lead + SHALLOWEST
+        z, measured = depths[below], forces[below]
         mean = np.log(force(z))
         step = 1e-5
         slope = (np.log(force(z + step)) - mean) / step  # the seating shifts log F by its slope times ζ
@@ -374,8 +408,16 @@ def insertion_of(
             f"covered_{level}": float((np.abs(inside - 0.5) <= level / 200).mean()) for level in (50, 90)
         }
         ratio = float(np.exp(np.median(residual.mean(axis=1))))
-        rows.append({"geometry": geometry, "breadth": breadth, "contact": contact, "test": name, "readings": len(z),
-                     "measured_over_predicted": ratio, **pit, **covered, "unphysical": 1 - known.mean()})  # fmt: skip
+        head = {
+            "geometry": geometry,
+            "breadth": breadth,
+            "contact": contact,
+            "test": name,
+            "readings": len(z),
+        }
+        rows.append(
+            {**head, "measured_over_predicted": ratio, **pit, **covered, "unphysical": 1 - known.mean()}
+        )
     return pd.DataFrame(rows), force
 
 
@@ -393,44 +435,56 @@ def insertion() -> None:
                 curves[geometry, breadth, contact] = force
     save(pd.concat(parts), "insertion")
     save(insertion_summary(pd.concat(parts)), "insertion_summary")
-    draw_insertion(curves, posterior.spread(draws))
+    draw_insertion(curves, posterior, draws)
 
 
 def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
     """One row per reading of the wheel: ratio, coverage, and how many tests lie in the 90 % interval."""
     rows = []
     for key, part in table.groupby(["geometry", "breadth", "contact"], sort=False):
-        inside = ((part["level_pit"] > 0.05) & (part["level_pit"] < 0.95)).sum()
-        slopes = ((part["slope_pit"] > 0.05) & (part["slope_pit"] < 0.95)).sum()
-        rows.append((*key, part["measured_over_predicted"].median(), part["covered_50"].mean(), part["covered_90"].mean(),
-                     inside, slopes, len(part), kstest(part["level_pit"], "uniform").pvalue))  # fmt: skip
-    columns = ["geometry", "breadth", "contact", "measured_over_predicted", "covered_50", "covered_90", "levels_inside_90",
-               "slopes_inside_90", "tests", "uniform_p"]  # fmt: skip
-    return pd.DataFrame(rows, columns=columns)
+        inside = {
+            f"{kind}s_inside_90": ((part[f"{kind}_pit"] > 0.05) & (part[f"{kind}_pit"] < 0.95)).sum()
+            for kind in ("level", "slope")
+        }
+        medians = {"measured_over_predicted": part["measured_over_predicted"].median()}
+        covered = {name: part[name].mean() for name in ("covered_50", "covered_90")}
+        uniform = kstest(part["level_pit"], "uniform").pvalue
+        head = dict(zip(("geometry", "breadth", "contact"), key, strict=True))
+        rows.append({**head, **medians, **covered, **inside, "tests": len(part), "uniform_p": uniform})
+    return pd.DataFrame(rows)
 
 
 def draw_insertion(
-    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], spread: Spread
+    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]],
+    posterior: TestPosterior,
+    x: np.ndarray,
 ) -> None:
-    """Bands of new insertions for contact along the tips, and all measured ones."""
-    grid = np.geomspace(SHALLOWEST, DEEPEST, 40)
-    chosen = [key for key in curves if key[2] == "tips"]
+    """Bands of new insertions where b lies between the plates' radii, and all measured insertions."""
+    chosen = [key for key in curves if key[:2] in (("50 mm wide", "width"), ("60 mm wide", "half width"))]
+    spread, n, rng = posterior.spread(x), np.abs(posterior.soil(x)[:, 2:]), default_rng(1)
+    scatter, shift = (rng.standard_normal((len(x), 1)) for _ in range(2))
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 3.1), layout="constrained")
         axes = figure.subplots(1, len(chosen), sharey=True)
-        rng = default_rng(1)
         for ax, key in zip(axes, chosen, strict=True):
+            lead = GROUSER if key[2] == "rim" else 0.0
+            grid = np.geomspace(lead + SHALLOWEST, DEEPEST, 40)
             mean = np.log(curves[key](grid))
-            noisy = mean + spread.scatter[:, None] * rng.standard_normal((len(mean), 1))
+            slope = (np.log(curves[key](grid + 1e-5)) - mean) / 1e-5
+            seating = 0.0 if spread.shift is None else spread.shift[:, None] / n * shift * slope
+            noisy = mean + spread.scatter[:, None] * scatter + seating
             for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
                 ends = np.exp(np.nanquantile(noisy, [low, high], axis=0))
                 ax.fill_between(1e3 * grid, *ends, color="#0072B2", alpha=alpha, linewidth=0)
             ax.plot(1e3 * grid, np.exp(np.nanmedian(mean, axis=0)), color="#0072B2")
             for _, z, force in insertion_tests():
                 ax.plot(1e3 * z, force, color="#111111", linewidth=0.6)
+            where = f"{key[0]}, b = {key[1]},\ncontact along the {key[2]}"
             ax.set(
-                xscale="log", yscale="log", title=f"{key[0]}, b = {key[1]}", xlabel="sinkage of the tips [mm]"
+                xscale="log", yscale="log", title=where, xlabel="sinkage of the tips [mm]", ylim=(0.8, 500)
             )
+            ax.set_xticks([3, 5, 10, 20, 30], ["3", "5", "10", "20", "30"])
+            ax.xaxis.set_minor_formatter(NullFormatter())
         axes[0].set_ylabel("force [N]")
         figure.savefig(HERE / "insertion.png", dpi=110, facecolor="white", metadata={"Software": None})
 
@@ -443,9 +497,9 @@ def save(table: pd.DataFrame, name: str) -> None:
 
 PARTS: dict[str, Callable[[], None]] = {
     "files": files,
+    "naive": naive,
     "recovery": recovery,
     "wheels": wheels,
-    "naive": naive,
     "table2": table2,
     "insertion": insertion,
 }

@@ -1,0 +1,83 @@
+"""Plate and shear tests on known soils."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayesterra.laws import Law
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.schema import SamplingOptions
+from bayesterra.soiltests.analysis import SoilTestResult, analyse
+from bayesterra.soiltests.study import SoilTest, soil_test
+
+SOIL = {"kc": -1.0e3, "kphi": 900e3, "n": 1.1}
+STRENGTH = {"c": 800.0, "phi": float(np.radians(31.0)), "K": 0.009}
+PLATE_PRIORS: dict[str, Any] = {
+    "reference_sinkage": 0.010,
+    "kc": Law("uniform", lower=-1e3, upper=1e3),
+    "kphi": Law("uniform", lower=-50e3, upper=50e3),
+    "n": Law("uniform", lower=0.3, upper=2.0),
+}
+SHEAR_PRIORS = {
+    "c": Law("uniform", lower=0.0, upper=5e3),
+    "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
+    "K": Law("loguniform", lower=0.002, upper=0.05),
+}
+SMALL = SamplingOptions(target_ess=400, walkers=32)
+PLAN = AdaptationOptions(particles=256, components=4, refinements=(4,), more=(), shores=2)
+
+
+def plates(
+    radii: tuple[float, ...] = (0.03, 0.06),
+    tests: int = 2,
+    readings: int = 12,
+    scatter: float = 0.05,
+    **tables: Any,
+) -> SoilTest:
+    """Plate tests whose levels scatter, with exact curves otherwise."""
+    rng, rows = np.random.default_rng(5), []
+    for radius in radii:
+        for number in range(tests):
+            z = np.geomspace(2e-3, 30e-3, readings)
+            shift = np.exp(scatter * rng.standard_normal())
+            p = (SOIL["kc"] / radius + SOIL["kphi"]) * z ** SOIL["n"] * shift
+            rows += [(f"{radius} {number}", 2 * radius, a, b) for a, b in zip(z, p, strict=True)]
+    table = pd.DataFrame(rows, columns=["test", "plate_diameter [m]", "sinkage [m]", "pressure [Pa]"])
+    given = {"test": "plate", "data": {"file": "readings.csv"}, "priors": PLATE_PRIORS, "sampling": SMALL}
+    return soil_test(table, {**given, **tables})
+
+
+def shear(stresses: tuple[float, ...] = (5e3, 15e3), tests: int = 2, **tables: Any) -> SoilTest:
+    """Shear curves whose strengths scatter by 2 %."""
+    rng, rows = np.random.default_rng(5), []
+    for stress in stresses:
+        for number in range(tests):
+            j = np.geomspace(1e-3, 60e-3, 15)
+            strength = STRENGTH["c"] + stress * np.tan(STRENGTH["phi"])
+            tau = strength * -np.expm1(-j / STRENGTH["K"]) * np.exp(0.02 * rng.standard_normal())
+            rows += [(f"{stress} {number}", stress, a, b) for a, b in zip(j, tau, strict=True)]
+    columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
+    given = {"test": "shear", "data": {"file": "readings.csv"}, "priors": SHEAR_PRIORS, "sampling": SMALL}
+    return soil_test(pd.DataFrame(rows, columns=columns), {**given, **tables})
+
+
+@pytest.fixture(scope="session")
+def analysed() -> Callable[[str], SoilTestResult]:
+    """Results of these tests by kind, each analysed once."""
+    made = {
+        "plates": plates,
+        "one plate": lambda: plates((0.03,)),
+        "shear": shear,
+        "one stress": lambda: shear((15e3,)),
+    }
+    found: dict[str, SoilTestResult] = {}
+
+    def result(kind: str) -> SoilTestResult:
+        if kind not in found:
+            found[kind] = analyse(made[kind](), seed=1, plan=PLAN)
+        return found[kind]
+
+    return result

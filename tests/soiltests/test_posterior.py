@@ -1,0 +1,141 @@
+"""Curves, likelihood, prior and coordinates of soil tests, each held against another way to compute it."""
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+from scipy.stats import kstest, multivariate_normal, uniform
+
+from bayesterra.posteriors import draw_cut_prior
+from bayesterra.soiltests.curves import log_curve, physical, slopes, structural
+from bayesterra.soiltests.leastsquares import fit
+from bayesterra.soiltests.posterior import TestPosterior, coordinates
+from bayesterra.soiltests.scatter import Scatter, Spread, covariance, marginal_sd
+from bayesterra.soiltests.study import SoilTest
+
+from .conftest import SOIL, STRENGTH, plates, shear
+
+
+def test_mean_curves_are_those_of_bekker_and_of_janosi_and_hanamoto() -> None:
+    """Written out by hand for one reading each, a negative k_c included."""
+    plate = log_curve("plate", np.array([[-1e3, 9e5, 1.1]]), np.array([0.01]), np.array([0.03]))
+    assert np.exp(plate[0, 0]) == pytest.approx((-1e3 / 0.03 + 9e5) * 0.01**1.1)
+    soil, j, stress = np.array([[800.0, 0.5, 0.01]]), np.array([0.02]), np.array([5e3])
+    strength = 800 + 5e3 * np.tan(0.5)
+    assert np.exp(log_curve("shear", soil, j, stress)[0, 0]) == pytest.approx(strength * (1 - np.exp(-2.0)))
+
+
+def test_a_negative_modulus_is_physical_where_the_sum_is_positive() -> None:
+    """Either modulus may be negative, but not the sum under any plate."""
+    levels = np.array([0.03, 0.06])
+    x = np.array([[-1e3, 9e5, 1.0], [1e5, -1e6, 1.0], [-5e4, 9e5, 1.0], [1e5, -2e6, 1.0]])
+    assert physical("plate", x, levels).tolist() == [True, True, False, False]
+    shears = np.array([[0.0, 0.5, 0.01], [-1.0, 0.5, 0.01], [0.0, 0.0, 0.01], [1.0, 0.5, 0.0]])
+    assert physical("shear", shears, np.array([5e3])).tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize("made", [plates, shear])
+def test_sensitivities_are_derivatives_of_the_curve(made: type[SoilTest]) -> None:
+    """Central differences."""
+    readings = made().readings
+    x = np.array([list((SOIL if readings.kind == "plate" else STRENGTH).values())])
+    exact = slopes(readings.kind, x, readings.path, readings.level)[0]
+    for i in range(3):
+        step = 1e-6 * max(abs(x[0, i]), 1e-3) * np.eye(3)[i]
+        ends = (log_curve(readings.kind, x + s * step, readings.path, readings.level)[0] for s in (1, -1))
+        np.testing.assert_allclose(exact[:, i], np.subtract(*ends) / (2 * step[i]), rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("spread", ["memory", "seating", "independent"])
+def test_the_likelihood_is_that_of_the_stated_covariance(spread: str) -> None:
+    """The one-pass likelihood against SciPy's multivariate normal law of every test."""
+    readings = plates().readings
+    values = {
+        "memory": Spread(np.array([0.2, 0.3]), np.array([2.0, 0.4]), None),
+        "seating": Spread(
+            np.array([0.2, 0.3]), np.array([2.0, 0.4]), np.array([1e-3, 2e-4]), np.array([5e-4, 0.0])
+        ),
+        "independent": Spread(np.array([0.2, 0.3]), None, None),
+    }[spread]
+    residuals = default_rng(1).normal(size=(2, len(readings)))
+    found = Scatter(readings).log_likelihoods(residuals, values)
+    for test in range(len(readings.tests)):
+        own = readings.test == test
+        laws = covariance(readings.path[own], values)
+        expected = [
+            multivariate_normal(cov=law).logpdf(r[own]) for law, r in zip(laws, residuals, strict=True)
+        ]
+        np.testing.assert_allclose(found[:, test], expected, rtol=1e-9)
+        sd = np.sqrt(np.einsum("nii->ni", laws))
+        np.testing.assert_allclose(marginal_sd(readings.path[own], values), sd)
+
+
+def test_simulated_deviations_have_the_stated_covariance() -> None:
+    """Empirical covariance of many simulated tests."""
+    readings = plates((0.03,), tests=1, readings=4).readings
+    n = 40_000
+    values = Spread(np.full(n, 0.2), np.full(n, 1.0), np.full(n, 5e-4))
+    drawn = Scatter(readings).deviations(values, default_rng(3))
+    one = Spread(*(part[:1] for part in (values.scatter, values.memory, values.shift) if part is not None))
+    np.testing.assert_allclose(np.cov(drawn.T), covariance(readings.path, one)[0], atol=1.5e-3)
+
+
+DESIGNS = [plates(), plates((0.03,)), shear(), shear((5e3,))]
+
+
+@pytest.mark.parametrize("test", DESIGNS)
+def test_coordinates_are_exact(test: SoilTest) -> None:
+    """There and back, and the Jacobian is that of differences."""
+    posterior = TestPosterior.of(test)
+    x = draw_cut_prior(posterior, 30, default_rng(1)).x
+    chart = coordinates(posterior)
+    u = chart.from_physical(x)
+    back, log_jacobian = chart.to_physical(u)
+    np.testing.assert_allclose(back, x, rtol=1e-6)
+    steps = 1e-5 * np.eye(u.shape[1])
+    columns = [(chart.to_physical(u + step)[0] - chart.to_physical(u - step)[0]) / 2e-5 for step in steps]
+    determinants = np.linalg.slogdet(np.stack(columns, axis=2))[1]
+    np.testing.assert_allclose(log_jacobian, determinants, atol=1e-4)
+
+
+def test_moduli_stated_at_a_sinkage_do_not_favour_an_exponent() -> None:
+    """Draws and density: n keeps its own law, and the parts of the pressure are uniform."""
+    prior = TestPosterior.of(plates()).prior
+    x = prior.sample(4000, default_rng(2))
+    assert kstest(x[:, 2], uniform(0.3, 1.7).cdf).pvalue > 0.01
+    assert kstest(x[:, 0] * 0.01 ** x[:, 2], uniform(-1e3, 2e3).cdf).pvalue > 0.01
+    point = x[:1].copy()
+    moved = point.copy()
+    moved[:, 2] += 0.1
+    moved[:, :2] *= 0.01**-0.1  # the same parts of the pressure
+    change = prior.log_density(moved) - prior.log_density(point)
+    assert change == pytest.approx(2 * 0.1 * np.log(0.01))  # the Jacobian of two moduli
+
+
+def test_structure_sees_what_one_radius_and_one_stress_hide() -> None:
+    """k_c and k_φ under one radius, c and φ under one stress; a fixed partner sets the other free."""
+    every = np.ones(3, dtype=bool)
+    for made, one, other in ((plates, (0.03,), (0.03, 0.06)), (shear, (5e3,), (5e3, 15e3))):
+        for levels, expected in ((one, [False, False, True]), (other, [True, True, True])):
+            test = made(levels)
+            posterior = TestPosterior.of(test)
+            x = posterior.soil(draw_cut_prior(posterior, 100, default_rng(1)).x)
+            assert structural(test.readings, x, every).tolist() == expected
+            assert structural(test.readings, x, np.array([False, True, True])).all()
+
+
+def test_least_squares_recover_exact_soils_and_say_what_they_cannot_separate() -> None:
+    """Without scatter both methods return the soil; with one level they say which sum they know."""
+    found = fit(plates(scatter=0.0).readings).values
+    for method in ("regression", "nonlinear"):
+        assert found[method] == pytest.approx(SOIL, rel=1e-5)
+    for values in fit(shear(tests=1).readings).values.values():
+        assert values == pytest.approx(STRENGTH, rel=0.3)
+    alone = fit(plates((0.03,), scatter=0.0).readings)
+    assert alone.values["nonlinear"] == pytest.approx({"n": 1.1})
+    assert alone.notes == (
+        "plates of one radius: k_c and k_φ cannot be separated, k_c/b + k_φ = 866.7 kPa/m^n at b = 30 mm",
+    )
+    assert (
+        "one normal stress: c and φ cannot be separated, c + σ tan φ ="
+        in fit(shear((15e3,)).readings).notes[0]
+    )
