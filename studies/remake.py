@@ -25,6 +25,8 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),
     "planted-misfits": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
+    "calibration-groups": (("{folder}/run.py",),),
+    "many-wheels": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
     "benchmark-samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")
