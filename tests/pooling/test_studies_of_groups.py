@@ -27,7 +27,7 @@ def _table(name: str, case: str) -> pd.DataFrame:
 
 
 def test_one_soil_is_recovered(script: ModuleType) -> None:
-    """38 parameters, converged; 90 % intervals hold about 90 % of the true values, and c and φ are the soil's."""
+    """38 parameters, converged; intervals hold what they should, and c and φ are the soil's."""
     recovery, costs = _table("recovery", "one-soil"), _table("costs", "one-soil")
     assert len(recovery) == 38
     assert costs["converged"].all()
