@@ -33,6 +33,8 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "planted-misfits": (("{folder}/run.py",),),
     "leave-slip-out": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
+    "calibration-groups": (("{folder}/run.py",),),
+    "many-wheels": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
     "benchmark-samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")

@@ -131,6 +131,28 @@ class JointFamily:
             likelihood[alive] = self.joint.log_likelihood_of_group(name, drivers[alive], own[alive])
         return population, likelihood
 
+    def rescaled(
+        self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See :class:`bayesterra.pooling.moves.Family`."""
+        own, log_jacobian = self.locals_to_physical(group, L)
+        before, after = self.drivers_to_physical(D)[0], self.drivers_to_physical(new)[0]
+        inside = np.ones(len(L), dtype=bool)
+        for i, name in enumerate(self.joint.hyper):
+            at, column = len(self.joint.shared) + 2 * i, self.joint.local.index(name)
+            with np.errstate(all="ignore"):  # a spread of nothing, or of 1e300, is turned away below
+                ratio = after[:, at + 1] / before[:, at + 1]
+                moved = after[:, at] + ratio * (own[:, column] - before[:, at])
+                log_jacobian = log_jacobian + np.log(ratio)
+            low, high = self.joint.laws[name].range
+            inside &= (moved >= low) & (moved <= high) & np.isfinite(log_jacobian)
+            own[:, column] = np.where(inside, moved, own[:, column])
+        with np.errstate(all="ignore"):  # contact angles, say, may have left their range together
+            found = self.locals_from_physical(group, own)
+            log_jacobian = log_jacobian - self.locals_to_physical(group, found)[1]
+        inside &= np.asarray(np.isfinite(found).all(axis=1)) & np.isfinite(log_jacobian)
+        return np.where(inside[:, None], found, np.nan), np.where(inside, log_jacobian, -np.inf)
+
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Slice steps of every mean and spread given the groups' values."""
         k = len(self.joint.shared)

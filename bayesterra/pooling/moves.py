@@ -9,6 +9,8 @@ whole vectors, so these moves are our own:
 - drivers by differences or from a fitted law, every group's locals carried along in straight coordinates that
   hardly depend on the drivers: a partly non-centred step in the sense of Papaspiliopoulos et al. (2007), its
   degree fitted group by group;
+- mean and spread of a population with the groups' standardised values held, the fully non-centred step, which
+  is right where the spread is next to nothing;
 - shared drivers with the locals held;
 - means and spreads given the locals, which needs no likelihood: the centred step of an interweaving pair
   (Yu and Meng 2011).
@@ -20,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -33,6 +35,11 @@ INDEPENDENT_DRIVERS = 8
 """Most drivers that are also proposed afresh all at once."""
 HELD_SHARE = 0.25
 """Share of sweeps with a move of the shared drivers that holds the locals."""
+
+
+Locals = Literal["carried", "held", "standardised"]
+"""What a move of drivers does with the locals: keep their straight coordinates, their values, or their
+distances from the population's mean in units of its spread."""
 
 
 class Family(Protocol):
@@ -58,6 +65,14 @@ class Family(Protocol):
 
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the group's log likelihood (n,); the latter −inf outside its support."""
+
+    def rescaled(
+        self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Locals at new drivers, (value − mean)/spread of every population as before, and log |dL'/dL| (n,).
+
+        NaN where a value would leave its range.
+        """
 
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Drivers (n, k) after a move of those that the likelihood does not see, given locals."""
@@ -160,9 +175,14 @@ class PooledEnsemble:
             block = blocks[self.rng.integers(len(blocks))]
             for half in self._halves():
                 self._drivers_by_differences(block, *half)
+        populations = self.family.blocks[1:]
+        if populations:
+            block = populations[self.rng.integers(len(populations))]
+            for half in self._halves():
+                self._drivers_by_differences(block, *half, locals_="standardised")
         if self.family.blocks[0] and self.rng.random() < HELD_SHARE:
             for half in self._halves():
-                self._drivers_by_differences(self.family.blocks[0], *half, held=True)
+                self._drivers_by_differences(self.family.blocks[0], *half, locals_="held")
 
     def _halves(self) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
         order = self.rng.permutation(len(self.walkers.D))
@@ -221,19 +241,24 @@ class PooledEnsemble:
         self._carried(np.arange(len(D)), new, log_ratio, "drivers anew")
 
     def _drivers_by_differences(
-        self, block: Sequence[int], half: IntArray, other: IntArray, *, held: bool = False
+        self, block: Sequence[int], half: IntArray, other: IntArray, *, locals_: Locals = "carried"
     ) -> None:
-        """Move some drivers along differences of other walkers, the locals carried along or held."""
+        """Move some drivers along differences of other walkers; what becomes of the locals is ``locals_``."""
         straight, columns = self.laws.drivers.unbending, list(block)
         v, log_jacobian = straight.straighten(self.walkers.D)
         proposed = v[half]
         proposed[:, columns] += self._steps(v[other][:, columns], len(half), len(columns))
         D, log_new = straight.bend(proposed)
-        kind = "shared with locals held" if held else f"drivers by differences ({len(columns)})"
-        self._carried(half, D, log_new - log_jacobian[half], kind, held=held)
+        kind = f"drivers by differences ({len(columns)}), locals {locals_}"
+        self._carried(half, D, log_new - log_jacobian[half], kind, locals_)
 
     def _carried(
-        self, chosen: IntArray, D: FloatArray, log_ratio: FloatArray, kind: str, *, held: bool = False
+        self,
+        chosen: IntArray,
+        D: FloatArray,
+        log_ratio: FloatArray,
+        kind: str,
+        locals_: Locals = "carried",
     ) -> None:
         """Metropolis step to drivers D of the chosen walkers; ``log_ratio`` of the proposal itself."""
         w = self.walkers
@@ -244,10 +269,15 @@ class PooledEnsemble:
         population, likelihood = np.empty(L.shape[:2]), np.empty(L.shape[:2])
         for g in range(self.family.groups):
             law, now = self.laws.locals[g], chosen[alive]
-            if not held:
+            if locals_ == "carried":
                 v, before = law.straighten(w.D[now], w.L[g][now])
                 L[g][alive], after = law.bend(D[alive], v)
                 level[alive] += after - before
+            elif locals_ == "standardised":
+                L[g][alive], log_jacobian = self.family.rescaled(g, w.D[now], w.L[g][now], D[alive])
+                level[alive] += log_jacobian
+                alive = alive[np.isfinite(level[alive])]
+                now = chosen[alive]
             terms = self.family.terms(g, D[alive], L[g][alive])
             population[g][alive], likelihood[g][alive] = terms
             level[alive] += terms[0] + terms[1] - w.population[g][now] - w.likelihood[g][now]

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator, default_rng
+from scipy.linalg import toeplitz
 from scipy.special import logsumexp, ndtri
 
 from bayesterra.arrays import FloatArray
@@ -129,7 +130,7 @@ def _on_grid(fits: Sequence[StudentMixture]) -> FloatArray:
     top = ratios.max(axis=1, keepdims=True)
     levels = []
     for spread in spreads:
-        kernel = np.exp(-0.5 * ((z[:, None] - z) / spread) ** 2)
+        kernel = toeplitz(np.exp(-0.5 * ((z - z[0]) / spread) ** 2))
         blurred = kernel @ np.exp(ratios - top).T * step / (spread * np.sqrt(2 * np.pi))
         levels.append(logsumexp(normal + (np.log(blurred + 1e-300) + top.T).sum(axis=1)) + np.log(step))
     return np.array([common, logsumexp(levels) - np.log(SPREADS)])

@@ -15,8 +15,9 @@ from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.moves import Walkers
 from bayesterra.pooling.populations import draw_population, log_population
-from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint, starting_points
 from bayesterra.pooling.weighing import weigh_joint
+from bayesterra.posteriors import draw_cut_prior
 from bayesterra.study import Study
 
 MakeStudy = Callable[..., Study]
@@ -149,3 +150,36 @@ def test_groups_by_a_label(make: MakeStudy) -> None:
     assert list(joint.groups) == ["a", "b"]
     assert [len(one.likelihood.observations) for one in joint.groups.values()] == [4, 2]
     assert joint.names == ("phi", "K[a]", "K[b]")
+
+
+def test_start_where_nothing_is_shared(make: MakeStudy) -> None:
+    """Populations alone hold the groups together; starting points lie inside the support."""
+    joint = joint_posterior(make(pooling={"hierarchical": {"phi": {}, "K": {}}}))
+    assert joint.names[:4] == ("phi.mean", "phi.spread", "K.mean", "K.spread")
+    rng = default_rng(6)
+    chains = {name: draw_cut_prior(one, 2000, rng).x.reshape(40, 50, 2) for name, one in joint.groups.items()}
+    family = JointFamily(joint)
+    D, L = starting_points(family, chains, rng)
+    assert family.blocks == ((), (0, 1), (2, 3))
+    assert np.isfinite(Walkers.at(family, D, L).log_density).all()
+
+
+def test_rescaled_locals_keep_their_place_in_the_population(joint: JointPosterior) -> None:
+    """And the Jacobian is that of differences; what would leave its range is no number."""
+    family, rng = JointFamily(joint), default_rng(7)
+    D, L = joint.split(draw_joint_prior(joint, 50, rng))
+    u, v = family.drivers_from_physical(D), family.locals_from_physical(0, L[0])
+    other = u.copy()
+    other[:, 1:] += 0.05 * rng.standard_normal((50, 2))
+    moved, log_jacobian = family.rescaled(0, u, v, other)
+    kept = np.isfinite(moved[:, 0])
+    after, K = family.drivers_to_physical(other)[0][kept], family.locals_to_physical(0, moved[kept])[0][:, 0]
+    before = (L[0][kept, 0] - D[kept, 1]) / D[kept, 2]
+    np.testing.assert_allclose((K - after[:, 1]) / after[:, 2], before, rtol=1e-6)
+    step = 1e-6
+    further, _ = family.rescaled(0, u[kept], v[kept] + step, other[kept])
+    slope = (further - moved[kept])[:, 0] / step
+    known = np.isfinite(slope)
+    np.testing.assert_allclose(np.log(slope[known]), log_jacobian[kept][known], atol=1e-3)
+    assert kept.sum() > 25
+    assert np.isneginf(log_jacobian[~kept]).all()

@@ -1,0 +1,70 @@
+"""Studies with several wheels: the stored results hold, and a part is made again."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.random import default_rng
+
+from bayesterra.pooling.joint import joint_posterior
+
+STORED = Path(__file__).parents[2] / "studies" / "many-wheels"
+
+
+@pytest.fixture(scope="module")
+def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
+    """The study's script as a module."""
+    return study_script("many-wheels")
+
+
+def _table(name: str, case: str) -> pd.DataFrame:
+    table = pd.read_csv(STORED / f"{name}.csv")
+    return table[table["case"] == case].reset_index(drop=True)
+
+
+@pytest.mark.skipif(not (STORED / "recovery.csv").is_file(), reason="the study has not been run yet")
+def test_one_soil_is_recovered(script: ModuleType) -> None:
+    """38 parameters, converged; intervals hold what they should, and c and φ are the soil's."""
+    recovery, costs = _table("recovery", "one-soil"), _table("costs", "one-soil")
+    assert len(recovery) == 38
+    assert costs["converged"].all()
+    assert recovery["inside"].mean() >= 0.75
+    verdicts = _table("sharing", "one-soil").set_index("parameter")["verdict"]
+    assert verdicts["c and phi"] == "soil constant"
+
+
+def test_readings_of_six_wheels_are_those_of_their_soils(script: ModuleType) -> None:
+    """With c and φ of one soil the true values are likely: χ² is the number of readings within chance."""
+    joint = joint_posterior(script.simulated("one-soil"))
+    assert len(joint.names) == 38
+    assert joint.names[:3] == ("c", "phi", "Ks[Wh11]")
+    drivers = np.array([[script.truth("one-soil", "Wh11")[name] for name in joint.shared]])
+    level, readings = 0.0, 0
+    for group, posterior in joint.groups.items():
+        own = np.array([[script.truth("one-soil", group)[name] for name in joint.local]])
+        level += float(joint.log_likelihood_of_group(group, drivers, own)[0])
+        readings += int(np.isfinite(posterior.likelihood.measured).sum())
+    noise = np.log(np.array(list(script.NOISE.values())) * np.sqrt(2 * np.pi))
+    assert readings == 180
+    assert -2.0 * (level + noise.mean() * readings) == pytest.approx(
+        readings, abs=4.5 * np.sqrt(2 * readings)
+    )
+
+
+def test_a_replication_has_the_readings_of_its_truth(study_script: Callable[[str], ModuleType]) -> None:
+    """Truth inside the support, its readings within noise, none of them those of the conditions."""
+    calibration = study_script("calibration-groups")
+    truth, joint = calibration.replicated(calibration.conditions(), default_rng(1))
+    assert truth.shape == (1, len(joint.names)) == (1, 16)
+    assert np.isfinite(joint.log_density(truth)).all()
+    D, L = joint.split(truth)
+    for own, (group, posterior) in zip(L, joint.groups.items(), strict=True):
+        x = joint.of_group(D, own)
+        outcomes = posterior.likelihood.predicted(posterior.outcomes(x))[0]
+        z = (posterior.likelihood.measured - outcomes) / np.array([0.001, 1.5, 0.3])
+        assert np.abs(z).max() < 5.0
+        assert np.abs(z).max() > 0.1
+        assert group in calibration.WHEELS
