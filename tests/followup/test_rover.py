@@ -116,10 +116,11 @@ def test_notes_name_assumptions_and_what_is_left(
     assert "under 1.62 m/s²" in notes
 
 
-def test_the_figure_has_a_row_for_slopes_and_one_for_tow(
-    wide: RunResult, sheet: RoverSheet, file: Path
+def test_the_figure_has_rows_for_slope_and_tow(
+    wide: RunResult, sheet: RoverSheet, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four panels a row; without a tow force there is no second row."""
+    monkeypatch.setattr("bayesterra.rover.driving.DRAWS", 50)
     axes = rover_outlook(sheet)
     assert axes.shape == (2, 4)
     figure_of(axes).canvas.draw()
