@@ -58,7 +58,7 @@ def make(
     """A study with the model M2L."""
     data = table(drive=drive) if data is None else data
     given = "load" if drive == "load" else "sinkage" if drive == "sinkage" else ""
-    noise = {n: v for n, v in NOISE.items() if n != given and any(n in column for column in data)}
+    noise = {n: v for n, v in NOISE.items() if n != given and any(n in str(column) for column in data)}
     options = {"model": "M2L", "model_options": {"mean_load": 64.0}, **more}
     return Study(
         data, WHEELS, slip_reference="shearing", drive=drive, noise=noise, kind="simulated",

@@ -122,7 +122,7 @@ def test_without_coefficients_it_is_m2(
         size = abs(float(parts.F_DPtau)) + abs(float(parts.F_DPsigma))
         assert ours.normal == pytest.approx(m2.normal, rel=1e-12)
         assert ours.resistance_moment == pytest.approx(m2.resistance_moment, rel=1e-12)
-        assert abs(ours.drawbar_pull - m2.drawbar_pull) <= 1e-12 * size
+        assert float(ours.drawbar_pull) == pytest.approx(float(m2.drawbar_pull), rel=0, abs=1e-12 * size)
     plain = Soil(*astuple(TOYOURA)[:9])
     np.testing.assert_allclose(
         model.sinkage(plain, wheel, SLIPS, LOADS), M2().sinkage(plain, wheel, SLIPS, LOADS), rtol=1e-12
