@@ -69,7 +69,7 @@ def test_what_moves_far_is_doubted(built_upon: Result) -> None:
 
 def test_the_prior_table_names_law_and_source(built_upon: Result) -> None:
     """A tabulated law is shown by its median and 90 %; parameters of one source share a line."""
-    assert str(law_text("phi", LAW)).startswith("tabulated (median 28.65, 90 % in 19.")
+    assert str(law_text("phi", LAW)) == "tabulated (median 28.65, 90 % in 18.97 to 38.07&nbsp;deg)"
     (table,) = prior_sources(built_upon.study)
     assert isinstance(table, Table)
     assert [str(row[0]) for row in table.rows] == ["<i>φ</i> and <i>K</i>"]
