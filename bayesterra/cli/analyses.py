@@ -38,7 +38,7 @@ def calibrate(
 
     loaded = load_study(study)
     from bayesterra.calibrating import Job, calibrate_study
-    from bayesterra.listing import print_calibration
+    from bayesterra.listing.calibrations import print_calibration
 
     folder = out or beside(study, "calibration")
     job = Job(loaded, number, seed, workers or os.cpu_count() or 1)
@@ -72,11 +72,11 @@ def identify(
             raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
         loaded = load_study(what, prior_only=True)
         from bayesterra.identifying import foresee
-        from bayesterra.listing import print_foreseen
+        from bayesterra.listing.verdicts import print_foreseen
 
         return print_foreseen(foresee(loaded, seed=seed))
     from bayesterra.identifying import identify_into
-    from bayesterra.listing import print_identified
+    from bayesterra.listing.verdicts import print_identified
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     found = identify_into(what, folder, seed=seed, overwrite=overwrite, quiet=quiet)
@@ -127,7 +127,7 @@ def design(
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.designing import design_into
     from bayesterra.followup import slips_of
-    from bayesterra.listing import print_design
+    from bayesterra.listing.designs import print_design
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
@@ -160,7 +160,7 @@ def holdout(
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.leaving import leave_out_into
-    from bayesterra.listing import print_holdout
+    from bayesterra.listing.holdouts import print_holdout
 
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed, "workers": workers}

@@ -57,7 +57,7 @@ def predict(
         _drive(loaded, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return
     from bayesterra import followup
-    from bayesterra.listing import print_forecast
+    from bayesterra.listing.forecasts import print_forecast
 
     cases = followup.forecast(
         loaded,
@@ -80,7 +80,7 @@ def _drive(
 ) -> None:
     """Drive a rover and write what comes of it."""
     from bayesterra import roving
-    from bayesterra.listing import print_outlook
+    from bayesterra.listing.rovers import print_outlook
 
     sheet = roving.predict_rover(loaded, rover, slopes=roving.slopes_of(slope), tows=roving.tows_of(tow))
     sheet.save(folder, overwrite=overwrite)
@@ -120,7 +120,7 @@ def compare(
 ) -> None:
     """Set results side by side: two models, two priors, two drives."""
     from bayesterra.followup import compare_folders
-    from bayesterra.listing import print_comparison
+    from bayesterra.listing.comparisons import print_comparison
 
     comparison = compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite)
     print_comparison(comparison, out)

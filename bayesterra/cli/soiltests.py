@@ -25,7 +25,7 @@ def soiltest(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
-    from bayesterra.listing import print_soil_test
+    from bayesterra.listing.soiltests import print_soil_test
     from bayesterra.soiltesting import soil_test_into
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name

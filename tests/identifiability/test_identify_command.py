@@ -14,7 +14,7 @@ from bayesterra.__main__ import main
 from bayesterra.errors import ResultError
 from bayesterra.identified import Identified
 from bayesterra.identifying import MARK, IdentifyResult, identify_into
-from bayesterra.listing import print_identified
+from bayesterra.listing.verdicts import print_identified
 from bayesterra.writing import write_study
 
 from .conftest import VARIANTS, trial
