@@ -67,7 +67,7 @@ def shear(stresses: tuple[float, ...] = (5e3, 15e3), tests: int = 2, **tables: A
 @pytest.fixture(scope="session")
 def analysed() -> Callable[[str], SoilTestResult]:
     """Results of these tests by kind, each analysed once."""
-    made = {
+    made: dict[str, Callable[[], SoilTest]] = {
         "plates": plates,
         "one plate": lambda: plates((0.03,)),
         "shear": shear,

@@ -1,5 +1,7 @@
 """Curves, likelihood, prior and coordinates of soil tests, each held against another way to compute it."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -34,7 +36,7 @@ def test_a_negative_modulus_is_physical_where_the_sum_is_positive() -> None:
 
 
 @pytest.mark.parametrize("made", [plates, shear])
-def test_sensitivities_are_derivatives_of_the_curve(made: type[SoilTest]) -> None:
+def test_sensitivities_are_derivatives_of_the_curve(made: Callable[[], SoilTest]) -> None:
     """Central differences."""
     readings = made().readings
     x = np.array([list((SOIL if readings.kind == "plate" else STRENGTH).values())])

@@ -36,11 +36,11 @@ def test_intervals_cover_new_tests_and_those_of_usual_practice_do_not(script: Mo
     """Recomputed for usual practice; both as stored."""
     readings = load_soil_test(STUDY / f"{name}.toml").readings
     again = pd.DataFrame(script.scored(name, "independent", pd.DataFrame(script.usual_predictions(readings))))
-    table = stored("naive").set_index(["file", "likelihood", "of"])
+    rows = {(row["file"], row["likelihood"], row["of"]): row for row in stored("naive").to_dict("records")}
     for row in again.to_dict("records"):
-        kept = table.loc[(name, "independent", row["of"])]
+        kept = rows[name, "independent", row["of"]]
         assert row["inside_90"] == kept["inside_90"] < 0.5 * kept["tests"]
-    levels = table.loc[(name, "stated", "level")]
+    levels = rows[name, "stated", "level"]
     assert levels["chance_of_so_few"] > 0.05
     assert levels["uniform_p"] > 0.05
 
