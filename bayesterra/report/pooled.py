@@ -100,7 +100,7 @@ def _preferred(result: PooledResult) -> Verdict:
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
     parts = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
-    grade = "good" if preferred in WORDS else "fair"
+    grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(parts)))
 
 
@@ -147,13 +147,11 @@ def _sentence(result: PooledResult) -> Markup:
     for row in result.sharing.to_dict("records"):
         parts.setdefault(str(row["verdict"]), []).append(_named(row["parameter"]))
     words = {
-        CONSTANT: "The data say that all groups have one value of",
-        OPEN: "They cannot tell for",
+        CONSTANT: "All groups have one value of",
+        OPEN: "The data cannot tell for",
     }
     sentences = [
-        Markup("{} {}.").format(
-            words.get(word, "They say that each group has its own value of"), listed(names)
-        )
+        Markup("{} {}.").format(words.get(word, "Each group has its own value of"), listed(names))
         for word, names in parts.items()
     ]
     return Markup(" ").join(sentences)

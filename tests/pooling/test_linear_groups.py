@@ -53,7 +53,7 @@ class Linear:
         """Of s, m and log τ."""
         tau = np.exp(D[:, 2])
         spread = _normal(tau, 0.0, 1.0) + np.log(2.0) + D[:, 2]
-        return _normal(D[:, 0], 0.0, 1.0) + _normal(D[:, 1], 0.0, 2.0) + spread
+        return np.asarray(_normal(D[:, 0], 0.0, 1.0) + _normal(D[:, 1], 0.0, 2.0) + spread)
 
     def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
         """Of a_g and b_g."""
@@ -149,10 +149,9 @@ def _sampled(family: Linear, seed: int) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=2), accepted
 
 
-@pytest.mark.parametrize("tau", [0.0, 0.8])
-def test_moves_have_the_exact_posterior(tau: float) -> None:
-    """Also where the groups have one value and the spread piles up at zero."""
-    family = simulated(4, tau, 0.2, 3)
+def test_moves_have_the_exact_posterior() -> None:
+    """Where the groups have one value, so that the spread piles up at zero: the hard case."""
+    family = simulated(4, 0.0, 0.2, 3)
     chains, accepted = (np.array(part) for part in zip(*(_sampled(family, e) for e in range(4)), strict=True))
     mean, sd, _ = family.exact()
     found = diagnose([str(i) for i in range(chains.shape[-1])], chains, accepted, 1000)

@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from bayesterra import workflow
+from bayesterra.cli.studies import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report import pooled_html
 from bayesterra.study import Study
 from bayesterra.workflow import PooledRun, load_result, load_single, run
+from bayesterra.writing import write_study
 
 MakeStudy = Callable[..., Study]
 
@@ -37,9 +41,10 @@ def test_tables_name_everything(result: PooledResult) -> None:
 
 def test_evidences_are_those_of_rows_left_out_one_after_another(result: PooledResult) -> None:
     """Without pooling the elpd of groups is the evidence itself; with it, what others add is positive."""
-    rows = result.pooling.set_index("pooling")
-    assert rows.loc["none", "elpd_groups"] == pytest.approx(rows.loc["none", "log_evidence"], abs=1e-9)
-    assert rows.loc["as stated", "elpd_groups"] > rows.loc["none", "elpd_groups"]
+    elpd = dict(zip(result.pooling["pooling"], result.pooling["elpd_groups"].astype(float), strict=True))
+    log_z = dict(zip(result.pooling["pooling"], result.pooling["log_evidence"].astype(float), strict=True))
+    assert elpd["none"] == pytest.approx(log_z["none"], abs=1e-9)
+    assert elpd["as stated"] > elpd["none"]
 
 
 def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
@@ -69,3 +74,24 @@ def test_no_crosscheck_of_groups(make: MakeStudy) -> None:
     """A cross-check is refused."""
     with pytest.raises(StudyError, match=r"--crosscheck takes studies without a \[pooling\] table"):
         run(make(), crosscheck=True)
+
+
+def test_command_writes_the_folder_and_says_what_it_found(
+    result: PooledResult,
+    make: MakeStudy,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As ``bayesterra run`` does it, from the study's file on; the sampling itself stands above."""
+    write_study(make(), tmp_path)
+    monkeypatch.setattr(workflow, "run_pooled", lambda study, **how: result)
+    with pytest.raises(typer.Exit) as left:
+        run_command(tmp_path, out=tmp_path / "out", quiet=True)
+    assert left.value.exit_code == 0
+    printed = capsys.readouterr().out
+    assert "Sampling converged" in printed
+    assert result.record["pooling"]["sentence"].split(":")[0] in printed
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"report.html", "draws.nc", "summary.csv", "sharing.csv", "pooling.csv", "left_out.csv"} <= names
+    assert "status.json" not in names
