@@ -325,7 +325,7 @@ def fig_17(kept: Kept) -> list[Statement]:
             " readings)",
             "3.1°", f"{furthest:.1f}°", f"{furthest - 3.1:+.1f}°", furthest <= 3.15,
             f"M2 with another c, φ and K fits M1's readings within {worst:.2f} sd of the noise, and its"
-            f" posterior has φ {shift} sd too small: the error of M2 is compensated along the ridge",
+            f" posterior mode has φ {shift} sd too small: the error of M2 is compensated along the ridge",
         ),
         Statement(
             "Fig. 17", "IM2: K from 9.7 to 13.1 mm", "9.7 to 13.1 mm", span(second["K"], 3, "mm"), "",
@@ -368,10 +368,10 @@ def fig_17(kept: Kept) -> list[Statement]:
 
 
 def _model_error(kept: Kept, model: str, name: str) -> tuple[str, float]:
-    """Shift of the posterior mean in sds, and largest misfit at the mode in sds of the noise; K_s held."""
+    """Shift of the posterior mode in sds, and largest misfit at the mode in sds of the noise; K_s held."""
     table = kept["model-errors"].query("model == @model and Ks_held and parameter == @name")
     misfit = table[[f"misfit_{n}" for n in ("sinkage", "drawbar_pull", "resistance_moment")]].max().max()
-    return span(-table["mean"], 2), float(misfit)
+    return span(-table["mode"], 2), float(misfit)
 
 
 def fig_18(kept: Kept) -> list[Statement]:

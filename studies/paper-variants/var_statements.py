@@ -213,7 +213,7 @@ def table_12(kept: Kept) -> list[Statement]:
             " apart)", "worse",
             "; ".join(_less(kept, i, RIM) for i in (0, 1, 2)), "",
             all(_worse(kept, i, RIM) for i in (0, 1, 2)),
-            "with errors of a millimetre, 1.5 N and 0.3 N m five or six rows do not tell",
+            "readings made with (13) tell; HIT, five rows with errors of 1 mm, 1.5 N and 0.3 N m, does not",
         ),
     ]  # fmt: skip
 

@@ -23,7 +23,7 @@ from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.sampler import Target, sample
 from bayesterra.study import SamplingOptions
 
-OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=2000)
+OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=8000)
 PARTICLES = {"load": 512, "both": 512, "sinkage": 1024}
 """Size of the adaptation; posteriors that take a sinkage for exact are narrow and need the usual one."""
 
