@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
@@ -104,7 +104,6 @@ def statements() -> Iterator[Statement]:
     yield from _equations(known)
     yield from _soil_values(known)
     yield from _signs(known)
-    yield from _vehicle(known)
     why = "Figures 20 and 21 exist as pictures only, and the vehicle's geometry is not given"
     fidelity = "slip, pull, moment, normal force and sinkage are predicted with high fidelity"
     yield Statement("Figs. 20, 21", fidelity, "-", "-", "-", "cannot be checked", why)
@@ -238,42 +237,6 @@ def effect(soil: LoadEffectSoil, load: float) -> tuple[float, float, float]:
 def _mean_ratio(values: FloatArray, base: FloatArray) -> float:
     """Ratio of means: single pulls may be zero."""
     return float(values.mean() / base.mean())
-
-
-def _vehicle(known: dict[str, LoadEffectSoil]) -> Iterator[Statement]:
-    flat, slope = known["flat"], known["slope"]
-    total = 4 * response(flat, MEAN_LOAD)["drawbar_pull"]
-    slip = slip_for(flat, 70.0 / 4, MEAN_LOAD)
-    yield Statement(
-        "Fig. 20", "resistance forces from 0 to 70 N were set on flat terrain", "70 N",
-        f"four wheels of 64 N pull {total.max():.0f} N at most (s ≤ 0.8), 70 N at s = {slip:.2f}, "
-        f"{total[0]:.0f} N at s = 0", "-",
-        "reproduced" if total.max() > 70 else "differs",
-        "all wheels alike; wheel and weight are assumptions of this study",
-    )  # fmt: skip
-    cosine, sine = np.cos(np.radians(15)), np.sin(np.radians(15))
-    pull = response(slope, MEAN_LOAD * cosine)["drawbar_pull"]
-    climbs = slip_for(slope, MEAN_LOAD * sine, MEAN_LOAD * cosine)
-    yield Statement(
-        "Fig. 21", "the robot climbs slopes up to 15 deg", "15 deg",
-        f"greatest pull over load {pull.max() / (MEAN_LOAD * cosine):.3f} (s ≤ 0.8); "
-        f"needed {sine / cosine:.3f}, had at s = {climbs:.2f}", "-",
-        "reproduced" if np.isfinite(climbs) else "differs",
-        "all wheels alike, 64 N on flat ground; on a slope the loads of front and rear wheels differ, which "
-        "is left out here",
-    )  # fmt: skip
-
-
-def slip_for(soil: LoadEffectSoil, pull: float, load: float) -> float:
-    """Least slip at which a wheel pulls with ``pull`` (N); NaN where it never does up to 0.8."""
-
-    def short(slip: float) -> float:
-        return float(response(soil, load, np.array([slip]))["drawbar_pull"][0]) - pull
-
-    ahead = [float(s) for s in SLIPS if short(float(s)) >= 0]
-    if not ahead or ahead[0] == 0:
-        return ahead[0] if ahead else float("nan")
-    return float(brentq(short, 0.0, ahead[0]))
 
 
 def simulated() -> pd.DataFrame:
