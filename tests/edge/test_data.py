@@ -127,7 +127,7 @@ def test_observations_cannot_be_written_to() -> None:
         ({"slip": [0.1], "load [kg]": [8]}, r"column 'load \[kg\]': the unit 'kg' is not a unit of force"),
         ({"slip": [0.1], "load [Nn]": [8]}, r"column 'load \[Nn\]': unknown unit 'Nn'"),
         ({"slip": [0.1], "sinkge [mm]": [8]}, r"unknown column 'sinkge \[mm\]' \(did you mean 'sinkage'\?\)"),
-        ({"slip": [0.1], "colour": [8]}, r"unknown column 'colour' \(known: slip, wheel, use, site, run, load"),
+        ({"slip": [0.1], "colour": [8]}, r"unknown column 'colour' \(known: slip, wheel, use, load"),
         ({"slip": [0.1], "slip_sd": [0.1]}, r"unknown column 'slip_sd'"),
         ({"slip": [0.1], "sinkage [mm]": [8], "sinkage [cm]": [1]}, r"column 'sinkage' must appear once"),
         ({"slip": [0.1], "sinkage_sd [mm]": [8]}, r"column 'sinkage_sd' needs a column 'sinkage' beside it"),
