@@ -29,7 +29,7 @@ DRIVE_OUTCOMES = {
 SD_SUFFIX = "_sd"
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
-_PLAIN = ("slip", "wheel", "use", *LABELS)
+_PLAIN = ("slip", "wheel", "use")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def _column_scale(header: str, name: str, unit: str | None) -> float:
 
 def _known_columns() -> list[str]:
     measured = [name for name in CHANNELS if name != "slip"]
-    return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured)]
+    return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
 
 
 def _required(columns: Mapping[str, Column], name: str) -> FloatArray:
