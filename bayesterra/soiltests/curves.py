@@ -36,7 +36,8 @@ def physical(kind: str, x: FloatArray, levels: FloatArray) -> BoolArray:
     first, second, third = x.T
     if kind == "plate":
         # K_s is linear in 1/b: positive under the smallest and the largest plate is positive under all
-        ends = first[:, None] / np.array([levels.min(), levels.max()]) + second[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # far proposals overflow, and are turned away
+            ends = first[:, None] / np.array([levels.min(), levels.max()]) + second[:, None]
         return np.asarray((ends > 0).all(axis=1))
     inside = (first >= 0) & (second >= 0) & (second < np.pi / 2) & (third > 0)
     return np.asarray(inside & (first + levels.min() * np.tan(np.where(inside, second, 0.0)) > 0))

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from bayesterra.laws import Law
-from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.schema import SamplingOptions
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.study import SoilTest, soil_test
@@ -26,8 +25,7 @@ SHEAR_PRIORS = {
     "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
     "K": Law("loguniform", lower=0.002, upper=0.05),
 }
-SMALL = SamplingOptions(target_ess=400, walkers=32)
-PLAN = AdaptationOptions(particles=256, components=4, refinements=(4,), more=(), shores=2)
+SMALL = SamplingOptions(target_ess=400)
 
 
 def plates(
@@ -77,7 +75,7 @@ def analysed() -> Callable[[str], SoilTestResult]:
 
     def result(kind: str) -> SoilTestResult:
         if kind not in found:
-            found[kind] = analyse(made[kind](), seed=1, plan=PLAN)
+            found[kind] = analyse(made[kind](), seed=1)
         return found[kind]
 
     return result

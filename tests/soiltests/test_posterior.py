@@ -141,3 +141,12 @@ def test_least_squares_recover_exact_soils_and_say_what_they_cannot_separate() -
         "one normal stress: c and φ cannot be separated, c + σ tan φ ="
         in fit(shear((15e3,)).readings).notes[0]
     )
+
+
+def test_far_proposals_have_no_density_and_raise_no_warning() -> None:
+    """Coordinates far out overflow; they are outside the support, silently."""
+    posterior = TestPosterior.of(plates())
+    x = np.array([[1e300, -1e308, 5.0, 0.1, 1.0, 1e-4, 0.0], [np.inf, np.nan, 1.0, 0.1, 1.0, 1e-4, 0.0]])
+    assert np.isneginf(posterior.log_density(x)).all()
+    far = coordinates(posterior).to_physical(np.full((1, 7), 1e4))[0]
+    assert np.isneginf(posterior.log_density(far)).all()

@@ -17,7 +17,7 @@ from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.leaving_out import LeftOut
 from bayesterra.soiltests.study import load_soil_test, soil_test
 
-from .conftest import PLAN, PLATE_PRIORS, SOIL, plates
+from .conftest import PLATE_PRIORS, SOIL, plates
 
 Analysed = Callable[[str], SoilTestResult]
 TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands", "readings")
@@ -62,7 +62,7 @@ def test_a_test_that_is_off_is_outside_its_prediction(analysed: Analysed) -> Non
     own = table["test"] == "0.06 0"
     table.loc[own, "pressure [Pa]"] *= 2.0
     tables = {"test": "plate", "data": {"file": "x"}, "priors": PLATE_PRIORS, "sampling": odd.sampling}
-    found = analyse(soil_test(table, tables), plan=PLAN).left_out.set_index("test")["level_pit"].to_dict()
+    found = analyse(soil_test(table, tables)).left_out.set_index("test")["level_pit"].to_dict()
     assert found.pop("0.06 0") > 0.97
     assert all(0.02 < level < 0.98 for level in found.values())
     assert set(result.left_out["test"]) == set(result.test.readings.tests)
@@ -108,7 +108,6 @@ kphi = { dist = "uniform", lower = "-20000 kPa", upper = "20000 kPa" }
 n = { dist = "uniform", lower = 0.3, upper = 2.0 }
 [sampling]
 target_ess = 400
-walkers = 32
 """
 
 
