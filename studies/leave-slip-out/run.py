@@ -1,7 +1,8 @@
 """Readings at slips that the fit has not seen: M1, M2 and M3 beside regressions that know no terramechanics.
 
 Run it with ``python studies/leave-slip-out/run.py [PART ...]``; it takes about a quarter of an hour on two
-cores. PART is one of ``measured``, ``simulated``, ``exact``, ``figure``, ``tables``; without, all of them.
+cores. PART is one of ``measured``, ``simulated``, ``exact``, ``figure``, ``tables``,
+``statements``; without, all of them.
 scores.csv, refits.csv and simulated.csv go on where they end; remove them to start anew.
 """
 
@@ -293,9 +294,24 @@ def simulated_lines() -> list[str]:
     return lines
 
 
+def statements() -> None:
+    """What the index of the paper takes from here."""
+    sys.path.append(str(HERE))
+    import slip_statements
+
+    slip_statements.statements().to_csv(HERE / "statements.csv", index=False)
+
+
 def main(parts: list[str]) -> None:
     """Make the parts asked for."""
-    known = {"measured": measured, "simulated": simulated, "exact": exact, "figure": figure, "tables": tables}
+    known = {
+        "measured": measured,
+        "simulated": simulated,
+        "exact": exact,
+        "figure": figure,
+        "tables": tables,
+        "statements": statements,
+    }
     for part in parts or known:
         known[part]()
 

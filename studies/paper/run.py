@@ -50,7 +50,7 @@ TITLES = {
     "Eq. (42)": "load effect",
     "Section 3.2": "conventional soil tests",
     "Section 4.1": "stresses",
-    "CMU": "static insertion of the wheel, held out",
+    "CMU": "grouser wheel on dry sand, held out: slips, static insertion",
 }
 """What each table or figure is about, in the order of the index; others follow under their own names."""
 WANTED = (

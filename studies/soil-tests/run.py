@@ -2,8 +2,8 @@
 
 Usage: python run.py [PART ...] (default: all). Parts: files (the three test files, here as short tables),
 recovery (plates of two radii or one, known soils), wheels (wheels of two widths or one), naive (independent
-readings), table2 (the paper's own plate test), insertion (a wheel pushed into the sand of the plates). Each
-writes its CSV beside this file.
+readings), table2 (the paper's own plate test), insertion (a wheel pushed into the sand of the plates),
+statements (what the paper says, judged by the others' tables). Each writes its CSV beside this file.
 """
 
 from __future__ import annotations
@@ -495,6 +495,14 @@ def save(table: pd.DataFrame, name: str) -> None:
     print(f"{name}.csv: {len(table)} rows", flush=True)
 
 
+def statements() -> None:
+    """What the paper says beside the tables of this folder."""
+    sys.path.append(str(HERE))
+    import soil_statements
+
+    soil_statements.statements().to_csv(HERE / "statements.csv", index=False)
+
+
 PARTS: dict[str, Callable[[], None]] = {
     "files": files,
     "naive": naive,
@@ -502,6 +510,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "wheels": wheels,
     "table2": table2,
     "insertion": insertion,
+    "statements": statements,
 }
 
 

@@ -43,6 +43,13 @@ def test_every_table_has_its_line_with_numbers(script: ModuleType) -> None:
         assert bool(cells["why"]) == bool(len(index[place].off))
 
 
+def test_nothing_is_missing(script: ModuleType) -> None:
+    """Every table and figure that the index is to hold has a statement in some study."""
+    text = (STUDIES / "paper" / "README.md").read_text(encoding="utf-8")
+    assert "Nothing is missing." in text
+    assert set(script.WANTED) <= {line.place for line in script.lines(script.found())}
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [
