@@ -36,9 +36,9 @@ WHEELS = {
     "Wh32": bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
 }
 SLIPS = (0.05, 0.15, 0.3, 0.45, 0.6)
-FITS = SamplingOptions(target_ess=400, walkers=64, max_steps=200)
+FITS = SamplingOptions(target_ess=400, walkers=32, max_steps=80)
 SMALL = PoolingOptions(
-    (20, 40, 80), AdaptationOptions(particles=256, components=8, refinements=(4, 4), more=(), shores=8)
+    (15, 30, 60), AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), shores=4)
 )
 LONG_FITS = SamplingOptions(target_ess=400, walkers=64, max_steps=4000)
 """A second fit, with the usual adaptation, where the first was not enough."""
