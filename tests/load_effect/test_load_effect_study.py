@@ -58,7 +58,7 @@ def test_three_loads_tell_what_one_does_not() -> None:
     assert (table.loc["three loads"].loc[effects, "verdict"] == "determined").all()
     away = (table["median"] - table["truth"]).abs() / table["sd"]
     assert (away.loc["three loads"] < 3).all()
-    assert table.loc["three loads", "covered"].sum() >= 8
+    assert table.loc["three loads"]["covered"].sum() >= 8
     alone = table.loc["the mean load alone"]
     assert (alone.loc[["cDP", "cM"], "verdict"] == "structurally not determined").all()
     assert (alone.loc[["cDP", "cM"], "contraction"].abs() < 0.1).all()
