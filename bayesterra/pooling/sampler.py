@@ -31,8 +31,8 @@ STARTS = 2048
 """Points that every ensemble fits its first laws to."""
 START_SHARE = 0.05
 """Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
-LONE_ESS = 4000
-"""Effective draws asked of each group alone, at most; not more than of the joint posterior."""
+LONE_ESS, LONE_STEPS = 4000, 4000
+"""Effective draws asked of each group alone, and steps that it may take, at most; not more than of all."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,7 @@ class PoolingOptions:
     """
 
     pilots: tuple[int, ...] = (30, 60, 120)
-    lone: AdaptationOptions = field(
-        default_factory=lambda: AdaptationOptions(particles=512, components=12, shores=12)
-    )
+    lone: AdaptationOptions = field(default_factory=AdaptationOptions)
 
 
 @dataclass(frozen=True)
@@ -103,13 +101,14 @@ def sample_groups(
     journal: Journal | None = None,
 ) -> dict[str, Samples]:
     """Sample each group's posterior alone, under the stated prior: no pooling."""
-    asked = replace(options, target_ess=min(options.target_ess, LONE_ESS))
+    ess, steps = min(options.target_ess, LONE_ESS), min(options.max_steps, LONE_STEPS)
+    asked = replace(options, target_ess=ess, max_steps=steps)
     found = {}
     for number, (stream, (group, posterior)) in enumerate(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
     ):
         own = _Named(journal or NoJournal(), f"group-{number + 1}")
-        found[group] = sample(posterior, asked, stream, adaptation=adaptation, journal=own)
+        found[group] = sample(posterior, asked, stream, report, adaptation, own)
         report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
     return found
 

@@ -16,6 +16,7 @@ import bayesterra as bt
 from bayesterra.models import M1
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooled import PooledResult, run_pooled
+from bayesterra.sampling.sampler import Progress
 
 HERE = Path(__file__).parent
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
@@ -145,9 +146,17 @@ def judged(case: str, table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([pd.Series([case] * len(table), name="case"), table], axis=1)
 
 
+def _shown(case: str, progress: Progress) -> None:
+    found = progress.diagnosis
+    rest = (
+        "" if found is None else f" {found.steps} steps, {found.ess:.0f} effective, {found.worst_r_hat:.4f}"
+    )
+    print(f"{case}: {progress.stage} {progress.done:.2f}{rest}", flush=True)
+
+
 def remake(case: str, keep: Path | None) -> dict[str, pd.DataFrame]:
     """Run a case and make its tables."""
-    result = run_pooled(simulated(case), report=lambda p: print(case, p.stage, f"{p.done:.2f}", flush=True))
+    result = run_pooled(simulated(case), report=lambda progress: _shown(case, progress))
     if keep is not None:
         from bayesterra.workflow import PooledRun
 
