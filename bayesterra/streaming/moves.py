@@ -23,9 +23,11 @@ PER_COMPONENT = 150
 """Particles for each component of the mixture that is proposed from."""
 MOST_COMPONENTS = 12
 DEFENCE = 0.1
-FORGOTTEN = 0.2
+FORGOTTEN = 0.1
 """Largest correlation with where they came from at which particles count as moved."""
-FEWEST, MOST = 2, 24
+TAIL = 0.1
+"""Share of the particles in either tail, whose whereabouts must be forgotten too."""
+FEWEST, MOST = 2, 40
 """Sweeps of one rejuvenation."""
 
 
@@ -37,19 +39,21 @@ class Rejuvenation:
     ----------
     sweeps : moves of every particle.
     acceptance : share of accepted independence proposals.
-    correlation : largest correlation over the coordinates, before with after.
+    correlation : largest correlation of where particles and their tails were with where they are.
+    limit : at which they count as moved; ``FORGOTTEN``, or more where particles are too few to see that.
     temperature : power of the newest row's likelihood, 1 where it was taken in at once.
     """
 
     sweeps: int
     acceptance: float
     correlation: float
+    limit: float
     temperature: float
 
     @property
     def moved(self) -> bool:
         """Whether the particles have forgotten where they came from."""
-        return self.correlation <= FORGOTTEN
+        return self.correlation <= self.limit
 
 
 @dataclass(frozen=True)
@@ -164,9 +168,10 @@ def rejuvenate(
     place, u, alive = _fitted(cloud, levels, before, rng)
     chosen = systematic(cloud.weights[alive], n, rng)
     points = place.points(place.proposal.unbending.straighten(u)[0][chosen])
-    start, accepted, tried = points.v.copy(), 0, 0
-    correlation, sweeps = 1.0, 0
-    while sweeps < FEWEST or (sweeps < MOST and correlation > FORGOTTEN):
+    memory = _Memory.of(points)
+    accepted = tried = sweeps = 0
+    correlation, limit = 1.0, max(FORGOTTEN, 3.0 / np.sqrt(n))
+    while sweeps < FEWEST or (sweeps < MOST and correlation > limit):
         independent = sweeps % 3 < 2
         v, log_ratio = _proposed(points.v, place.proposal, independent, rng)
         new = place.points(v)
@@ -177,9 +182,9 @@ def rejuvenate(
         sweeps += 1
         if independent:
             accepted, tried = accepted + int(taken.sum()), tried + n
-        correlation = _correlation(start, points.v)
+        correlation = memory.correlation(points)
     moved = Cloud.even(points.x, points.earlier)
-    return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, temperature)
+    return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, limit, temperature)
 
 
 def _fitted(
@@ -222,8 +227,31 @@ def _proposed(
     return v + step, np.zeros(n)
 
 
-def _correlation(before: FloatArray, after: FloatArray) -> float:
-    """Largest correlation, over the coordinates, of where particles were with where they are."""
-    first, second = before - before.mean(axis=0), after - after.mean(axis=0)
-    norm = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
-    return float(np.max(np.abs((first * second).sum(axis=0)) / np.maximum(norm, 1e-300)))
+@dataclass(frozen=True)
+class _Memory:
+    """Where particles were: parameters and straight coordinates, and who was in which tail of them.
+
+    Tails are looked at by themselves: they may be left long after the middle has mixed.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    features: FloatArray
+
+    @classmethod
+    def of(cls, points: _Points) -> _Memory:
+        values = np.column_stack([points.x, points.v])
+        low, high = np.quantile(values, (TAIL, 1.0 - TAIL), axis=0)
+        return cls(low, high, _features(values, low, high))
+
+    def correlation(self, points: _Points) -> float:
+        """Largest correlation of what was with what is."""
+        now = _features(np.column_stack([points.x, points.v]), self.low, self.high)
+        norm = np.sqrt((self.features**2).sum(axis=0) * (now**2).sum(axis=0))
+        return float(np.max((self.features * now).sum(axis=0) / np.maximum(norm, 1e-300)))
+
+
+def _features(values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Centred values and indicators of both tails, (n, 3 k)."""
+    features = np.column_stack([values, values < low, values > high])
+    return np.asarray(features - features.mean(axis=0), dtype=np.float64)

@@ -22,8 +22,9 @@ NAMES = {
 
 def write() -> None:
     """Write README.md from the tables."""
-    agreement = pd.read_csv(HERE / "agreement.csv")
-    evidence = pd.read_csv(HERE / "evidence.csv")
+    agreement = compared()
+    agreement.to_csv(HERE / "agreement.csv", index=False, float_format="%.5g")
+    evidence = pd.concat([pd.read_csv(HERE / f"{name}-evidence.csv") for name in ("batch", "streams")])
     rows, linear = pd.read_csv(HERE / "rows.csv"), pd.read_csv(HERE / "rows-M2.csv")
     points = pd.read_csv(HERE / "point-estimates.csv").groupby("rows")["cpu_ms"].median()
     delays, same = pd.read_csv(HERE / "delays.csv"), pd.read_csv(HERE / "unchanged.csv")
@@ -41,6 +42,17 @@ def write() -> None:
         )
     )
     (HERE / "README.md").write_text(filled, encoding="utf-8")
+
+
+def compared() -> pd.DataFrame:
+    """Every quantile of every stream beside the batch's, and the difference in errors of the two together."""
+    keys = ["parameter", "unit", "probability"]
+    batch = pd.read_csv(HERE / "batch.csv").drop(columns="run")
+    both = pd.read_csv(HERE / "streams.csv").merge(batch, on=keys, suffixes=("", "_batch"), sort=False)
+    error = np.hypot(both["error"], both["error_batch"])
+    apart = (both["value"] - both["value_batch"]) / error
+    columns = {"batch": both["value_batch"], "stream": both["value"], "error": error, "errors_apart": apart}
+    return both[["run", *keys]].assign(**columns)
 
 
 def _answer(agreement: pd.DataFrame, rows: pd.DataFrame, delays: pd.DataFrame, same: pd.DataFrame) -> str:
