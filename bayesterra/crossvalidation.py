@@ -221,9 +221,11 @@ class _Case:
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Parameters, log prior with Jacobian, and log density of every row (n, m), all −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
-        prior = self.near.posterior.log_prior(x) + log_jacobian
+        prior = self.near.posterior.log_prior(x)
+        known = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
+        prior = np.where(known, prior + np.where(known, log_jacobian, 0.0), -np.inf)
         terms = np.full((len(u), self.density.shape[1]), -np.inf)
-        inside = np.flatnonzero(np.isfinite(prior))
+        inside = np.flatnonzero(known)
         terms[inside] = self.near.posterior.log_terms(x[inside]).sum(axis=2)
         answered = np.isfinite(terms).all(axis=1)
         return x, np.where(answered, prior, -np.inf), np.where(answered[:, None], terms, -np.inf)

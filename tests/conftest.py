@@ -9,11 +9,18 @@ from types import ModuleType
 import pytest
 
 from bayesterra.inference import run
+from bayesterra.models import warm_up
 from bayesterra.results import Result
 from bayesterra.study import load_study
 
 STUDIES = Path(__file__).parent.parent / "studies"
 HIT = STUDIES / "hit-wh32"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the models once, before test processes start that would each do it."""
+    if not hasattr(config, "workerinput"):
+        warm_up()
 
 
 @pytest.fixture(scope="session")

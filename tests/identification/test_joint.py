@@ -13,6 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import SupportError
 from bayesterra.identification import Fit, fit
 from bayesterra.identification.joint import WeightedMisfit
+from bayesterra.identification.settings import Overrides, joint_settings
 from bayesterra.identification.support import MARGIN, ClippedModel, clip
 from bayesterra.models import Soil
 from bayesterra.posteriors import posterior
@@ -191,3 +192,20 @@ def test_corner_of_edge_and_range(make_study: MakeStudy, noisy: pd.DataFrame, so
     here = np.array([values[name] for name in density.names])
     near = here * (1 + 1e-3 * rng.standard_normal((2000, here.size)))
     assert np.max(density.log_density(near)) < best + 1e-3
+
+
+def test_moduli_without_ends_leave_a_finite_start(
+    make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+) -> None:
+    """Laws of k_c and k_φ that reach everywhere, as those of plate tests do, bound K_s by zero alone."""
+    priors = {
+        "set": "paper-box",
+        "kc": {"dist": "norm", "loc": 1e4, "scale": 2e3},
+        "kphi": {"dist": "norm", "loc": 2.4e6, "scale": 4e5},
+    }
+    study = make_study("M1", "Wh32", soil, data=noisy, priors=priors, least_squares={})
+    settings = joint_settings(study, Overrides())
+    assert settings.start[0] == pytest.approx(1e4 / 0.165 + 2.4e6)
+    assert 0 < settings.lower[0] < settings.start[0]
+    assert np.isposinf(settings.upper[0])
+    assert fit(study, methods=("joint",))["joint"].converged
