@@ -16,7 +16,7 @@ from bayesterra.streaming.learning import learn, settled
 from bayesterra.streaming.moves import Levels
 
 SD = 0.3
-ROWS, PARTICLES, D = 40, 1500, 3
+ROWS, PARTICLES, D = 30, 800, 3
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,13 @@ def test_rows_one_by_one_end_at_the_exact_posterior_and_evidence(line: Line, bac
 
 
 def test_the_stated_error_of_the_evidence_is_the_spread_over_repetitions(line: Line) -> None:
-    """Twelve runs scatter about the exact evidence as far as each says of itself, within a factor of two."""
+    """Ten runs scatter about the exact evidence as far as each says of itself, within a factor of two."""
     part = Line(line.design[:10], line.readings[:10])
     found = []
-    for seed in range(12):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
-        before = rng.standard_normal((400, D))
-        cloud, total, variance = Cloud.even(before, np.zeros(400)), 0.0, 0.0
+        before = rng.standard_normal((300, D))
+        cloud, total, variance = Cloud.even(before, np.zeros(300)), 0.0, 0.0
         for number in range(1, 11):
             rows = Line(part.design[:number], part.readings[:number])
             learned = learn(cloud, _made(rows), rows.terms(cloud.x)[:, -1], before, rng)
