@@ -1,8 +1,8 @@
 """A rover's posterior row by row: against the batch, time per row, and planted changes of soil.
 
-Run ``python studies/streaming/run.py``, or some of its parts: ``at_once``, ``one_by_one``, ``changed``, ``same``,
-``figures``. All readings are simulated. Tables are gone on with where they end: remove them to begin anew. One
-process; about four, eight, three, three and no minutes on a core of its own.
+Run ``python studies/streaming/run.py``, or parts of it: ``at_once``, ``one_by_one``, ``changed``, ``same``,
+``figures``. All readings are simulated. Tables are gone on with where they end: remove them to begin anew.
+One process; about four, eight, three, three and no minutes on a core of its own.
 """
 
 from __future__ import annotations

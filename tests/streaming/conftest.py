@@ -35,7 +35,7 @@ def rows(script: ModuleType, plan: bt.Study) -> list[Observations]:
 @pytest.fixture(scope="session")
 def streamed(plan: bt.Study, rows: list[Observations]) -> bt.Stream:
     """A stream that has learned these rows; tests copy it before they add any."""
-    stream = bt.Stream(plan, seed=3, particles=300)
+    stream = bt.Stream(plan, seed=3, particles=200)
     for row in rows:
         stream.learn(row)
     return stream

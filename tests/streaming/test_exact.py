@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,9 +13,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, plain_coordinates
 from bayesterra.streaming.cloud import Cloud
 from bayesterra.streaming.learning import learn, settled
+from bayesterra.streaming.moves import Levels
 
 SD = 0.3
-ROWS, PARTICLES, D = 40, 1500, 3
+ROWS, PARTICLES, D = 30, 800, 3
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,16 @@ def exact(line: Line) -> tuple[FloatArray, FloatArray, float]:
     mean = covariance @ line.design.T @ line.readings / SD**2
     marginal = line.design @ line.design.T + SD**2 * np.eye(len(line.readings))
     level = -0.5 * line.readings @ np.linalg.solve(marginal, line.readings)
-    return mean, covariance, float(level - 0.5 * np.linalg.slogdet(2 * np.pi * marginal)[1])
+    return (
+        np.asarray(mean),
+        np.asarray(covariance, dtype=np.float64),
+        float(level - 0.5 * np.linalg.slogdet(2 * np.pi * marginal)[1]),
+    )
+
+
+def _made(line: Line) -> Callable[[], Levels]:
+    """What makes the densities of all rows."""
+    return lambda: cast(Levels, line)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +78,7 @@ def test_rows_one_by_one_end_at_the_exact_posterior_and_evidence(line: Line, bac
     cloud, total, variance, events = Cloud.even(before, np.zeros(PARTICLES)), 0.0, 0.0, 0
     for number in range(1, ROWS + 1):
         part = Line(line.design[order[:number]], line.readings[order[:number]])
-        learned = learn(cloud, lambda part=part: part, part.terms(cloud.x)[:, -1], before[:200], rng)
+        learned = learn(cloud, _made(part), part.terms(cloud.x)[:, -1], before[:200], rng)
         cloud, total = learned.cloud, total + learned.log_predictive
         variance, events = variance + learned.variance, events + len(learned.rejuvenations)
         assert np.allclose(cloud.log_likelihood, part.terms(cloud.x).sum(axis=1))
@@ -80,16 +92,16 @@ def test_rows_one_by_one_end_at_the_exact_posterior_and_evidence(line: Line, bac
 
 
 def test_the_stated_error_of_the_evidence_is_the_spread_over_repetitions(line: Line) -> None:
-    """Twelve runs scatter about the exact evidence as far as each says of itself, within a factor of two."""
+    """Ten runs scatter about the exact evidence as far as each says of itself, within a factor of two."""
     part = Line(line.design[:10], line.readings[:10])
     found = []
-    for seed in range(12):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
-        before = rng.standard_normal((400, D))
-        cloud, total, variance = Cloud.even(before, np.zeros(400)), 0.0, 0.0
+        before = rng.standard_normal((300, D))
+        cloud, total, variance = Cloud.even(before, np.zeros(300)), 0.0, 0.0
         for number in range(1, 11):
             rows = Line(part.design[:number], part.readings[:number])
-            learned = learn(cloud, lambda rows=rows: rows, rows.terms(cloud.x)[:, -1], before, rng)
+            learned = learn(cloud, _made(rows), rows.terms(cloud.x)[:, -1], before, rng)
             cloud, total = learned.cloud, total + learned.log_predictive
             variance += learned.variance
         found.append((total - exact(part)[2], np.sqrt(variance + settled(cloud))))
