@@ -35,13 +35,15 @@ def plates(
     scatter: float = 0.05,
     **tables: Any,
 ) -> SoilTest:
-    """Plate tests whose levels scatter, with exact curves otherwise."""
+    """Plate tests that scatter as the likelihood says: deviations along the curve, zeros apart by 0.1 mm."""
     rng, rows = np.random.default_rng(5), []
+    z = np.geomspace(2e-3, 30e-3, readings)
+    together = np.exp(-np.abs(np.subtract.outer(np.log(z), np.log(z))) / 2.0)
     for radius in radii:
         for number in range(tests):
-            z = np.geomspace(2e-3, 30e-3, readings)
-            shift = np.exp(scatter * rng.standard_normal())
-            p = (SOIL["kc"] / radius + SOIL["kphi"]) * z ** SOIL["n"] * shift
+            shift = np.exp(scatter * np.linalg.cholesky(together) @ rng.standard_normal(readings))
+            depth = z + 1e-4 * rng.standard_normal()
+            p = (SOIL["kc"] / radius + SOIL["kphi"]) * depth ** SOIL["n"] * shift
             rows += [(f"{radius} {number}", 2 * radius, a, b) for a, b in zip(z, p, strict=True)]
     table = pd.DataFrame(rows, columns=["test", "plate_diameter [m]", "sinkage [m]", "pressure [Pa]"])
     given = {"test": "plate", "data": {"file": "readings.csv"}, "priors": PLATE_PRIORS, "sampling": SMALL}
@@ -49,13 +51,15 @@ def plates(
 
 
 def shear(stresses: tuple[float, ...] = (5e3, 15e3), tests: int = 2, **tables: Any) -> SoilTest:
-    """Shear curves whose strengths scatter by 2 %."""
+    """Shear curves that scatter by 2 %, along each curve as the likelihood says."""
     rng, rows = np.random.default_rng(5), []
+    j = np.geomspace(1e-3, 60e-3, 15)
+    together = np.exp(-np.abs(np.subtract.outer(np.log(j), np.log(j))) / 2.0)
     for stress in stresses:
         for number in range(tests):
-            j = np.geomspace(1e-3, 60e-3, 15)
             strength = STRENGTH["c"] + stress * np.tan(STRENGTH["phi"])
-            tau = strength * -np.expm1(-j / STRENGTH["K"]) * np.exp(0.02 * rng.standard_normal())
+            shift = 0.02 * np.linalg.cholesky(together) @ rng.standard_normal(len(j))
+            tau = strength * -np.expm1(-j / STRENGTH["K"]) * np.exp(shift)
             rows += [(f"{stress} {number}", stress, a, b) for a, b in zip(j, tau, strict=True)]
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given = {"test": "shear", "data": {"file": "readings.csv"}, "priors": SHEAR_PRIORS, "sampling": SMALL}

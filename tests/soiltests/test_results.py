@@ -12,10 +12,13 @@ import xarray as xr
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.models import Wheel
 from bayesterra.soiltesting import SavedSoilTest
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.leaving_out import LeftOut
 from bayesterra.soiltests.study import load_soil_test, soil_test
+from bayesterra.study import Study
+from bayesterra.tabulated import Tabulated
 
 from .conftest import PLATE_PRIORS, SOIL, plates
 
@@ -95,6 +98,27 @@ def test_a_result_is_a_whole_folder_that_gives_the_test_back(analysed: Analysed,
     assert "http" not in page.replace("http://www.w3.org", "")
     with pytest.raises(ResultError, match="exists already"):
         result.save(tmp_path / "out")
+
+
+def test_the_posterior_of_plates_is_a_wheels_prior(analysed: Analysed, tmp_path: Path) -> None:
+    """A wheel study that names the folder has the moduli's laws and their correlation."""
+    result = SavedSoilTest.of(analysed("plates"))
+    result.save(tmp_path / "plates")
+    take = {"kc": "kc", "kphi": "kphi", "n0": "n"}
+    study = Study(
+        pd.DataFrame({"slip": [0.1, 0.3], "load [N]": 80.0, "drawbar_pull [N]": [14.0, 22.0]}),
+        {"Wh3": Wheel(radius=0.157, width=0.165)},
+        slip_reference="rim",
+        noise={"drawbar_pull": 1.0},
+        priors={"set": "paper-box", "from": [{"result": str(tmp_path / "plates"), "take": take}]},
+    )
+    draws = result.draws["posterior"].to_dataset().stack(all=("chain", "draw"))
+    for name, source in take.items():
+        values, law = draws[source].to_numpy(), study.prior.laws[name]
+        assert isinstance(law, Tabulated)
+        assert abs(law.median - np.median(values)) < 0.1 * values.std()
+    ranks = draws[["kc", "kphi"]].to_dataframe()[["kc", "kphi"]].corr("spearman").iloc[0, 1]
+    assert abs(study.prior.correlation["kc, kphi"] - ranks) < 0.1
 
 
 TOML = """title = "two plates"
