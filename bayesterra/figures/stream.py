@@ -24,6 +24,8 @@ COLUMNS = 4
 def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = None) -> FloatArray:
     """Draw median and 90 % band of every parameter after each row; returns the array of axes.
 
+    Of long streams the first fiftieth does not count for the limits of the axes.
+
     Dashed: the row at which the soil seems to have changed, where there was an alarm. Dotted: true values of
     simulated data.
 
@@ -73,6 +75,11 @@ def _band(ax: Axes, updates: pd.DataFrame, parameter: Parameter) -> None:
     for _, part in updates.groupby(soils.to_numpy()):
         ax.fill_between(part["row"], part[low], part[high], color=POSTERIOR, alpha=0.25, linewidth=0)
         ax.plot(part["row"], part[middle], color=POSTERIOR, marker="" if len(part) > 1 else ".")
+    # the first rows of a long stream know so little that nothing later could be seen beside them
+    settled = updates.iloc[len(updates) // 50 :]
+    bottom, top = float(settled[low].min()), float(settled[high].max())
+    margin = 0.05 * (top - bottom) or 1e-12
+    ax.set_ylim(bottom - margin, top + margin)
     ax.set_ylabel(label(parameter))
     ax.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     ax.grid(color=GRID, linewidth=0.4, alpha=0.6)

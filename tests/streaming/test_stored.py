@@ -7,14 +7,10 @@ from types import ModuleType
 
 import numpy as np
 import pandas as pd
-import pytest
 
 import bayesterra as bt
 
 STORED = Path(__file__).parents[2] / "studies" / "streaming"
-pytestmark = pytest.mark.skipif(
-    not (STORED / "agreement.csv").is_file(), reason="the long runs of the study have not been made yet"
-)
 
 
 def test_every_quantile_agrees_with_the_batch_within_four_errors() -> None:
