@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "drives": (("{folder}/run.py",),),
     "load-effect": (("{folder}/run.py",),),
     "sequential": (("{folder}/run.py",),),
+    "plates-then-wheel": (("{folder}/run.py",),),
     "soil-tests": (("{folder}/run.py",),),
     "identifiability": (("{folder}/run.py",),),
     "verdicts": (("{folder}/run.py",),),

@@ -1,0 +1,36 @@
+"""The stored study of plates and a wheel on one sand: what its README says follows from its tables."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+STORED = Path(__file__).parents[2] / "studies" / "plates-then-wheel"
+
+
+@pytest.fixture(scope="module")
+def runs() -> pd.DataFrame:
+    """Runs by geometry and prior."""
+    return pd.read_csv(STORED / "runs.csv").set_index(["geometry", "prior"])
+
+
+def test_plates_decide_between_the_geometries(runs: pd.DataFrame) -> None:
+    """All runs converged; the plates' prior suits the wider geometry by far, and the box cannot tell as much."""
+    assert runs["converged"].all()
+    evidence = runs["log_evidence"].unstack("prior")
+    gain = evidence.loc["cmu-grouser-wide"] - evidence.loc["cmu-grouser"]
+    assert gain["plates"] > 8
+    assert evidence.loc["cmu-grouser", "plates"] < evidence.loc["cmu-grouser", "box"] - 3
+
+
+def test_the_wheel_adds_nothing_about_the_moduli() -> None:
+    """With either geometry the plates' moduli keep their spread; with the narrower one the zero error runs away."""
+    table = pd.read_csv(STORED / "parameters.csv").query("prior == 'plates'")
+    moduli = table[table["parameter"].isin(["kc", "kphi", "n0"])]
+    assert len(moduli) == 6
+    assert np.allclose(moduli["sd"] / moduli["prior_sd"], 1.0, atol=0.1)
+    offset = table[table["parameter"] == "sinkage_offset"].set_index("geometry")
+    shift = (offset["median"] - offset["prior_mean"]) / offset["prior_sd"]
+    assert shift["cmu-grouser"] < -2.4
+    assert abs(shift["cmu-grouser-wide"]) < 0.5
