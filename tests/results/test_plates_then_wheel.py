@@ -16,7 +16,7 @@ def runs() -> pd.DataFrame:
 
 
 def test_plates_decide_between_the_geometries(runs: pd.DataFrame) -> None:
-    """All runs converged; the plates' prior suits the wider geometry by far, and the box cannot tell as much."""
+    """All runs converged; the plates' prior suits the wider geometry by far."""
     assert runs["converged"].all()
     evidence = runs["log_evidence"].unstack("prior")
     gain = evidence.loc["cmu-grouser-wide"] - evidence.loc["cmu-grouser"]
@@ -25,7 +25,7 @@ def test_plates_decide_between_the_geometries(runs: pd.DataFrame) -> None:
 
 
 def test_the_wheel_adds_nothing_about_the_moduli() -> None:
-    """With either geometry the plates' moduli keep their spread; with the narrower one the zero error runs away."""
+    """With either geometry the plates' moduli keep their spread; the narrower one moves the zero error."""
     table = pd.read_csv(STORED / "parameters.csv").query("prior == 'plates'")
     moduli = table[table["parameter"].isin(["kc", "kphi", "n0"])]
     assert len(moduli) == 6

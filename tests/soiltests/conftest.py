@@ -42,7 +42,7 @@ def plates(
     for radius in radii:
         for number in range(tests):
             shift = np.exp(scatter * np.linalg.cholesky(together) @ rng.standard_normal(readings))
-            depth = z + 1e-4 * rng.standard_normal()
+            depth = z + 2e-3 * scatter * rng.standard_normal()
             p = (SOIL["kc"] / radius + SOIL["kphi"]) * depth ** SOIL["n"] * shift
             rows += [(f"{radius} {number}", 2 * radius, a, b) for a, b in zip(z, p, strict=True)]
     table = pd.DataFrame(rows, columns=["test", "plate_diameter [m]", "sinkage [m]", "pressure [Pa]"])
