@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from bayesterra.data import Observations
 from bayesterra.forward import Forward
 from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, profiles
 from bayesterra.likelihood import Likelihood
-from bayesterra.models import Conditions, WheelSoilModel
+from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.posteriors import Posterior
@@ -29,6 +29,7 @@ class Toy:
     values: Callable[[FloatArray], FloatArray]
     derivatives: Callable[[FloatArray], FloatArray]
     name: str = field(default="toy")
+    parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
 
     def kernel_inputs(self, theta: FloatArray, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
         """Rows as the models describe them; slip 0 throughout."""
