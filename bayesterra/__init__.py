@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -96,6 +97,13 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a public name where it is first used: help and version must come at once."""
+    if name == "__version__":
+        return version("bayesterra")
     if name not in _HOME:
         raise AttributeError(f"module 'bayesterra' has no attribute {name!r}")
     return getattr(import_module(f"bayesterra.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """Public names too, so that a notebook completes them before they are imported."""
+    return sorted({*globals(), *__all__, "__version__"})

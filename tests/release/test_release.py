@@ -1,0 +1,43 @@
+"""What a release promises: one version everywhere, and a citation that names it."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import bayesterra
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def _newest_change() -> tuple[str, str]:
+    found = re.search(r"^## (\S+) \((\S+)\)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    assert found is not None
+    return found[1], found[2]
+
+
+def _cited(key: str) -> str:
+    found = re.search(rf"^{key}: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    assert found is not None
+    return found[1]
+
+
+def test_version_is_the_same_everywhere() -> None:
+    """The project, the newest entry of the changelog and the citation name one version and one day."""
+    version, day = _newest_change()
+    assert version == PROJECT["version"] == _cited("version") == bayesterra.__version__
+    assert day == _cited("date-released")
+
+
+def test_citation_names_the_licence_and_the_paper() -> None:
+    """The licence is that of the project; the paper is the one that the README cites."""
+    assert _cited("license") == PROJECT["license"]
+    doi = re.search(r"^ +doi: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    assert doi is not None
+    assert doi[1] in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_public_name_can_be_had() -> None:
+    """Names of ``__all__`` exist, and ``dir`` shows them."""
+    assert set(bayesterra.__all__) <= set(dir(bayesterra))
+    assert all(getattr(bayesterra, name) is not None for name in bayesterra.__all__)
