@@ -68,6 +68,17 @@ set = "paper-box"               # flat within the paper's bounds; or "planetary"
 # kphi = { dist = "uniform", lower = "100 kPa", upper = "10000 kPa" }
 # sinkage_offset = { dist = "norm", scale = "1 mm" }   # zero error common to all sinkage readings
 
+# [[priors.from]]               # an earlier result as prior, with its correlations, in place of set
+# result = "../other-result"    # its folder, from this file
+# take = { c = "c", phi = "phi" }      # here = there; left out: all of the same name
+# widen = 1.5                   # this soil may differ: normal scores spread by this factor
+
+# [pooling]                     # several wheels, sites or runs in one study, told apart by a column
+# by = "wheel"                  # "wheel", "site" or "run"
+# shared = ["c", "phi"]         # one value for all; so has every parameter that stands in no list
+# separate = ["Ks", "n0", "n1", "c1", "c2"]     # each group its own
+# hierarchical = { K = { spread = { dist = "halfnorm", scale = "3 mm" } } }     # of one population
+
 [least_squares]
 # hold = { Ks = "2500 kPa" }    # also start, lower, upper
 

@@ -1,5 +1,6 @@
 """The command line: exit codes, one-line errors, and what the commands leave behind."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from bayesterra.__main__ import main
+from bayesterra.errors import StudyError
 from bayesterra.study import load_study
 
 from .conftest import Write
@@ -163,21 +165,32 @@ def test_the_template_is_a_good_study(tmp_path: Path, capsys: Captured) -> None:
     assert list(study.noise) == ["sinkage", "drawbar_pull", "resistance_moment"]
 
 
+def _switched_on(text: str) -> str:
+    """Lines of a study file whose keys and tables are no longer commented out."""
+    return "\n".join(re.sub(r"^# (?=\[|\w+ = )", "", line) for line in text.splitlines())
+
+
 def test_commented_lines_of_the_template_are_good_too(tmp_path: Path) -> None:
-    """Every example that the template only shows can be switched on."""
-    file = tmp_path / "study.toml"
+    """Every example that the template only shows can be switched on; an earlier result needs its folder."""
+    file, rows = tmp_path / "study.toml", "\n0.1,80,5,14,3.5,a\n0.2,80,7,18,4.5,b\n"
     main(["init", str(file)])
-    lines = file.read_text().splitlines()
-    shown = [
-        line.removeprefix("# ") if "=" in line.split("#")[1:2][0:1].__str__() else line for line in lines[2:]
-    ]
-    file.write_text("\n".join(line.replace("# [published]", "[published]") for line in shown))
-    table = "slip,load [N],sinkage [mm],drawbar_pull [N],resistance_moment [N m]\n0.1,80,5,14,3.5\n"
-    (tmp_path / "measurements.csv").write_text(table)
+    table = "slip,load [N],sinkage [mm],drawbar_pull [N],resistance_moment [N m],run"
+    (tmp_path / "measurements.csv").write_text(table + rows)
+    text = file.read_text()
+    first, rest = text.split("# [[priors.from]]")
+    earlier, rest = rest.split("# [pooling]")
+    pooling, last = ("# [pooling]" + rest).split("[least_squares]")
+
+    file.write_text(_switched_on(first + "[least_squares]" + last))
     study = load_study(file)
     assert study.published is not None
     assert study.model.shear_start == "rim"
     assert study.least_squares.hold == {"Ks": 2.5e6}
+    file.write_text(first + _switched_on(pooling).replace('"wheel"', '"run"', 1) + "[least_squares]" + last)
+    assert load_study(file).pooling is not None
+    file.write_text(first + _switched_on("# [[priors.from]]" + earlier) + "\n[least_squares]" + last)
+    with pytest.raises(StudyError, match=r"\[priors.from\].*other-result"):
+        load_study(file)
 
 
 def test_init_never_overwrites(tmp_path: Path, capsys: Captured) -> None:
