@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 import bayesterra as bt
+from bayesterra.figures.style import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.models import M1
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooled import PooledResult, run_pooled
@@ -25,6 +27,7 @@ NOISE = {"sinkage": 0.0002, "drawbar_pull": 0.25, "resistance_moment": 0.05}
 """Standard deviations, SI; an assumption: about those of means over several turns of a wheel."""
 SHARED = ("c", "phi")
 OWN = ("Ks", "n0", "n1", "K", "c1", "c2")
+LEVELS = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 
 # Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; c1, c2, K_s in kPa, n0, n1, K in mm
 WHEELS = {
@@ -141,6 +144,44 @@ def costs(case: str, result: PooledResult) -> pd.DataFrame:
     )
 
 
+def alone(case: str, result: PooledResult) -> pd.DataFrame:
+    """What each wheel alone says of c and φ, and what all say together: quantiles, field units."""
+    rows = []
+    for name in SHARED:
+        scale, draws = PARAMETERS[name].scale, result.draws["alone"][name]
+        laws = {wheel: draws.sel(group=wheel).to_numpy() / scale for wheel in WHEELS}
+        laws["all"] = result.draws["posterior"][name].to_numpy().ravel() / scale
+        for who, values in laws.items():
+            levels = dict(zip(LEVELS, np.quantile(values, list(LEVELS.values())), strict=True))
+            truths = [truth(case, one)[name] / scale for one in WHEELS if who in (one, "all")]
+            same = len({round(value, 9) for value in truths}) == 1
+            known = truths[0] if same else float("nan")
+            rows.append({"case": case, "parameter": name, "wheel": who, "truth": known, **levels})
+    return pd.DataFrame(rows)
+
+
+@styled
+def picture(table: pd.DataFrame) -> Figure:
+    """Draw c and φ of both cases: each wheel alone in grey, all together in blue, true values as circles."""
+    figure = new_figure(7.2, 4.6)
+    panels = figure.subplots(2, 2, sharex="col", sharey=True)
+    for line, case in zip(panels, CASES, strict=True):
+        for ax, name in zip(line, SHARED, strict=True):
+            part = table[(table["case"] == case) & (table["parameter"] == name)]
+            for i, row in enumerate(part.to_dict("records")):
+                colour = POSTERIOR if row["wheel"] == "all" else PRIOR
+                ax.plot([row["q05"], row["q95"]], [i, i], color=colour, linewidth=1.2)
+                ax.plot([row["q25"], row["q75"]], [i, i], color=colour, linewidth=4.0, solid_capstyle="butt")
+                mark = MARKS["truth"]
+                ax.plot(row["truth"], i, mark.marker, color=DATA, markerfacecolor="none", markersize=5)
+            ax.set(yticks=range(len(part)), yticklabels=part["wheel"], ylim=(len(part) - 0.4, -0.6))
+            ax.tick_params(axis="y", length=0)
+        line[0].set_ylabel(case.replace("-", " "))
+    for ax, name in zip(panels[1], SHARED, strict=True):
+        ax.set_xlabel(label(PARAMETERS[name]))
+    return figure
+
+
 def judged(case: str, table: pd.DataFrame) -> pd.DataFrame:
     """A table of the result with the case in front."""
     return pd.concat([pd.Series([case] * len(table), name="case"), table], axis=1)
@@ -163,6 +204,7 @@ def remake(case: str, keep: Path | None) -> dict[str, pd.DataFrame]:
         PooledRun.of(result).save(keep / case, overwrite=True)
     return {
         "recovery": recovered(case, result),
+        "alone": alone(case, result),
         "costs": costs(case, result),
         "sharing": judged(case, result.sharing),
         "pooling": judged(case, result.pooling),
@@ -182,6 +224,9 @@ def main() -> None:
             old = pd.read_csv(path) if path.is_file() else table.iloc[:0]
             kept = old[old["case"] != case]
             pd.concat([kept, table] if len(kept) else [table]).to_csv(path, index=False, float_format="%.6g")
+    picture(pd.read_csv(HERE / "alone.csv")).savefig(
+        HERE / "soils.png", dpi=150, facecolor="white", metadata={"Software": None}
+    )
 
 
 if __name__ == "__main__":
