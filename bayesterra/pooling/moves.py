@@ -28,8 +28,8 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
-from bayesterra.sampling.unbending import Proposal, fit_proposal
+from bayesterra.pooling.conditional import ConditionalLaw
+from bayesterra.sampling.unbending import Proposal
 
 INDEPENDENT_DRIVERS = 8
 """Most drivers that are also proposed afresh all at once."""
@@ -288,46 +288,3 @@ class PooledEnsemble:
         w.L[:, into] = L[:, taken]
         w.population[:, into], w.likelihood[:, into] = population[:, taken], likelihood[:, taken]
         self.counts.add(kind, taken)
-
-
-FITTED = 4096
-"""Most draws that laws are fitted to."""
-
-
-def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator, components: int = 8) -> Laws:
-    """Fit all proposals to draws of drivers (n, k) and locals (groups, n, d)."""
-    every = max(1, -(-len(D) // FITTED))
-    D, L = D[::every], L[:, ::every]
-    drivers = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
-    following = [
-        fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
-    ]
-    return Laws(drivers, tuple(following))
-
-
-def piloted(
-    family: Family, D: FloatArray, L: FloatArray, walkers: int, pilots: Sequence[int], rng: Generator
-) -> PooledEnsemble:
-    """An ensemble whose laws are fitted to starting points, then to what each of some pilot runs found.
-
-    Parameters
-    ----------
-    D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
-    pilots : sweeps of each pilot run, of which the second half is used.
-    """
-    inside = np.isfinite(Walkers.at(family, D, L).log_density)
-    D, L = D[inside], L[:, inside]
-    laws = fit_laws(family, D, L, rng)
-    start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
-    ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
-    for sweeps in pilots:
-        D, L, _ = ensemble.run(sweeps)
-        D, L = D[sweeps // 2 :], L[sweeps // 2 :]
-        laws = fit_laws(
-            family,
-            D.reshape(-1, D.shape[-1]),
-            np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1]),
-            rng,
-        )
-        ensemble = PooledEnsemble(family, laws, ensemble.walkers, rng)
-    return ensemble

@@ -20,7 +20,8 @@ from bayesterra.diagnostics import Diagnosis, diagnose
 from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import FITTED, Counts, Laws, PooledEnsemble, piloted
+from bayesterra.pooling.moves import Counts, Laws, PooledEnsemble
+from bayesterra.pooling.pilots import FITTED, piloted
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.journal import Journal, NoJournal, Segment
 from bayesterra.sampling.sampler import Progress, Samples, sample
@@ -45,7 +46,7 @@ class PoolingOptions:
     lone : adaptation of each group's own sampler.
     """
 
-    pilots: tuple[int, ...] = (30, 60, 120)
+    pilots: tuple[int, ...] = (30, 60, 120, 240)
     lone: AdaptationOptions = field(default_factory=AdaptationOptions)
 
 

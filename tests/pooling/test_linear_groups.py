@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import diagnose
 from bayesterra.pooling.conditional import fit_conditional
-from bayesterra.pooling.moves import piloted
+from bayesterra.pooling.pilots import piloted
 from bayesterra.pooling.populations import log_population
 
 FREE = (-np.inf, np.inf)
