@@ -72,7 +72,7 @@ def power_scaling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rn
     draws, prior = spaced(draws, DRAWS), spaced(prior, DRAWS)
     laws = list(posterior.prior.laws.values())
     flat = [bool(np.ptp(law.log_density(x)) < 1e-9) for law, x in zip(laws, draws.T, strict=True)]
-    likelihood = Scaled(posterior.log_prior_and_likelihood(draws)[1])
+    likelihood = Reweighted(posterior.log_prior_and_likelihood(draws)[1])
     joint = posterior.prior.score_correlation
     flat = [one and not others for one, others in zip(flat, (joint != 0).sum(axis=0) > 1, strict=True)]
     stated = Stated(posterior.names, laws, flat, joint)
@@ -88,18 +88,18 @@ class Stated:
     flat: Sequence[bool]
     correlation: FloatArray | None = None
 
-    def densities(self, x: FloatArray) -> list[Scaled]:
+    def densities(self, x: FloatArray) -> list[Reweighted]:
         """Log densities of the normal scores of parameter sets (n, d), parameter by parameter.
 
         Parameters that correlate in the prior have one law together, which is scaled as a whole.
         """
         parts = self._parts(x)
         joined = connected_components(self._joint != 0)[1]
-        return [Scaled(parts[:, joined == label].sum(axis=1)) for label in joined]
+        return [Reweighted(parts[:, joined == label].sum(axis=1)) for label in joined]
 
-    def together(self, x: FloatArray) -> Scaled:
+    def together(self, x: FloatArray) -> Reweighted:
         """Log density of the normal scores of parameter sets (n, d) under all laws at once."""
-        return Scaled(self._parts(x).sum(axis=1))
+        return Reweighted(self._parts(x).sum(axis=1))
 
     def _parts(self, x: FloatArray) -> FloatArray:
         """Terms (n, d) of −½ zᵀR⁻¹z, one for every parameter; those of a joint law belong together."""
@@ -112,7 +112,7 @@ class Stated:
 
 
 def scaled(
-    stated: Stated, likelihood: Scaled, prior: FloatArray, draws: FloatArray, *, noise: float
+    stated: Stated, likelihood: Reweighted, prior: FloatArray, draws: FloatArray, *, noise: float
 ) -> PowerScaling:
     """Sensitivities of draws (n, d) whose likelihood is known, beside those of the cut prior's (m, d)."""
     by_law, cut = stated.densities(draws), stated.densities(prior)
@@ -159,7 +159,7 @@ def log_normal(law: Law, x: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Scaled:
+class Reweighted:
     """Draws reweighted by a log density (n,) to the powers ``ALPHAS`` − 1."""
 
     log_density: FloatArray

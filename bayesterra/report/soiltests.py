@@ -256,17 +256,20 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _parameters(result: SoilTestResult) -> Section:
-    pairs = list(combinations([name for name in result.test.soil if name in result.names], 2))
+    pairs = combinations([name for name in result.test.soil if name in result.names], 2)
     pictures = tuple(
-        photograph(
-            figures.pair(result, *pair), f"{QUANTITIES[pair[0]].symbol} against {QUANTITIES[pair[1]].symbol}"
-        )
-        for pair in pairs
+        photograph(figures.pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}")
+        for a, b in pairs
     )
     caption = (
         "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least "
         "squares (marks)."
     )
+    gallery = (Gallery("small", pictures, caption),) if pictures else ()
+    return Section("parameters", "Parameters", (*gallery, _posterior_table(result), _words_table(result)))
+
+
+def _posterior_table(result: SoilTestResult) -> Table:
     header: tuple[Cell, ...] = ("", "unit", "median", "90 % HDI", "mode", "effective draws", "R-hat")
     rows = []
     for row in result.summary.to_dict("records"):
@@ -288,7 +291,11 @@ def _parameters(result: SoilTestResult) -> Section:
         "plate radius or normal stress), what such tests measure directly. The unit of moduli hangs on n: "
         "moduli of different n cannot be compared as they stand."
     )
-    words = tuple(
+    return Table(said, "llrrrrr", header, tuple(rows))
+
+
+def _words_table(result: SoilTestResult) -> Table:
+    rows = tuple(
         (
             letters(QUANTITIES[str(row["parameter"])].symbol),
             row["verdict"],
@@ -296,20 +303,9 @@ def _parameters(result: SoilTestResult) -> Section:
         )
         for row in result.identifiability.to_dict("records")
     )
-    meant = "What the data say; contraction: share of the prior's variance that they took away"
-    meant += (
-        ", of moduli at the sinkage where their laws are stated." if result.test.reference != 1.0 else "."
-    )
-    gallery = (Gallery("small", pictures, caption),) if pictures else ()
-    return Section(
-        "parameters",
-        "Parameters",
-        (
-            *gallery,
-            Table(said, "llrrrrr", header, tuple(rows)),
-            Table(meant, "llr", ("", "verdict", "contraction"), words),
-        ),
-    )
+    at = ", of moduli at the sinkage where their laws are stated" if result.test.reference != 1.0 else ""
+    said = f"What the data say; contraction: share of the prior's variance that they took away{at}."
+    return Table(said, "llr", ("", "verdict", "contraction"), rows)
 
 
 def _squares(result: SoilTestResult) -> Section:

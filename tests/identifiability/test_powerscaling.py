@@ -10,7 +10,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.powerscaling import (
     ALPHAS,
     PowerScaling,
-    Scaled,
+    Reweighted,
     Stated,
     distance,
     log_normal,
@@ -32,7 +32,7 @@ def made_up(precision: float, mean: float, *, law: Law = FLAT, seed: int = 1) ->
     prior = law.quantile(ndtr(rng.standard_normal((N, 1))))
     total = 1.0 + precision
     z = precision * mean / total + rng.standard_normal((N, 1)) / np.sqrt(total)
-    likelihood = Scaled(-0.5 * precision * (z[:, 0] - mean) ** 2)
+    likelihood = Reweighted(-0.5 * precision * (z[:, 0] - mean) ** 2)
     return scaled(Stated(["c"], [law], [True]), likelihood, prior, law.quantile(ndtr(z)), noise=0.01)
 
 
@@ -84,7 +84,7 @@ def test_a_normal_law_is_scaled_as_ever() -> None:
     """For a normal law the scaling by normal scores is ordinary power-scaling."""
     law = Law("norm", {"loc": 3.0, "scale": 2.0})
     x = law.sample(N, np.random.default_rng(1))
-    ours, ordinary = Scaled(log_normal(law, x)), Scaled(law.log_density(x))
+    ours, ordinary = Reweighted(log_normal(law, x)), Reweighted(law.log_density(x))
     assert ours.sensitivity(x) == pytest.approx(ordinary.sensitivity(x), rel=1e-9)
 
 
@@ -100,13 +100,13 @@ def test_sensitivity_of_a_normal_law_to_its_own_weight_is_known() -> None:
         return float(np.sqrt(terms[inside].sum() / (p + q)[inside].sum()))
 
     expected = np.mean([exact(alpha) / abs(np.log2(alpha)) for alpha in ALPHAS])
-    assert Scaled(-0.5 * x**2).sensitivity(x) == pytest.approx(expected, rel=0.05)
+    assert Reweighted(-0.5 * x**2).sensitivity(x) == pytest.approx(expected, rel=0.05)
 
 
 def test_a_stranger_stays_within_the_noise() -> None:
     """Parameters that have nothing to do with the density stay below the noise's 95 % point, mostly."""
     rng = np.random.default_rng(2)
-    density = Scaled(-0.5 * rng.chisquare(8, N))
+    density = Reweighted(-0.5 * rng.chisquare(8, N))
     noise = density.noise(rng)
     strangers: FloatArray = np.array([density.sensitivity(rng.random(N)) for _ in range(40)])
     assert 0.002 < noise < 0.03
