@@ -25,7 +25,7 @@ SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
 LOAD = 80.0
 NOISE = {"sinkage": 0.0002, "drawbar_pull": 0.25, "resistance_moment": 0.05}
 """Standard deviations, SI; an assumption: about those of means over several turns of a wheel."""
-SHARED = ("c", "phi")
+SOIL = ("c", "phi")
 OWN = ("Ks", "n0", "n1", "K", "c1", "c2")
 LEVELS = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 
@@ -49,6 +49,11 @@ CASES = {
     ),
 }
 """c (kPa) and φ (deg) of every wheel: the mean of Table 10 for all, or made to differ."""
+ROLES: dict[str, dict[str, object]] = {
+    "one-soil": {"shared": SOIL},
+    "six-soils": {"hierarchical": {name: {} for name in SOIL}},
+}
+"""What the study states of c and φ: one value as the paper has it, or values of one population."""
 
 
 def truth(case: str, name: str) -> dict[str, float]:
@@ -99,26 +104,33 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
         noise=NOISE,
         kind="simulated",
         source="studies/many-wheels/run.py: M1, soils of Ding et al. 2015, Table 10, c and φ as stated there",
-        pooling={"by": "wheel", "shared": SHARED, "separate": OWN},
+        pooling={"by": "wheel", **ROLES[case], "separate": OWN},
     )
 
 
+def known(case: str, parameter: str) -> float:
+    """True value of a parameter of the joint posterior, field units; of a population its wheels' mean or sd."""
+    base, _, name = parameter.removesuffix("]").partition("[")
+    base, _, what = base.partition(".")
+    values = [truth(case, one)[base] / PARAMETERS[base].scale for one in ([name] if name else WHEELS)]
+    return float(np.std(values, ddof=1) if what == "spread" else np.mean(values))
+
+
 def recovered(case: str, result: PooledResult) -> pd.DataFrame:
-    """Every parameter's true value beside its posterior, field units; a shared one has the wheels' mean."""
+    """Every parameter's true value beside its posterior, field units."""
     rows = []
     for row in result.summary.to_dict("records"):
-        base, _, name = str(row["parameter"]).removesuffix("]").partition("[")
-        values = [truth(case, one)[base] / PARAMETERS[base].scale for one in ([name] if name else WHEELS)]
+        true = known(case, str(row["parameter"]))
         rows.append(
             {
                 "case": case,
                 "parameter": row["parameter"],
                 "unit": row["unit"],
-                "truth": float(np.mean(values)),
+                "truth": true,
                 "median": row["median"],
                 "hdi90_lo": row["hdi90_lo"],
                 "hdi90_hi": row["hdi90_hi"],
-                "inside": bool(row["hdi90_lo"] <= np.mean(values) <= row["hdi90_hi"]),
+                "inside": bool(row["hdi90_lo"] <= true <= row["hdi90_hi"]),
                 "ess": min(row["ess_bulk"], row["ess_tail"]),
                 "r_hat": row["r_hat"],
             }
@@ -145,39 +157,52 @@ def costs(case: str, result: PooledResult) -> pd.DataFrame:
 
 
 def alone(case: str, result: PooledResult) -> pd.DataFrame:
-    """What each wheel alone says of c and φ, and what all say together: quantiles, field units."""
+    """What each wheel alone says of c and φ, and what it or the soil says with the others: quantiles."""
     rows = []
-    for name in SHARED:
-        scale, draws = PARAMETERS[name].scale, result.draws["alone"][name]
-        laws = {wheel: draws.sel(group=wheel).to_numpy() / scale for wheel in WHEELS}
-        laws["all"] = result.draws["posterior"][name].to_numpy().ravel() / scale
-        for who, values in laws.items():
+    for name in SOIL:
+        scale, joint = PARAMETERS[name].scale, result.draws["posterior"][name]
+        separate = result.draws["alone"][name]
+        laws = [("alone", wheel, separate.sel(group=wheel)) for wheel in WHEELS]
+        if "group" in joint.dims:
+            laws += [("together", wheel, joint.sel(group=wheel)) for wheel in WHEELS]
+        else:
+            laws.append(("together", "all", joint))
+        for how, wheel, draws in laws:
+            values = draws.to_numpy().ravel() / scale
             levels = dict(zip(LEVELS, np.quantile(values, list(LEVELS.values())), strict=True))
-            truths = [truth(case, one)[name] / scale for one in WHEELS if who in (one, "all")]
-            same = len({round(value, 9) for value in truths}) == 1
-            known = truths[0] if same else float("nan")
-            rows.append({"case": case, "parameter": name, "wheel": who, "truth": known, **levels})
+            true = known(case, f"{name}[{wheel}]" if wheel in WHEELS else name)
+            rows.append(
+                {"case": case, "parameter": name, "how": how, "wheel": wheel, "truth": true, **levels}
+            )
     return pd.DataFrame(rows)
 
 
 @styled
 def picture(table: pd.DataFrame) -> Figure:
-    """Draw c and φ of both cases: each wheel alone in grey, all together in blue, true values as circles."""
-    figure = new_figure(7.2, 4.6)
-    panels = figure.subplots(2, 2, sharex="col", sharey=True)
+    """Draw c and φ of both cases: each wheel alone in grey, together with the others in blue, truth as circles."""
+    figure = new_figure(7.2, 5.2)
+    panels = figure.subplots(2, 2, sharex="col")
     for line, case in zip(panels, CASES, strict=True):
-        for ax, name in zip(line, SHARED, strict=True):
+        for ax, name in zip(line, SOIL, strict=True):
             part = table[(table["case"] == case) & (table["parameter"] == name)]
-            for i, row in enumerate(part.to_dict("records")):
-                colour = POSTERIOR if row["wheel"] == "all" else PRIOR
-                ax.plot([row["q05"], row["q95"]], [i, i], color=colour, linewidth=1.2)
-                ax.plot([row["q25"], row["q75"]], [i, i], color=colour, linewidth=4.0, solid_capstyle="butt")
-                mark = MARKS["truth"]
-                ax.plot(row["truth"], i, mark.marker, color=DATA, markerfacecolor="none", markersize=5)
-            ax.set(yticks=range(len(part)), yticklabels=part["wheel"], ylim=(len(part) - 0.4, -0.6))
+            places = list(dict.fromkeys(part["wheel"]))
+            for row in part.to_dict("records"):
+                together = row["how"] == "together"
+                colour, at = (POSTERIOR, 0.14) if together else (PRIOR, -0.14)
+                at = places.index(row["wheel"]) + (0.0 if row["wheel"] == "all" else at)
+                ax.plot([row["q05"], row["q95"]], [at, at], color=colour, linewidth=1.2)
+                ax.plot(
+                    [row["q25"], row["q75"]], [at, at], color=colour, linewidth=4.0, solid_capstyle="butt"
+                )
+                if not together or row["wheel"] == "all":
+                    place, mark = places.index(row["wheel"]), MARKS["truth"]
+                    ax.plot(
+                        row["truth"], place, mark.marker, color=DATA, markerfacecolor="none", markersize=5
+                    )
+            ax.set(yticks=range(len(places)), yticklabels=places, ylim=(len(places) - 0.4, -0.6))
             ax.tick_params(axis="y", length=0)
         line[0].set_ylabel(case.replace("-", " "))
-    for ax, name in zip(panels[1], SHARED, strict=True):
+    for ax, name in zip(panels[1], SOIL, strict=True):
         ax.set_xlabel(label(PARAMETERS[name]))
     return figure
 
