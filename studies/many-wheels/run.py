@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import bayesterra as bt
@@ -109,7 +110,7 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
 
 
 def known(case: str, parameter: str) -> float:
-    """True value of a parameter of the joint posterior, field units; of a population its wheels' mean or sd."""
+    """True value of a parameter, field units; of a population, mean or sd of its wheels' values."""
     base, _, name = parameter.removesuffix("]").partition("[")
     base, _, what = base.partition(".")
     values = [truth(case, one)[base] / PARAMETERS[base].scale for one in ([name] if name else WHEELS)]
@@ -179,32 +180,30 @@ def alone(case: str, result: PooledResult) -> pd.DataFrame:
 
 @styled
 def picture(table: pd.DataFrame) -> Figure:
-    """Draw c and φ of both cases: each wheel alone in grey, together with the others in blue, truth as circles."""
+    """Draw c and φ of both cases: each wheel alone in grey, with the others in blue, true values as circles."""
     figure = new_figure(7.2, 5.2)
     panels = figure.subplots(2, 2, sharex="col")
     for line, case in zip(panels, CASES, strict=True):
         for ax, name in zip(line, SOIL, strict=True):
-            part = table[(table["case"] == case) & (table["parameter"] == name)]
-            places = list(dict.fromkeys(part["wheel"]))
-            for row in part.to_dict("records"):
-                together = row["how"] == "together"
-                colour, at = (POSTERIOR, 0.14) if together else (PRIOR, -0.14)
-                at = places.index(row["wheel"]) + (0.0 if row["wheel"] == "all" else at)
-                ax.plot([row["q05"], row["q95"]], [at, at], color=colour, linewidth=1.2)
-                ax.plot(
-                    [row["q25"], row["q75"]], [at, at], color=colour, linewidth=4.0, solid_capstyle="butt"
-                )
-                if not together or row["wheel"] == "all":
-                    place, mark = places.index(row["wheel"]), MARKS["truth"]
-                    ax.plot(
-                        row["truth"], place, mark.marker, color=DATA, markerfacecolor="none", markersize=5
-                    )
-            ax.set(yticks=range(len(places)), yticklabels=places, ylim=(len(places) - 0.4, -0.6))
-            ax.tick_params(axis="y", length=0)
+            _panel(ax, table[(table["case"] == case) & (table["parameter"] == name)])
         line[0].set_ylabel(case.replace("-", " "))
     for ax, name in zip(panels[1], SOIL, strict=True):
         ax.set_xlabel(label(PARAMETERS[name]))
     return figure
+
+
+def _panel(ax: Axes, part: pd.DataFrame) -> None:
+    places = list(dict.fromkeys(part["wheel"]))
+    for row in part.to_dict("records"):
+        place, together = places.index(row["wheel"]), row["how"] == "together"
+        colour, aside = (POSTERIOR, 0.14) if together else (PRIOR, -0.14)
+        at = [place + (0.0 if row["wheel"] == "all" else aside)] * 2
+        ax.plot([row["q05"], row["q95"]], at, color=colour, linewidth=1.2)
+        ax.plot([row["q25"], row["q75"]], at, color=colour, linewidth=4.0, solid_capstyle="butt")
+        marker = MARKS["truth"].marker
+        ax.plot(row["truth"], place, marker, color=DATA, markerfacecolor="none", markersize=5)
+    ax.set(yticks=range(len(places)), yticklabels=places, ylim=(len(places) - 0.4, -0.6))
+    ax.tick_params(axis="y", length=0)
 
 
 def judged(case: str, table: pd.DataFrame) -> pd.DataFrame:
