@@ -180,7 +180,7 @@ def alone(case: str, result: PooledResult) -> pd.DataFrame:
 
 @styled
 def picture(table: pd.DataFrame) -> Figure:
-    """Draw c and φ of both cases: each wheel alone in grey, with the others in blue, true values as circles."""
+    """Draw c and φ of both cases: each wheel alone in grey, with the others in blue, circles the truth."""
     figure = new_figure(7.2, 5.2)
     panels = figure.subplots(2, 2, sharex="col")
     for line, case in zip(panels, CASES, strict=True):
