@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from bayesterra.engines.base import Closing, Engine, WorkerDied, hold_to_one_thread, packed
+from bayesterra.engines.base import THREADS, Closing, Engine, WorkerDied, packed
 from bayesterra.errors import EngineError
 
+N = TypeVar("N")
 T = TypeVar("T")
 
 
@@ -31,7 +32,7 @@ class InProcess(Closing):
     elsewhere = False
     starting = False
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Return the task itself."""
         return task
 
@@ -73,7 +74,7 @@ class LocalPool(Closing):
         """Whether no process was started yet."""
         return not any(self._executors)
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Pickle the task once; see :func:`bayesterra.engines.base.packed`."""
         return packed(task)
 
@@ -147,7 +148,7 @@ def local_pool(workers: int | None = None) -> Engine:
 def _start() -> None:
     """In a new worker: leave Ctrl-C to the main process, and use one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    hold_to_one_thread()
+    os.environ.update(dict.fromkeys(THREADS, "1"))
 
 
 @contextmanager
