@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from math import isfinite
 from pathlib import Path
@@ -13,11 +11,10 @@ from typing import Any, Self
 
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
-from bayesterra.errors import ResultError
-from bayesterra.folders import WORK, check_free, part_of, settle, tidy, whole_folder, write_text
-from bayesterra.locking import locked
+from bayesterra.engines import Engine
+from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.study import Study
-from bayesterra.taskstore import STORE_FILE, TaskStore, finished_tasks
+from bayesterra.taskfolders import task_folder
 from bayesterra.writing import write_study
 
 MARK = "calibration.json"
@@ -55,7 +52,7 @@ def calibrate(
     *,
     n: int,
     seed: int = 1,
-    workers: int = 1,
+    engine: Engine | None = None,
     fit: Fit | None = None,
     progress: Callable[[Progress], None] = lambda update: None,
 ) -> CalibrationResult:
@@ -64,8 +61,9 @@ def calibrate(
     Parameters
     ----------
     n : replications, 20 at least; the result states which errors so many would have noticed.
-    seed : same seed, same ranks, whatever the number of workers.
-    workers : processes; with more than one a script needs its ``if __name__ == "__main__"``.
+    seed : same seed, same ranks, whatever the engine.
+    engine : computes the replications: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
     fit : samples the posterior of a simulated study, see :data:`bayesterra.calibration.Fit`; by default the
         sampler of :func:`bayesterra.run`.
     progress : called as the replications end.
@@ -76,7 +74,7 @@ def calibrate(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     found = calibration.calibrate(
-        study, n=n, seed=seed, workers=workers, fit=fit, report=lambda outcome, update: progress(update)
+        study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )
     return CalibrationResult.of(found)
 
@@ -88,7 +86,7 @@ class Job:
     study: Study
     n: int
     seed: int = 1
-    workers: int = 1
+    engine: Engine | None = None
     fit: Fit | None = None
 
 
@@ -114,34 +112,27 @@ def calibrate_study(
     from bayesterra.console import calibration_bar
 
     check_free(out, overwrite=overwrite, mark=MARK)
-    calibration.check(job.study, job.n, job.workers)
-    with _part_of(out, resume=resume, overwrite=overwrite) as part:
-        with calibration_bar(show=not quiet and sys.stderr.isatty()) as show:
-            found = CalibrationResult.of(_filled(job, part, (show, watch)))
-        found._write(part)
-        for path in (*part.glob(f"{STORE_FILE}*"), part / "status.json"):
-            path.unlink(missing_ok=True)
-        settle(part, out)
-        tidy(out)
-    return found
+    calibration.check(job.study, job.n)
+    opened = task_folder(
+        out, _made_with(job), mark=MARK, tasks="replications", resume=resume, overwrite=overwrite
+    )
+    with opened as (part, store, status):
+        with calibration_bar(show=not quiet) as show:
 
-
-def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]) -> Calibration:
-    """Run what is missing, and save every outcome as it comes."""
-    with TaskStore(part / STORE_FILE, _made_with(job)) as store:
-
-        def update(outcome: Outcome | None, progress: Progress) -> None:
-            if outcome is not None:
-                store.add(outcome.task, asdict(outcome))
-            write_text(part / "status.json", json.dumps(_status(progress)) + "\n")
-            for watch in watchers:
+            def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
+                store.add({outcome.task: asdict(outcome) for outcome in outcomes})
+                status.note(_status(progress))
+                show(progress)
                 watch(progress)
 
-        finished = [Outcome(**content) for content in store.tasks().values()]
-        return calibration.calibrate(
-            job.study, n=job.n, seed=job.seed, workers=job.workers, fit=job.fit, finished=finished,
-            report=update,
-        )  # fmt: skip
+            finished = [Outcome(**content) for content in store.tasks().values()]
+            made = calibration.calibrate(
+                job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
+                report=update,
+            )  # fmt: skip
+        found = CalibrationResult.of(made)
+        found._write(part)
+    return found
 
 
 def _made_with(job: Job) -> dict[str, Any]:
@@ -150,26 +141,6 @@ def _made_with(job: Job) -> dict[str, Any]:
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
     return {**origin.pop("versions"), **origin, **digests}
-
-
-@contextmanager
-def _part_of(folder: Path, *, resume: bool, overwrite: bool) -> Iterator[Path]:
-    """The folder to work in; what earlier work left in it stays with ``resume`` only."""
-    part = part_of(folder)
-    with locked(part / WORK / "lock", f"'{part}'"):
-        finished = finished_tasks(part / STORE_FILE)
-        if finished and not (resume or overwrite):
-            raise ResultError(
-                f"'{part}' holds {finished} finished replications: add --resume to go on, or --overwrite to"
-                " begin anew"
-            )
-        try:
-            for path in part.iterdir() if not resume else ():
-                if path.name != WORK:
-                    path.unlink()
-            yield part
-        except OSError as error:
-            raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
 
 
 def _status(progress: Progress) -> dict[str, object]:

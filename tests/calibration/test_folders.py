@@ -116,9 +116,9 @@ def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: Job, tmp_path:
 def test_others_read_the_store_while_it_is_written(tmp_path: Path) -> None:
     """A task is on the disk when ``add`` returns; a second connection sees it."""
     with TaskStore(tmp_path / "tasks.sqlite", {"seed": 1}) as store:
-        store.add(1, {"task": 1, "ess": 10.5})
+        store.add({1: {"task": 1, "ess": 10.5}})
         assert finished_tasks(tmp_path / "tasks.sqlite") == 1
-        store.add(2, {"task": 2, "ess": float("nan")})
+        store.add({2: {"task": 2, "ess": float("nan")}})
         assert list(store.tasks()) == [1, 2]
 
 
