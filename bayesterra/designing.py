@@ -14,9 +14,11 @@ import numpy as np
 from numpy.random import default_rng
 
 from bayesterra import report
+from bayesterra.checksums import check_sums
 from bayesterra.design.candidates import Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.design.readings import Situation
+from bayesterra.drawn import is_result
 from bayesterra.errors import StudyError
 from bayesterra.figures.design import gain_over_slip_png
 from bayesterra.folders import check_free, whole_folder, write_text
@@ -25,7 +27,7 @@ from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
 from bayesterra.results import Result
-from bayesterra.study import Study, load_study
+from bayesterra.study import STUDY_FILE, Study, load_study
 from bayesterra.workflow import load_single
 
 MARK = "design.json"
@@ -137,8 +139,9 @@ def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
 
 def known_in(path: Path) -> Result | Study:
     """The result in a folder that ``run`` wrote, else the study, with or without readings."""
-    if (path / "draws.nc").is_file() and not _prior_only(path):
+    if is_result(path) and not _prior_only(path):
         return load_single(path)
+    check_sums(path, STUDY_FILE, "measurements.csv")
     return load_study(path, prior_only=True)
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from bayesterra.errors import ResultError
 
 
 @contextmanager
-def locked(path: Path, place: str) -> Iterator[None]:
+def locked(path: Path, place: str) -> Iterator[Callable[[], bool]]:
     """Hold the lock of a file, which is made with its folders; the file may move or vanish meanwhile.
 
-    The operating system gives the lock back when the process ends, so a killed one is in nobody's way.
+    What is yielded tells whether the file is still where it was. The operating system gives the lock back
+    when the process ends, so a killed one is in nobody's way.
 
     Raises
     ------
@@ -23,7 +25,7 @@ def locked(path: Path, place: str) -> Iterator[None]:
     """
     handle = _held(path, place)
     try:
-        yield
+        yield partial(_is_at, handle, path)
     finally:
         os.close(handle)
 

@@ -15,7 +15,7 @@ from typing import Any, Self, cast
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.folders import WORK, check_free, part_of, tidy, unfinished, whole_folder, write_text
+from bayesterra.folders import WORK, check_free, clear_up, part_of, unfinished, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.notebook import result_table
 from bayesterra.pooled import PooledResult, run_pooled
@@ -195,7 +195,7 @@ def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
         return None
     if result.record["fingerprints"].get("run") != digest(identity(study, seed)):
         return None
-    tidy(out)
+    clear_up(out)
     return result
 
 

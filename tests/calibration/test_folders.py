@@ -17,7 +17,7 @@ from bayesterra.taskstore import TaskStore, finished_tasks
 from .conftest import MakeStudy, exact
 from .test_tasks import troubled
 
-FILES = {"ranks.csv", "calibration.json", "report.html", "study.toml", "measurements.csv"}
+FILES = {"ranks.csv", "calibration.json", "report.html", "study.toml", "measurements.csv", "SHA256SUMS"}
 
 
 def stop_at(number: int) -> Callable[[Progress], None]:
