@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from math import isfinite
 from pathlib import Path
@@ -13,9 +12,7 @@ from typing import Any, Self
 
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
-from bayesterra.errors import ResultError
-from bayesterra.folders import WORK, check_free, part_of, settle, tidy, whole_folder, write_text
-from bayesterra.locking import locked
+from bayesterra.folders import WORK, clear_up, part_of, whole_folder, write_text
 from bayesterra.study import Study
 from bayesterra.taskstore import STORE_FILE, TaskStore, finished_tasks
 from bayesterra.writing import write_study
@@ -113,22 +110,21 @@ def calibrate_study(
     """
     from bayesterra.console import calibration_bar
 
-    check_free(out, overwrite=overwrite, mark=MARK)
     calibration.check(job.study, job.n, job.workers)
-    with _part_of(out, resume=resume, overwrite=overwrite) as part:
+    if resume and not overwrite and (ended := _ended(job, out)):
+        return ended
+    how: dict[str, Any] = {"overwrite": overwrite, "resume": resume}
+    with whole_folder(out, mark=MARK, unfinished=_unfinished, **how) as part:
         with calibration_bar(show=not quiet and sys.stderr.isatty()) as show:
             found = CalibrationResult.of(_filled(job, part, (show, watch)))
         found._write(part)
-        for path in (*part.glob(f"{STORE_FILE}*"), part / "status.json"):
-            path.unlink(missing_ok=True)
-        settle(part, out)
-        tidy(out)
+        (part / "status.json").unlink(missing_ok=True)
     return found
 
 
 def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]) -> Calibration:
     """Run what is missing, and save every outcome as it comes."""
-    with TaskStore(part / STORE_FILE, _made_with(job)) as store:
+    with TaskStore(part / WORK / STORE_FILE, _made_with(job)) as store:
 
         def update(outcome: Outcome | None, progress: Progress) -> None:
             if outcome is not None:
@@ -152,24 +148,27 @@ def _made_with(job: Job) -> dict[str, Any]:
     return {**origin.pop("versions"), **origin, **digests}
 
 
-@contextmanager
-def _part_of(folder: Path, *, resume: bool, overwrite: bool) -> Iterator[Path]:
-    """The folder to work in; what earlier work left in it stays with ``resume`` only."""
-    part = part_of(folder)
-    with locked(part / WORK / "lock", f"'{part}'"):
-        finished = finished_tasks(part / STORE_FILE)
-        if finished and not (resume or overwrite):
-            raise ResultError(
-                f"'{part}' holds {finished} finished replications: add --resume to go on, or --overwrite to"
-                " begin anew"
-            )
-        try:
-            for path in part.iterdir() if not resume else ():
-                if path.name != WORK:
-                    path.unlink()
-            yield part
-        except OSError as error:
-            raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+def _unfinished(part: Path) -> str:
+    """What would be lost with ``<folder>.part``, in words."""
+    store = part / WORK / STORE_FILE
+    finished = finished_tasks(store)
+    if finished:
+        return f"an unfinished calibration of {finished} replications"
+    return "saved replications that cannot be read" if finished is None else ""
+
+
+def _ended(job: Job, out: Path) -> CalibrationResult | None:
+    """The calibration that a run left which was killed after its folder had become whole, else None."""
+    store = out / WORK / STORE_FILE
+    if not finished_tasks(store) or _unfinished(part_of(out)):
+        return None
+    with TaskStore(store, _made_with(job)) as tasks:
+        finished = [Outcome(**content) for content in tasks.tasks().values()]
+    if {outcome.task for outcome in finished} != set(range(1, job.n + 1)):
+        return None
+    found = calibration.calibrate(job.study, n=job.n, seed=job.seed, fit=job.fit, finished=finished)
+    clear_up(out)
+    return CalibrationResult.of(found)
 
 
 def _status(progress: Progress) -> dict[str, object]:

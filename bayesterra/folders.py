@@ -7,7 +7,7 @@ import glob
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.locking import locked
 
 WORK = "checkpoint"
-"""Folder in ``<folder>.part`` for what only serves the making: the lock, and segments to resume from."""
+"""Folder in ``<folder>.part`` for what only serves the making: the lock, and what to resume from."""
 SEGMENT = ".segment"
 """Ending of files that would be a loss (see :mod:`bayesterra.checkpoints`)."""
 
@@ -33,6 +33,8 @@ def check_free(folder: Path, *, overwrite: bool, mark: str = "run.json") -> None
     if folder.exists() and not folder.is_dir():
         raise ResultError(f"'{folder}' is a file: give another folder with --out")
     if folder.exists() and not overwrite:
+        if (folder / WORK).is_dir() and (folder / SUMS).is_file():
+            clear_up(folder)
         raise ResultError(f"'{folder}' exists already: add --overwrite to replace it, or give --out")
     parent = folder.resolve().parent
     if not parent.is_dir():
@@ -49,9 +51,9 @@ def part_of(folder: Path) -> Path:
     return folder.with_name(folder.name + ".part")
 
 
-def unfinished(part: Path) -> bool:
-    """Whether saved segments would be lost with ``part``."""
-    return any((part / WORK).glob("*" + SEGMENT))
+def saved_segments(part: Path) -> str:
+    """What would be lost with ``part``, in words; empty if nothing."""
+    return "an unfinished run" if any((part / WORK).glob("*" + SEGMENT)) else ""
 
 
 @contextmanager
@@ -62,18 +64,19 @@ def whole_folder(
     resume: bool = False,
     mark: str = "run.json",
     sums: bool = True,
+    unfinished: Callable[[Path], str] = saved_segments,
 ) -> Iterator[Path]:
     """Work in ``<folder>.part``; on success it takes the name of ``folder``, with checksums of its files.
 
     A program that is interrupted or killed leaves ``<folder>.part``; an error of the package or of the disk
-    leaves it only where it holds saved segments. With ``overwrite`` an old folder keeps its name until the
-    new one is complete, and an unfinished one makes room; with ``resume`` it keeps its segments. Without
-    ``sums`` there are no checksums: for folders whose files are there to be edited.
+    leaves it only where it holds something ``unfinished``. With ``overwrite`` an old folder keeps its name
+    until the new one is complete, and an unfinished one makes room; with ``resume`` it keeps what was saved.
+    Without ``sums`` there are no checksums: for folders whose files are there to be edited.
 
     Raises
     ------
-    ResultError : see :func:`check_free`; another process works there; there are saved segments, and what to
-        do with them was not said; or the folder cannot be written.
+    ResultError : see :func:`check_free`; another process works there; there is something unfinished, and
+        what to do with it was not said; or the folder cannot be written.
     """
     check_free(folder, overwrite=overwrite, mark=mark)
     part = part_of(folder)
@@ -81,7 +84,11 @@ def whole_folder(
         try:
             _recover(folder)
             check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
-            _clear(part, overwrite=overwrite, resume=resume)
+            if (saved := unfinished(part)) and not (overwrite or resume):
+                raise ResultError(
+                    f"'{part}' holds {saved}: add --resume to go on with it, or --overwrite to begin anew"
+                )
+            _clear(part, resume=resume)
             yield part
             if not ours():
                 raise ResultError(f"'{part}' was removed or taken by another run while this one wrote to it")
@@ -112,12 +119,8 @@ def clear_up(folder: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
-    """Remove what an earlier run left, but for the lock and, to resume, its segments."""
-    if unfinished(part) and not (overwrite or resume):
-        raise ResultError(
-            f"'{part}' holds an unfinished run: add --resume to go on with it, or --overwrite to begin anew"
-        )
+def _clear(part: Path, *, resume: bool) -> None:
+    """Remove what an earlier run left, but for the lock and, to resume, what it saved."""
     for path in [*part.iterdir(), *(part / WORK).iterdir()]:
         if path in (part / WORK, part / WORK / "lock") or (resume and path.parent.name == WORK):
             continue
@@ -125,20 +128,6 @@ def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
             shutil.rmtree(path)
         else:
             path.unlink()
-
-
-def settle(part: Path, folder: Path) -> None:
-    """Give a finished ``<folder>.part`` checksums of its files and its final name.
-
-    Raises
-    ------
-    ResultError : that cannot be done; ``part`` stays as it is.
-    """
-    try:
-        _close(part, sums=True)
-        _swap(part, folder)
-    except OSError as error:
-        raise ResultError(f"'{folder}' cannot be written: {error.strerror or error}") from error
 
 
 def _close(part: Path, *, sums: bool) -> None:

@@ -1,7 +1,10 @@
 """Calibration folders: whole or not at all, resumable task by task, with a safe report."""
 
 import json
+import shutil
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -42,11 +45,12 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: Job, tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(12))
     assert not out.exists()
-    assert finished_tasks(part / "tasks.sqlite") == 12
+    assert finished_tasks(part / "checkpoint" / "tasks.sqlite") == 12
     status = json.loads((part / "status.json").read_text())
     assert (status["replications"], status["of"], status["done"]) == (12, 30, 0.4)
     with pytest.raises(
-        ResultError, match=r"holds 12 finished replications: add --resume to go on, or --over"
+        ResultError,
+        match=r"holds an unfinished calibration of 12 replications: add --resume to go on with it",
     ):
         calibrate_study(job, out, quiet=True)
     seen: list[int] = []
@@ -71,7 +75,7 @@ def test_what_does_not_belong_together_is_not_resumed(
     other = Job(make_study("phi", noise={"drawbar_pull": 2.0}), 30, seed=5, fit=exact)
     with pytest.raises(ResultError, match="was made with another study"):
         calibrate_study(other, out, resume=True, quiet=True)
-    assert finished_tasks(tmp_path / "out.part" / "tasks.sqlite") == 3
+    assert finished_tasks(tmp_path / "out.part" / "checkpoint" / "tasks.sqlite") == 3
     assert len(calibrate_study(other, out, overwrite=True, quiet=True).table) == 30
 
 
@@ -129,7 +133,42 @@ def test_a_damaged_store_is_an_error_not_a_loss(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"tasks.sqlite' is damaged \(file is not a database\)"):
         TaskStore(path, {"seed": 1})
     assert path.stat().st_size > 0
-    assert finished_tasks(path) == 0
+    assert finished_tasks(path) is None
+
+
+def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
+    """A flipped digit, a renumbered task and one of another run are as good as never saved."""
+    path = tmp_path / "tasks.sqlite"
+    with TaskStore(path, {"seed": 1}) as store:
+        for task in (1, 2, 3, 4):
+            store.add(task, {"rank": 0.123})
+    with TaskStore(tmp_path / "other.sqlite", {"seed": 2}) as other:
+        other.add(4, {"rank": 0.123})
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE tasks SET content = replace(content, '0.123', '0.723') WHERE task = 1")
+        connection.execute("UPDATE tasks SET task = 7 WHERE task = 2")
+        connection.execute("ATTACH ? AS other", (str(tmp_path / "other.sqlite"),))
+        connection.execute("INSERT OR REPLACE INTO tasks SELECT * FROM other.tasks")
+    with TaskStore(path, {"seed": 1}) as store:
+        assert store.tasks() == {3: {"rank": 0.123}}
+
+
+def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) -> None:
+    """What is left of the work is cleared, and the calibration read from what was saved."""
+    out, made = tmp_path / "out", tmp_path / "made"
+    calibrate_study(job, made, quiet=True)
+    work, kept = tmp_path / "out.part" / "checkpoint", tmp_path / "kept"
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_study(job, out, quiet=True, watch=stop_at(30))
+    shutil.copytree(work, kept)
+    calibrate_study(job, out, resume=True, quiet=True)
+    shutil.copytree(kept, out / "checkpoint")
+    shutil.copytree(made, tmp_path / "out.part")
+    seen: list[int] = []
+    calibrate_study(job, out, resume=True, quiet=True, watch=lambda progress: seen.append(progress.done))
+    assert seen == []
+    assert {path.name for path in out.iterdir()} == FILES
+    assert not (tmp_path / "out.part").exists()
 
 
 @pytest.mark.parametrize(("fit", "code"), [(exact, 0), (troubled, 3)])

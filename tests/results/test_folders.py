@@ -232,13 +232,15 @@ def test_an_old_result_that_had_stepped_aside_comes_back(tmp_path: Path) -> None
 def test_a_folder_that_another_run_took_is_left_to_it(tmp_path: Path) -> None:
     """Removed from under a run and begun anew by another one, DIR.part is neither finished nor removed."""
     part = tmp_path / "out.part"
-    with (
-        pytest.raises(ResultError, match=r"out\.part' was removed or taken by another run while"),
-        whole_folder(tmp_path / "out"),
-    ):
-        shutil.rmtree(part)
-        part.mkdir()
-        write_text(part / "a.txt", "of the other run")
+
+    def lose() -> None:
+        with whole_folder(tmp_path / "out"):
+            shutil.rmtree(part)
+            part.mkdir()
+            write_text(part / "a.txt", "of the other run")
+
+    with pytest.raises(ResultError, match=r"out\.part' was removed or taken by another run while"):
+        lose()
     assert names(tmp_path) == {"out.part"}
     assert names(part) == {"a.txt"}
 
