@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -41,8 +41,9 @@ def _held(path: Path, place: str) -> int:
             raise ResultError(f"{place} cannot be written: {error.strerror}") from error
         _take(handle, place)
         if _is_at(handle, path):
-            os.truncate(handle, 0)
-            os.write(handle, f"{os.getpid()}\n".encode())
+            with suppress(OSError):  # it only serves a message
+                os.truncate(handle, 0)
+                os.write(handle, f"{os.getpid()}\n".encode())
             return handle
         os.close(handle)  # likewise: what we hold is no longer what others would ask for
 

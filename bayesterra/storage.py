@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pandas as pd
 import xarray as xr
@@ -42,7 +42,7 @@ def write_draws(draws: xr.DataTree, path: Path) -> None:
         if node.data_vars
     }
     content = draws.to_netcdf(engine="h5netcdf", encoding=encoding)
-    write_bytes(path, bytes(cast(memoryview, content)))
+    write_bytes(path, bytes(content))
 
 
 def _numeric(node: xr.DataTree) -> list[str]:

@@ -81,10 +81,13 @@ class TaskStore:
     def tasks(self) -> dict[int, dict[str, Any]]:
         """All finished tasks by number, but for damaged ones."""
         try:
-            rows = self._connection.execute("SELECT task, content FROM tasks ORDER BY task").fetchall()
+            rows = self._connection.execute(
+                "SELECT task, CAST(content AS BLOB) FROM tasks ORDER BY task"
+            ).fetchall()
         except sqlite3.Error as error:
             raise self._damaged(error) from error
-        pairs = ((task, str(signed), str(signed)[DIGITS:]) for task, signed in rows)
+        read = ((task, (signed or b"").decode("utf-8", "replace")) for task, signed in rows)
+        pairs = ((task, signed, signed[DIGITS:]) for task, signed in read)
         return {task: json.loads(text) for task, signed, text in pairs if signed == self._signed(task, text)}
 
     def _signed(self, task: int, text: str) -> str:

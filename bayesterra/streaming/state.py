@@ -12,7 +12,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checkpoints import Checkpoints, Identity, digest
 from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError
-from bayesterra.folders import write_text
+from bayesterra.folders import SEGMENT, write_text
 from bayesterra.sampling.journal import pack, unpack
 from bayesterra.streaming.changes import Candidates
 from bayesterra.streaming.cloud import Cloud
@@ -87,5 +87,5 @@ def read_state(folder: Path, identity: Identity) -> State:
         text = f"'{folder}' is damaged: its particles belong to another study or other rows"
         raise ResultError(text) from error
     if segment is None:
-        raise ResultError(f"'{folder}' is damaged: the particles cannot be read")
+        raise ResultError(f"'{folder}' is damaged: the particles cannot be read ({STATE}/{STATE}{SEGMENT})")
     return unpack(State, segment)

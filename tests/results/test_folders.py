@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from hashlib import sha256
 from pathlib import Path
@@ -185,7 +186,7 @@ def test_a_result_that_appeared_meanwhile_is_not_replaced(
 ) -> None:
     """Where another run ends between the check and the lock, its result stays."""
 
-    def late(path: Path, place: str) -> AbstractContextManager[None]:
+    def late(path: Path, place: str) -> AbstractContextManager[Callable[[], bool]]:
         result_folder(tmp_path / "out")
         return locked(path, place)
 
