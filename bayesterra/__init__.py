@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bayesterra.calibrating import CalibrationResult, calibrate
     from bayesterra.designing import Recommendation, recommend
-    from bayesterra.errors import BayesterraError, ResultError, StudyError, SupportError
+    from bayesterra.engines import Engine, dask_cluster, in_process, local_pool
+    from bayesterra.errors import BayesterraError, EngineError, ResultError, StudyError, SupportError
     from bayesterra.followup import compare, predict
     from bayesterra.identification import Fit, fit
     from bayesterra.identifying import IdentifyResult, foresee, identify
@@ -29,12 +30,14 @@ if TYPE_CHECKING:
     from bayesterra.soiltesting import load_soil_test, soil_test
     from bayesterra.streaming.stream import Stream, load_stream
     from bayesterra.study import Study, load_study
+    from bayesterra.taskstore import read_tasks
     from bayesterra.workflow import RunResult, load_result, run, run_prior
 
 _HOMES = {
     "calibrating": ("CalibrationResult", "calibrate"),
     "designing": ("Recommendation", "recommend"),
-    "errors": ("BayesterraError", "ResultError", "StudyError", "SupportError"),
+    "engines": ("Engine", "dask_cluster", "in_process", "local_pool"),
+    "errors": ("BayesterraError", "EngineError", "ResultError", "StudyError", "SupportError"),
     "followup": ("compare", "predict"),
     "identification": ("Fit", "fit"),
     "identifying": ("IdentifyResult", "foresee", "identify"),
@@ -47,6 +50,7 @@ _HOMES = {
     "roving": ("predict_rover",),
     "simulation": ("simulate",),
     "streaming.stream": ("Stream", "load_stream"),
+    "taskstore": ("read_tasks",),
     "soiltesting": ("load_soil_test", "soil_test"),
     "study": ("Study", "load_study"),
     "workflow": ("RunResult", "load_result", "run", "run_prior"),
@@ -56,6 +60,8 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "BayesterraError",
     "CalibrationResult",
+    "Engine",
+    "EngineError",
     "Fit",
     "HoldoutResult",
     "IdentifyResult",
@@ -75,17 +81,21 @@ __all__ = [
     "Wheel",
     "calibrate",
     "compare",
+    "dask_cluster",
     "fit",
     "foresee",
     "identify",
+    "in_process",
     "leave_out",
     "load_result",
     "load_soil_test",
     "load_stream",
     "load_study",
+    "local_pool",
     "posterior",
     "predict",
     "predict_rover",
+    "read_tasks",
     "recommend",
     "run",
     "run_prior",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from math import isfinite
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import Any, Self
 
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
-from bayesterra.folders import WORK, clear_up, part_of, whole_folder, write_text
+from bayesterra.engines import Engine
+from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.study import Study
-from bayesterra.taskstore import STORE_FILE, TaskStore, finished_tasks
+from bayesterra.taskfolders import task_folder
 from bayesterra.writing import write_study
 
 MARK = "calibration.json"
@@ -52,7 +53,7 @@ def calibrate(
     *,
     n: int,
     seed: int = 1,
-    workers: int = 1,
+    engine: Engine | None = None,
     fit: Fit | None = None,
     progress: Callable[[Progress], None] = lambda update: None,
 ) -> CalibrationResult:
@@ -61,8 +62,9 @@ def calibrate(
     Parameters
     ----------
     n : replications, 20 at least; the result states which errors so many would have noticed.
-    seed : same seed, same ranks, whatever the number of workers.
-    workers : processes; with more than one a script needs its ``if __name__ == "__main__"``.
+    seed : same seed, same ranks, whatever the engine.
+    engine : computes the replications: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
     fit : samples the posterior of a simulated study, see :data:`bayesterra.calibration.Fit`; by default the
         sampler of :func:`bayesterra.run`.
     progress : called as the replications end.
@@ -73,7 +75,7 @@ def calibrate(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     found = calibration.calibrate(
-        study, n=n, seed=seed, workers=workers, fit=fit, report=lambda outcome, update: progress(update)
+        study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )
     return CalibrationResult.of(found)
 
@@ -85,7 +87,7 @@ class Job:
     study: Study
     n: int
     seed: int = 1
-    workers: int = 1
+    engine: Engine | None = None
     fit: Fit | None = None
 
 
@@ -110,34 +112,28 @@ def calibrate_study(
     """
     from bayesterra.console import calibration_bar
 
-    calibration.check(job.study, job.n, job.workers)
-    if resume and not overwrite and (ended := _ended(job, out)):
-        return ended
-    how: dict[str, Any] = {"overwrite": overwrite, "resume": resume}
-    with whole_folder(out, mark=MARK, unfinished=_unfinished, **how) as part:
+    check_free(out, overwrite=overwrite, mark=MARK)
+    calibration.check(job.study, job.n)
+    opened = task_folder(
+        out, _made_with(job), mark=MARK, tasks="replications", resume=resume, overwrite=overwrite
+    )
+    with opened as (part, store, status):
         with calibration_bar(show=not quiet and sys.stderr.isatty()) as show:
-            found = CalibrationResult.of(_filled(job, part, (show, watch)))
-        found._write(part)
-        (part / "status.json").unlink(missing_ok=True)
-    return found
 
-
-def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]) -> Calibration:
-    """Run what is missing, and save every outcome as it comes."""
-    with TaskStore(part / WORK / STORE_FILE, _made_with(job)) as store:
-
-        def update(outcome: Outcome | None, progress: Progress) -> None:
-            if outcome is not None:
-                store.add(outcome.task, asdict(outcome))
-            write_text(part / "status.json", json.dumps(_status(progress)) + "\n")
-            for watch in watchers:
+            def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
+                store.add({outcome.task: asdict(outcome) for outcome in outcomes})
+                status.note(_status(progress))
+                show(progress)
                 watch(progress)
 
-        finished = [Outcome(**content) for content in store.tasks().values()]
-        return calibration.calibrate(
-            job.study, n=job.n, seed=job.seed, workers=job.workers, fit=job.fit, finished=finished,
-            report=update,
-        )  # fmt: skip
+            finished = [Outcome(**content) for content in store.tasks().values()]
+            made = calibration.calibrate(
+                job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
+                report=update,
+            )  # fmt: skip
+        found = CalibrationResult.of(made)
+        found._write(part)
+    return found
 
 
 def _made_with(job: Job) -> dict[str, Any]:
@@ -146,29 +142,6 @@ def _made_with(job: Job) -> dict[str, Any]:
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
     return {**origin.pop("versions"), **origin, **digests}
-
-
-def _unfinished(part: Path) -> str:
-    """What would be lost with ``<folder>.part``, in words."""
-    store = part / WORK / STORE_FILE
-    finished = finished_tasks(store)
-    if finished:
-        return f"an unfinished calibration of {finished} replications"
-    return "saved replications that cannot be read" if finished is None else ""
-
-
-def _ended(job: Job, out: Path) -> CalibrationResult | None:
-    """The calibration that a run left which was killed after its folder had become whole, else None."""
-    store = out / WORK / STORE_FILE
-    if not finished_tasks(store) or _unfinished(part_of(out)):
-        return None
-    with TaskStore(store, _made_with(job)) as tasks:
-        finished = [Outcome(**content) for content in tasks.tasks().values()]
-    if {outcome.task for outcome in finished} != set(range(1, job.n + 1)):
-        return None
-    found = calibration.calibrate(job.study, n=job.n, seed=job.seed, fit=job.fit, finished=finished)
-    clear_up(out)
-    return CalibrationResult.of(found)
 
 
 def _status(progress: Progress) -> dict[str, object]:

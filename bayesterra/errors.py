@@ -13,5 +13,9 @@ class ResultError(BayesterraError, ValueError):
     """A result folder that cannot be read or written."""
 
 
+class EngineError(BayesterraError, RuntimeError):
+    """Workers that cannot be reached, do not fit together, or die."""
+
+
 class SupportError(BayesterraError, ValueError):
     """No parameter set that the prior allows can explain the conditions of the data."""

@@ -86,7 +86,7 @@ def whole_folder(
             check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
             if (saved := unfinished(part)) and not (overwrite or resume):
                 raise ResultError(
-                    f"'{part}' holds {saved}: add --resume to go on with it, or --overwrite to begin anew"
+                    f"'{part}' holds {saved}: add --resume to go on, or --overwrite to begin anew"
                 )
             _clear(part, resume=resume)
             yield part

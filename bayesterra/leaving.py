@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from bayesterra import holdout, report
 from bayesterra.calibration import Fit
+from bayesterra.engines import Engine
 from bayesterra.figures.holdout import bands_png, left_out_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.holdout import Holdout
@@ -68,7 +69,7 @@ def leave_out(
     *,
     tolerance: float = TOLERANCE,
     seed: int = 1,
-    workers: int = 1,
+    engine: Engine | None = None,
     fit: Fit | None = None,
     progress: Callable[[str], None] = lambda part: None,
 ) -> HoldoutResult:
@@ -84,8 +85,9 @@ def leave_out(
     by : ``slip`` (slips nearer than ``tolerance`` are one level), ``wheel`` or ``row``; or groups of row
         numbers, or one label for every row of the table.
     tolerance : for ``slip``.
-    seed : same seed, same scores, whatever the number of workers.
-    workers : processes; with more than one a script needs its ``if __name__ == "__main__"``.
+    seed : same seed, same scores, whatever the engine.
+    engine : computes the refits: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
     fit : samples a posterior, see :data:`bayesterra.calibration.Fit`; by default the sampler of
         :func:`bayesterra.run`, until there are 1000 effective draws.
     progress : told what is at work.
@@ -96,7 +98,7 @@ def leave_out(
     """
     study = what.study if isinstance(what, Result) else what
     found = holdout.leave_out(
-        study, by=by, tolerance=tolerance, seed=seed, workers=workers, fit=fit, report=progress
+        study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress
     )
     return HoldoutResult.of(found)
 

@@ -4,27 +4,51 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
-from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from zlib import crc32
+
+import pandas as pd
 
 from bayesterra.errors import ResultError
-from bayesterra.folders import WORK
+from bayesterra.folders import WORK, part_of
 
 STORE_FILE = "tasks.sqlite"
-DIGITS = 64
-"""Of a checksum, before the content of a task."""
+FORMAT = 1
+"""Of the tables; another one is another version's file."""
+BUSY = 60.0
+"""Seconds for which a commit waits for readers, and a reader for a commit."""
+REMOTE = {
+    "nfs",
+    "nfs4",
+    "cifs",
+    "smb3",
+    "lustre",
+    "gpfs",
+    "beegfs",
+    "ceph",
+    "glusterfs",
+    "9p",
+    "afs",
+    "pvfs2",
+}
+"""File systems that several machines share: they have no memory in common, which a write-ahead log needs."""
+_TABLES = (
+    "CREATE TABLE IF NOT EXISTS origin (content TEXT NOT NULL, sum INTEGER NOT NULL)",
+    "CREATE TABLE IF NOT EXISTS tasks"
+    " (task INTEGER PRIMARY KEY, content TEXT NOT NULL, sum INTEGER NOT NULL)",
+    f"PRAGMA user_version = {FORMAT}",
+)
 
 
 class TaskStore:
     """Finished tasks and what they were made with; every task is committed as it comes.
 
-    A killed program loses what it had not handed over, and nothing else. Others may read while it writes.
-    Every task carries a checksum of itself and of what it was made with; one that fails it is as good as
-    never saved.
+    A killed program, or a machine without power, loses what it had not handed over, and nothing else. Others
+    may read while it writes; see :func:`read_tasks`. Every row has a checksum.
 
     Parameters
     ----------
@@ -38,63 +62,53 @@ class TaskStore:
 
     def __init__(self, path: Path, made_with: Mapping[str, Any]) -> None:
         self._path = path
-        self._origin = json.dumps(made_with, sort_keys=True)
+        self._connection = sqlite3.connect(path, timeout=BUSY)
         try:
-            self._connection = sqlite3.connect(path)
-            self._connection.execute("PRAGMA journal_mode = WAL")
+            _verify(self._connection)
+            mode = "TRUNCATE" if _shared_by_machines(path) else "WAL"
+            self._connection.execute(f"PRAGMA journal_mode = {mode}")
             self._connection.execute("PRAGMA synchronous = FULL")
             with self._connection:
-                self._connection.execute("CREATE TABLE IF NOT EXISTS origin (content TEXT NOT NULL)")
-                self._connection.execute(
-                    "CREATE TABLE IF NOT EXISTS tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL)"
-                )
-            self._check(json.loads(self._origin))
-        except sqlite3.Error as error:
-            raise self._damaged(error) from error
+                for statement in _TABLES:
+                    self._connection.execute(statement)
+            self._check(json.loads(json.dumps(made_with)))
+        except ResultError:
+            self.close()
+            raise
+        except (sqlite3.Error, ValueError) as error:
+            self.close()
+            raise _damaged(path, error) from error
 
     def _check(self, made_with: dict[str, Any]) -> None:
         """Note what the tasks are made with, or compare."""
-        row = self._connection.execute("SELECT content FROM origin").fetchone()
-        if row is None:
+        before = _origin(self._connection)
+        if before is None:
+            content = json.dumps(made_with)
             with self._connection:
-                self._connection.execute("INSERT INTO origin VALUES (?)", (self._origin,))
+                self._connection.execute("INSERT INTO origin VALUES (?, ?)", (content, _sum(0, content)))
             return
-        try:
-            before = dict(json.loads(row[0]))
-        except (TypeError, ValueError) as error:
-            raise self._damaged(error) from error
         for name in {**before, **made_with}:
             if before.get(name) != made_with.get(name):
                 place = self._path.parent
                 place = place.parent if place.name == WORK else place
                 raise ResultError(_difference(place, name, before.get(name), made_with.get(name)))
 
-    def add(self, task: int, content: Mapping[str, Any]) -> None:
-        """Save one finished task; it is on the disk when this returns."""
+    def add(self, finished: Mapping[int, Mapping[str, Any]]) -> None:
+        """Save finished tasks by number, all or none; they are on the disk when this returns."""
+        texts = {task: json.dumps(content) for task, content in finished.items()}
+        rows = [(task, text, _sum(task, text)) for task, text in texts.items()]
         try:
             with self._connection:
-                row = (task, self._signed(task, json.dumps(content)))
-                self._connection.execute("INSERT OR REPLACE INTO tasks VALUES (?, ?)", row)
+                self._connection.executemany("INSERT OR REPLACE INTO tasks VALUES (?, ?, ?)", rows)
         except sqlite3.Error as error:
             raise ResultError(f"'{self._path}' cannot be written: {error}") from error
 
     def tasks(self) -> dict[int, dict[str, Any]]:
-        """All finished tasks by number, but for damaged ones."""
+        """All finished tasks by number; one whose checksum is wrong has not been done."""
         try:
-            rows = self._connection.execute(
-                "SELECT task, CAST(content AS BLOB) FROM tasks ORDER BY task"
-            ).fetchall()
-        except sqlite3.Error as error:
-            raise self._damaged(error) from error
-        read = ((task, (signed or b"").decode("utf-8", "replace")) for task, signed in rows)
-        pairs = ((task, signed, signed[DIGITS:]) for task, signed in read)
-        return {task: json.loads(text) for task, signed, text in pairs if signed == self._signed(task, text)}
-
-    def _signed(self, task: int, text: str) -> str:
-        return sha256(f"{self._origin} {task} {text}".encode()).hexdigest() + text
-
-    def _damaged(self, error: Exception) -> ResultError:
-        return ResultError(f"'{self._path}' is damaged ({error}): begin anew with --overwrite")
+            return _tasks(self._connection)
+        except (sqlite3.Error, ValueError) as error:
+            raise _damaged(self._path, error) from error
 
     def close(self) -> None:
         """Close the file."""
@@ -109,15 +123,113 @@ class TaskStore:
         self.close()
 
 
-def finished_tasks(path: Path) -> int | None:
-    """How many tasks a file holds, 0 where there is no file; None where it cannot be read."""
-    if not path.exists() or (path.is_file() and not path.stat().st_size):
+def read_tasks(path: str | Path) -> pd.DataFrame:
+    """Read the tasks that an unfinished calibration or design has finished, also while it runs.
+
+    Parameters
+    ----------
+    path : the folder ``<out>.part`` that it works in, the folder ``<out>`` that it will be, or the file
+        ``tasks.sqlite`` itself.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per task, by number; mappings, such as ranks, as columns of their own. ``attrs["made_with"]``
+        says with what.
+
+    Raises
+    ------
+    ResultError : there is no such file, or it is damaged.
+    """
+    found = _store_at(Path(path))
+    try:
+        with closing(_reader(found)) as connection:
+            _verify(connection)
+            tasks, origin = _tasks(connection), _origin(connection)
+    except (sqlite3.Error, ValueError) as error:
+        raise _damaged(found, error) from error
+    rows = [{"task": task, **_flat(content)} for task, content in tasks.items()]
+    table = pd.DataFrame(rows, columns=None if rows else ["task"])
+    table.attrs["made_with"] = origin or {}
+    return table
+
+
+def finished_tasks(path: Path) -> int:
+    """How many tasks a file holds; 0 where there is none that can be read."""
+    if not path.is_file():
         return 0
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(_reader(path)) as connection:
             return int(connection.execute("SELECT count(*) FROM tasks").fetchone()[0])
-    except sqlite3.Error as error:
-        return 0 if "no such table" in str(error) else None  # killed before there was one
+    except sqlite3.Error:
+        return 0
+
+
+def _store_at(path: Path) -> Path:
+    places = (path, path / WORK / STORE_FILE, part_of(path) / WORK / STORE_FILE)
+    for place in places:
+        if place.is_file():
+            return place
+    raise ResultError(f"'{path}' holds no finished tasks: there is no {STORE_FILE}, or all are in the result")
+
+
+def _reader(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=BUSY)
+
+
+def _verify(connection: sqlite3.Connection) -> None:
+    """Make sure that the file is whole and of this format; what is not yet made is whole."""
+    (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if found != "ok":
+        raise ValueError(str(found).splitlines()[-1].strip("* "))
+    (number,) = connection.execute("PRAGMA user_version").fetchone()
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and number != FORMAT:
+        raise ValueError(f"its format is {number}, not {FORMAT}")
+
+
+def _origin(connection: sqlite3.Connection) -> dict[str, Any] | None:
+    row = connection.execute("SELECT content, sum FROM origin").fetchone()
+    if row is None:
+        return None
+    if _sum(0, row[0]) != row[1]:
+        raise ValueError("what it was made with has a wrong checksum")
+    found: dict[str, Any] = json.loads(row[0])
+    return found
+
+
+def _tasks(connection: sqlite3.Connection) -> dict[int, dict[str, Any]]:
+    rows: Iterable[tuple[int, str, int]] = connection.execute(
+        "SELECT task, content, sum FROM tasks ORDER BY task"
+    )
+    return {task: json.loads(content) for task, content, known in rows if _sum(task, content) == known}
+
+
+def _sum(task: int, content: str) -> int:
+    return crc32(f"{task} {content}".encode())
+
+
+def _flat(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of a table: mappings become columns."""
+    inner = {
+        name: value for part in content.values() if isinstance(part, dict) for name, value in part.items()
+    }
+    return {name: value for name, value in content.items() if not isinstance(value, dict)} | inner
+
+
+def _shared_by_machines(path: Path) -> bool:
+    """Whether a file lies on a network file system, as far as this system says so."""
+    try:
+        mounts = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return False
+    kinds = {words[1]: words[2] for words in map(str.split, mounts) if len(words) > 2}
+    place = next((str(part) for part in path.resolve().parents if str(part) in kinds), "")
+    return kinds.get(place, "").removeprefix("fuse.") in REMOTE | {"sshfs"}
+
+
+def _damaged(path: Path, error: Exception) -> ResultError:
+    return ResultError(f"'{path}' is damaged ({error}): begin anew with --overwrite")
 
 
 def _difference(part: Path, name: str, before: Any, now: Any) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
@@ -19,10 +19,10 @@ from numpy.random import default_rng
 
 from bayesterra.calibration.fitting import Fit, Fitted, ShortRuns
 from bayesterra.calibration.judging import Calibration
-from bayesterra.calibration.pool import outcomes
 from bayesterra.calibration.quantities import quantity_names
 from bayesterra.calibration.ranks import DRAWS
 from bayesterra.calibration.tasks import CONVERGED, Outcome, Replication
+from bayesterra.engines import Engine, ended, in_process
 from bayesterra.errors import StudyError
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.record import PACKAGES
@@ -51,18 +51,16 @@ class Progress:
     seconds_left: float | None
 
 
-def check(study: Study, n: int, workers: int) -> None:
+def check(study: Study, n: int) -> None:
     """Make sure that a calibration is possible before work is spent on it.
 
     Raises
     ------
-    StudyError : too few replications or workers, or nothing is free.
+    StudyError : too few replications, or nothing is free.
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     if n < FEWEST:
         raise StudyError(f"'n' must be at least {FEWEST} replications, better 200 or more (got {n})")
-    if workers < 1:
-        raise StudyError(f"'workers' must be at least 1 (got {workers})")
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to calibrate")
     draw_cut_prior(posterior(study), 1, default_rng(0))
@@ -73,36 +71,36 @@ def calibrate(
     *,
     n: int,
     seed: int = 1,
-    workers: int = 1,
+    engine: Engine | None = None,
     fit: Fit | None = None,
     finished: Iterable[Outcome] = (),
-    report: Callable[[Outcome | None, Progress], None] = lambda outcome, progress: None,
+    report: Callable[[Sequence[Outcome], Progress], None] = lambda outcomes, progress: None,
 ) -> Calibration:
     """Calibrate the posterior of a study; see the package's docstring.
 
     Parameters
     ----------
     n : replications; a power of 200 or less is small (the result states it).
-    seed : same seed, same outcomes, whatever the number of workers.
-    workers : processes; with more than one a script needs its ``if __name__ == "__main__"``.
+    seed : same seed, same outcomes, whatever the engine.
+    engine : computes the replications; by default this process.
     fit : samples a posterior; by default the sampler of every run, until there are draws enough to rank.
     finished : outcomes that are known already.
-    report : called with every new outcome and the progress, at the start with None.
+    report : called with new outcomes and the progress, at the start with none.
 
     Raises
     ------
     StudyError, SupportError : see :func:`check`.
     """
-    check(study, n, workers)
+    check(study, n)
     known = {outcome.task: outcome for outcome in finished if outcome.task <= n}
     open_tasks = [task for task in range(1, n + 1) if task not in known]
     replication = Replication(study, seed, fit or ShortRuns())
     started, before = time.perf_counter(), len(known)
-    report(None, _progress(known, n, None))
-    for outcome in outcomes(replication, open_tasks, workers):
-        known[outcome.task] = outcome
+    report((), _progress(known, n, None))
+    for batch in ended(replication, open_tasks, engine or in_process()):
+        known |= batch
         pace = (time.perf_counter() - started) / (len(known) - before)
-        report(outcome, _progress(known, n, pace * (n - len(known))))
+        report([outcome for _, outcome in batch], _progress(known, n, pace * (n - len(known))))
     return Calibration(study, table([known[task] for task in sorted(known)], study), origin(study, seed, fit))
 
 

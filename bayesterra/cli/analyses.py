@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from bayesterra.cli.common import Seed, StudyPath, Wheels, app, beside
+from bayesterra.cli.common import Scheduler, Seed, StudyPath, Wheels, Workers, app, beside
 
 
 @app.command()
@@ -22,9 +21,8 @@ def calibrate(
         Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-calibration.")
     ] = None,
     seed: Seed = 1,
-    workers: Annotated[
-        int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per core.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with what an interrupted calibration left in DIR.part.")
     ] = False,
@@ -38,11 +36,13 @@ def calibrate(
 
     loaded = load_study(study)
     from bayesterra.calibrating import Job, calibrate_study
+    from bayesterra.engines import chosen
     from bayesterra.listing.calibrations import print_calibration
 
     folder = out or beside(study, "calibration")
-    job = Job(loaded, number, seed, workers or os.cpu_count() or 1)
-    found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
+    with chosen(workers, scheduler) as engine:
+        job = Job(loaded, number, seed, engine)
+        found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
     print_calibration(found, folder / "report.html")
     raise typer.Exit(0 if found.calibrated else 3)
 
@@ -152,18 +152,21 @@ def holdout(
         Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-holdout.")
     ] = None,
     seed: Seed = 1,
-    workers: Annotated[int, typer.Option(min=1, metavar="K", help="Worker processes.")] = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older check of that name.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the scores.")] = False,
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
+    from bayesterra.engines import chosen
     from bayesterra.leaving import leave_out_into
     from bayesterra.listing.holdouts import print_holdout
 
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
-    asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed, "workers": workers}
-    found = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, **asked)
+    asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
+    with chosen(workers, scheduler) as engine:
+        found = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
     print_holdout(found, folder)
     raise typer.Exit(0 if found.converged else 3)

@@ -19,8 +19,8 @@ from typing import Any
 import pandas as pd
 
 from bayesterra.calibration.fitting import Fit, ShortRuns
-from bayesterra.calibration.pool import outcomes
 from bayesterra.calibration.tasks import CONVERGED
+from bayesterra.engines import Engine, completed, in_process
 from bayesterra.errors import StudyError
 from bayesterra.holdout.levels import TOLERANCE, By, Level, levels
 from bayesterra.holdout.summary import skills, summarise
@@ -104,7 +104,7 @@ def leave_out(
     by: By = "slip",
     tolerance: float = TOLERANCE,
     seed: int = 1,
-    workers: int = 1,
+    engine: Engine | None = None,
     fit: Fit | None = None,
     report: Callable[[str], None] = lambda part: None,
 ) -> Holdout:
@@ -113,8 +113,8 @@ def leave_out(
     Parameters
     ----------
     by, tolerance : how rows are grouped; see :func:`bayesterra.holdout.levels.levels`.
-    seed : same seed, same scores, whatever the number of workers.
-    workers : processes; with more than one a script needs its ``if __name__ == "__main__"``.
+    seed : same seed, same scores, whatever the engine.
+    engine : computes the refits; by default this process.
     fit : samples a posterior; by default the sampler of every run, until there are 1000 effective draws.
     report : told what is at work.
 
@@ -124,16 +124,14 @@ def leave_out(
     """
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to fit again")
-    if workers < 1:
-        raise StudyError(f"'workers' must be at least 1 (got {workers})")
     parts = levels(study, by, tolerance)
     task = LeaveOneOut(study, parts, seed, fit or REFITS)
-    done: dict[str, Outcome] = {}
+    done: dict[int, Outcome] = {}
     report(f"leaving out {len(parts)} levels, one at a time")
-    for outcome in outcomes(task, range(len(parts)), workers):
-        done[outcome.level] = outcome
+    for number, outcome in completed(task, range(len(parts)), engine or in_process()):
+        done[number] = outcome
         report(f"leaving out {len(parts)} levels: {len(done)} done")
-    found = tuple(done[level.name] for level in parts)
+    found = tuple(done[number] for number in range(len(parts)))
     return Holdout(study, parts, found, _record(study, by, tolerance, seed, fit or REFITS))
 
 

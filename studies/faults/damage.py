@@ -1,4 +1,4 @@
-"""Files that are damaged after they were written: what is read from them, and what a resumed run makes of them."""
+"""Files that are damaged after they were written: what is read from them, and what a resumption makes of it."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def reads(made: Path) -> dict[str, Read]:
     store.mkdir()
     with TaskStore(store / "tasks.sqlite", {"seed": 1}) as tasks:
         for number in range(TASKS):
-            tasks.add(number, {"number": number, "text": "x" * 300})
+            tasks.add({number: {"number": number, "text": "x" * 300}})
     few, many = {FLIPPED: 12, CUT: 4}, {FLIPPED: 150, CUT: 50}
     return {
         "a result that is loaded": Read(made / "r1", _result, few),

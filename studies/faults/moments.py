@@ -6,7 +6,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from trials import (
 )
 
 from bayesterra.calibrating import Job, calibrate_study
+from bayesterra.engines import local_pool
 from bayesterra.study import load_study
 from bayesterra.taskstore import TaskStore
 
@@ -106,7 +107,7 @@ def prepare(made: Path) -> None:
 
 
 def _with_workers(job: Job) -> Job:
-    return Job(job.study, job.n, seed=job.seed, workers=2, fit=job.fit)
+    return replace(job, engine=local_pool(2))
 
 
 def _into(*arguments: object) -> Callable[[Path], int]:
@@ -118,7 +119,7 @@ def _tasks(folder: Path) -> int:
     with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
         for number in sorted({*range(TASKS)} - {*store.tasks()}):
             time.sleep(0.002)
-            store.add(number, {"number": number, "text": "x" * 300})
+            store.add({number: {"number": number, "text": "x" * 300}})
     return 0
 
 

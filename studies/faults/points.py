@@ -1,4 +1,4 @@
-"""Faults at every call of the operating system that changes a file, one after the other, while something is saved.
+"""Faults at every call of the operating system that changes a file, one by one, while something is saved.
 
 ``failing.c`` counts those calls below a folder and kills the process at the k-th of them, or lets it find the
 disk full or in error; this is done for every k. Then the saving is repeated without a fault.
@@ -133,7 +133,7 @@ def _kept_segments(folder: Path) -> set[str]:
 def _tasks(folder: Path) -> int:
     with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
         for number in {*range(TASKS)} - {*store.tasks()}:
-            store.add(number, {"number": number, "text": "x" * 3000})
+            store.add({number: {"number": number, "text": "x" * 3000}})
     return 0
 
 

@@ -1,7 +1,7 @@
 """What the parts of this study share: processes to do harm to, quick jobs for them, and tables to go on with.
 
-Processes are forks of one that has everything imported and compiled, so that a fault falls on the work and not
-on imports. Each leads a session of its own, so that whatever outlives it is found.
+Processes are forks of one that has everything imported and compiled, so that a fault falls on the work and
+not on imports. Each leads a session of its own, so that whatever outlives it is found.
 """
 
 from __future__ import annotations
@@ -189,9 +189,9 @@ def tell_what_is_saved(told: int) -> None:
         save(self, name, segment)
         os.write(told, f"{name}\n".encode())
 
-    def told_add(self: TaskStore, task: int, content: Any) -> None:
-        add(self, task, content)
-        os.write(told, f"task-{task}\n".encode())
+    def told_add(self: TaskStore, finished: Any) -> None:
+        add(self, finished)
+        os.write(told, "".join(f"task-{task}\n" for task in finished).encode())
 
     type.__setattr__(Checkpoints, "save", told_save)
     type.__setattr__(TaskStore, "add", told_add)
@@ -241,7 +241,7 @@ _KNOWN: dict[str, str] = {}
 
 
 def content(folder: Path) -> dict[str, str]:
-    """Digest of every file of a whole folder, but for times of day and of work, and what served the making."""
+    """Digest of every file of a whole folder, but for times of day and what served the making."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()

@@ -49,8 +49,7 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: Job, tmp_path: Pat
     status = json.loads((part / "status.json").read_text())
     assert (status["replications"], status["of"], status["done"]) == (12, 30, 0.4)
     with pytest.raises(
-        ResultError,
-        match=r"holds an unfinished calibration of 12 replications: add --resume to go on with it",
+        ResultError, match=r"holds 12 finished replications: add --resume to go on, or --over"
     ):
         calibrate_study(job, out, quiet=True)
     seen: list[int] = []
@@ -120,9 +119,9 @@ def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: Job, tmp_path:
 def test_others_read_the_store_while_it_is_written(tmp_path: Path) -> None:
     """A task is on the disk when ``add`` returns; a second connection sees it."""
     with TaskStore(tmp_path / "tasks.sqlite", {"seed": 1}) as store:
-        store.add(1, {"task": 1, "ess": 10.5})
+        store.add({1: {"task": 1, "ess": 10.5}})
         assert finished_tasks(tmp_path / "tasks.sqlite") == 1
-        store.add(2, {"task": 2, "ess": float("nan")})
+        store.add({2: {"task": 2, "ess": float("nan")}})
         assert list(store.tasks()) == [1, 2]
 
 
@@ -133,42 +132,54 @@ def test_a_damaged_store_is_an_error_not_a_loss(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"tasks.sqlite' is damaged \(file is not a database\)"):
         TaskStore(path, {"seed": 1})
     assert path.stat().st_size > 0
-    assert finished_tasks(path) is None
+    assert finished_tasks(path) == 0
 
 
 def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
-    """A flipped digit, a renumbered task and one of another run are as good as never saved."""
+    """A flipped digit and a renumbered task are as good as never saved."""
     path = tmp_path / "tasks.sqlite"
     with TaskStore(path, {"seed": 1}) as store:
-        for task in (1, 2, 3, 4):
-            store.add(task, {"rank": 0.123})
-    with TaskStore(tmp_path / "other.sqlite", {"seed": 2}) as other:
-        other.add(4, {"rank": 0.123})
+        store.add({task: {"rank": 0.123} for task in (1, 2, 3)})
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE tasks SET content = replace(content, '0.123', '0.723') WHERE task = 1")
         connection.execute("UPDATE tasks SET task = 7 WHERE task = 2")
-        connection.execute("ATTACH ? AS other", (str(tmp_path / "other.sqlite"),))
-        connection.execute("INSERT OR REPLACE INTO tasks SELECT * FROM other.tasks")
     with TaskStore(path, {"seed": 1}) as store:
         assert store.tasks() == {3: {"rank": 0.123}}
 
 
 def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) -> None:
-    """What is left of the work is cleared, and the calibration read from what was saved."""
-    out, made = tmp_path / "out", tmp_path / "made"
-    calibrate_study(job, made, quiet=True)
-    work, kept = tmp_path / "out.part" / "checkpoint", tmp_path / "kept"
+    """The calibration stands whole, and what is left of the work is cleared."""
+    out, kept = tmp_path / "out", tmp_path / "kept"
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(30))
-    shutil.copytree(work, kept)
+    shutil.copytree(tmp_path / "out.part" / "checkpoint", kept)
     calibrate_study(job, out, resume=True, quiet=True)
     shutil.copytree(kept, out / "checkpoint")
-    shutil.copytree(made, tmp_path / "out.part")
-    seen: list[int] = []
-    calibrate_study(job, out, resume=True, quiet=True, watch=lambda progress: seen.append(progress.done))
-    assert seen == []
+    with pytest.raises(ResultError, match="out' exists already"):
+        calibrate_study(job, out, resume=True, quiet=True)
     assert {path.name for path in out.iterdir()} == FILES
-    assert not (tmp_path / "out.part").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "kept"}
+
+
+def test_nothing_is_removed_before_the_folder_has_its_name(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that fails at the very end costs no replication."""
+
+    def fail(part: Path, folder: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesterra.folders._swap", fail)
+        with pytest.raises(ResultError, match=r"out\.part' cannot be written: Input/output error"):
+            calibrate_study(job, tmp_path / "out", quiet=True)
+    assert len(bt.read_tasks(tmp_path / "out")) == 30
+    seen: list[int] = []
+    calibrate_study(
+        job, tmp_path / "out", resume=True, quiet=True, watch=lambda progress: seen.append(progress.done)
+    )
+    assert seen == [30]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
 
 
 @pytest.mark.parametrize(("fit", "code"), [(exact, 0), (troubled, 3)])

@@ -38,7 +38,7 @@ def started(out: Path) -> "subprocess.Popen[bytes]":
 def wait_for(store: Path, tasks: int) -> None:
     """Wait until so many tasks are saved."""
     end = time.monotonic() + 120
-    while (finished_tasks(store) or 0) < tasks:
+    while finished_tasks(store) < tasks:
         assert time.monotonic() < end, "no progress"
         time.sleep(0.01)
 
@@ -54,7 +54,7 @@ def test_a_killed_calibration_loses_nothing_that_was_saved(sign: signal.Signals,
         process.send_signal(sign)
         assert process.wait(timeout=60) != 0
         assert not out.exists()
-        assert (finished_tasks(store) or 0) >= tasks
+        assert finished_tasks(store) >= tasks
     assert started(out).wait(timeout=120) == 0
     assert started(tmp_path / "other").wait(timeout=120) == 0
     first, second = (

@@ -7,6 +7,7 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.calibration import Fitted, ShortRuns, calibrate
 from bayesterra.calibration.tasks import replicated, spaced
+from bayesterra.engines import in_process, local_pool
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.study import Study
 
@@ -51,7 +52,8 @@ def test_latent_loads_come_from_their_flat_prior(make_study: MakeStudy) -> None:
 def test_ranks_do_not_depend_on_the_number_of_workers(make_study: MakeStudy, quick: ShortRuns) -> None:
     """One process and two give the same table but for the time it took."""
     study = make_study("K", noise={"sinkage": 50e-3, "drawbar_pull": 100.0})
-    tables = [calibrate(study, n=20, seed=7, workers=k, fit=quick).table for k in (1, 2)]
+    with in_process() as here, local_pool(2) as there:
+        tables = [calibrate(study, n=20, seed=7, engine=one, fit=quick).table for one in (here, there)]
     first, second = (table.drop(columns="seconds") for table in tables)
     pd.testing.assert_frame_equal(first, second)
 
@@ -101,11 +103,9 @@ def test_draws_are_taken_from_all_stretches() -> None:
 
 
 def test_mistakes_are_named_before_any_work(make_study: MakeStudy) -> None:
-    """Too few replications, no workers, nothing free, no support: one line each."""
+    """Too few replications, nothing free, no support: one line each."""
     with pytest.raises(StudyError, match=r"'n' must be at least 20 replications.*\(got 5\)"):
         calibrate(make_study("phi"), n=5)
-    with pytest.raises(StudyError, match=r"'workers' must be at least 1 \(got 0\)"):
-        calibrate(make_study("phi"), n=20, workers=0)
     with pytest.raises(StudyError, match="every parameter is fixed: there is nothing to calibrate"):
         calibrate(make_study(), n=20)
     heavy = pd.DataFrame({"slip": [0.1], "load [N]": 1e9, "sinkage [mm]": 5.0})

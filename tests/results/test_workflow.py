@@ -174,9 +174,7 @@ def test_an_unfinished_run_is_not_lost_silently(
         lambda: run_prior_study(small_result.study, out=stopped),
         lambda: RunResult.of(small_result).save(stopped),
     ):
-        with pytest.raises(
-            ResultError, match="unfinished run: add --resume to go on with it, or --overwrite to"
-        ):
+        with pytest.raises(ResultError, match="unfinished run: add --resume to go on, or --overwrite to"):
             attempt()
     assert quick == []
     assert (stopped.with_name("out.part") / "checkpoint" / "round-0001.segment").exists()
