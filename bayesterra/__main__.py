@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import typer
 
@@ -21,7 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without arguments it shows the help."""
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        code = app(args=arguments, prog_name="bayesterra", standalone_mode=False)
+        with _termination_as_interruption():
+            code = app(args=arguments, prog_name="bayesterra", standalone_mode=False)
     except BayesterraError as error:
         return _report(str(error), BAD_INPUT)
     except _UsageProblem as error:
@@ -33,6 +37,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if code == INTERRUPTED:  # some typers turn Ctrl-C into this code themselves
         return _report("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _termination_as_interruption() -> Iterator[None]:
+    """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C: time to put things down."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _report(message: str, code: int) -> int:

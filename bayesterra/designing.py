@@ -16,11 +16,13 @@ import numpy as np
 from numpy.random import default_rng
 
 from bayesterra import report
+from bayesterra.checksums import check_sums
 from bayesterra.design.candidates import Candidate, Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.design.gain import Estimate
 from bayesterra.design.judging import Progress, Report, as_content, from_content
 from bayesterra.design.readings import Situation
+from bayesterra.drawn import is_result
 from bayesterra.engines import Engine
 from bayesterra.errors import StudyError
 from bayesterra.figures.design import gain_over_slip_png
@@ -31,7 +33,7 @@ from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
 from bayesterra.record import PACKAGES
 from bayesterra.results import Result
-from bayesterra.study import Study, load_study
+from bayesterra.study import STUDY_FILE, Study, load_study
 from bayesterra.taskfolders import task_folder
 from bayesterra.workflow import load_single
 
@@ -222,8 +224,9 @@ def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
 
 def known_in(path: Path) -> Result | Study:
     """The result in a folder that ``run`` wrote, else the study, with or without readings."""
-    if (path / "draws.nc").is_file() and not _prior_only(path):
+    if is_result(path) and not _prior_only(path):
         return load_single(path)
+    check_sums(path, STUDY_FILE, "measurements.csv")
     return load_study(path, prior_only=True)
 
 

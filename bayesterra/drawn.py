@@ -11,7 +11,8 @@ from typing import Any
 import xarray as xr
 
 from bayesterra.arrays import FloatArray, frozen
-from bayesterra.errors import StudyError
+from bayesterra.checksums import check_sums
+from bayesterra.errors import ResultError, StudyError
 from bayesterra.folders import part_of
 
 DRAWS, RECORD = "draws.nc", "run.json"
@@ -48,6 +49,11 @@ class Drawn:
         )
 
 
+def is_result(folder: Path) -> bool:
+    """Whether a folder is meant as a result, be it whole or not."""
+    return any((folder / name).exists() for name in (DRAWS, RECORD))
+
+
 def read_drawn(folder: Path) -> Drawn:
     """Read the posterior draws of a result folder.
 
@@ -63,6 +69,10 @@ def read_drawn(folder: Path) -> Drawn:
     missing = [file for file in (DRAWS, RECORD) if not (folder / file).is_file()]
     if missing:
         raise StudyError(f"{name} is not a finished result folder: {' and '.join(missing)} missing")
+    try:
+        check_sums(folder, DRAWS, RECORD, "study.toml")
+    except ResultError as error:
+        raise StudyError(str(error)) from error
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         with xr.open_datatree(folder / DRAWS, engine="h5netcdf") as tree:

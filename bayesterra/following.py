@@ -12,13 +12,15 @@ from typing import Any, TextIO
 import pandas as pd
 
 from bayesterra import schema
+from bayesterra.checksums import check_sums
 from bayesterra.data import Observations
+from bayesterra.drawn import is_result
 from bayesterra.errors import BayesterraError, StudyError
 from bayesterra.figures.stream import bands_over_rows_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.messages import errors_in
 from bayesterra.streaming.rows import read_row
-from bayesterra.streaming.state import MARK
+from bayesterra.streaming.state import MARK, STATE
 from bayesterra.streaming.stream import Stream, load_stream
 from bayesterra.streaming.updates import Alarm, Update, cells
 from bayesterra.study import STUDY_FILE, load_study
@@ -104,13 +106,14 @@ def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:
     StudyError, ResultError : what is there cannot be used.
     """
     given = {name: value for name, value in settings.items() if value is not None}
-    if (what / MARK).is_file():
+    if (what / MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
+        check_sums(what, UPDATES)
         before = pd.read_csv(what / UPDATES) if (what / UPDATES).is_file() else pd.DataFrame()
         table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
         soil = int(before["soil"].iloc[-1]) if len(before) else 1
         return Following(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
-    if (what / "draws.nc").is_file():
+    if is_result(what):
         return Following(Stream(load_result(what), **given))
     study = load_study(what, prior_only=True, table=first)
     path = what / STUDY_FILE if what.is_dir() else what

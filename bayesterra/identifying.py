@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from bayesterra import report
+from bayesterra.drawn import is_result
 from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
@@ -75,7 +76,7 @@ def opened(path: Path) -> Study | Result:
     ------
     BayesterraError : it is neither, or something in it is wrong.
     """
-    if (path / "run.json").is_file():
+    if is_result(path):
         return load_single(path)
     if path.is_file() or (path / "study.toml").is_file():
         return load_study(path)

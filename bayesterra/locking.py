@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from bayesterra.errors import ResultError
 
 
 @contextmanager
-def locked(path: Path, place: str) -> Iterator[None]:
+def locked(path: Path, place: str) -> Iterator[Callable[[], bool]]:
     """Hold the lock of a file, which is made with its folders; the file may move or vanish meanwhile.
 
-    The operating system gives the lock back when the process ends, so a killed one is in nobody's way.
+    What is yielded tells whether the file is still where it was. The operating system gives the lock back
+    when the process ends, so a killed one is in nobody's way.
 
     Raises
     ------
@@ -23,7 +25,7 @@ def locked(path: Path, place: str) -> Iterator[None]:
     """
     handle = _held(path, place)
     try:
-        yield
+        yield partial(_is_at, handle, path)
     finally:
         os.close(handle)
 
@@ -39,8 +41,9 @@ def _held(path: Path, place: str) -> int:
             raise ResultError(f"{place} cannot be written: {error.strerror}") from error
         _take(handle, place)
         if _is_at(handle, path):
-            os.truncate(handle, 0)
-            os.write(handle, f"{os.getpid()}\n".encode())
+            with suppress(OSError):  # it only serves a message
+                os.truncate(handle, 0)
+                os.write(handle, f"{os.getpid()}\n".encode())
             return handle
         os.close(handle)  # likewise: what we hold is no longer what others would ask for
 

@@ -141,7 +141,7 @@ def write_simulated(
     made_with = true_values(study, truth)
     table = simulate(study, made_with.values, seed)
     text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
-    with whole_folder(folder) as part:
+    with whole_folder(folder, sums=False) as part:  # a study to work on
         write_text(part / "measurements.csv", table.to_csv(index=False, float_format="%.12g"))
         write_text(part / "study.toml", text)
     return made_with

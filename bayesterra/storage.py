@@ -10,9 +10,10 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
+from bayesterra.checksums import check_sums
 from bayesterra.drawn import DRAWS
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.folders import write_text
+from bayesterra.folders import write_bytes, write_text
 from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
 from bayesterra.results import Result
@@ -33,14 +34,15 @@ def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> N
 
 
 def write_draws(draws: xr.DataTree, path: Path) -> None:
-    """Write draws as netCDF."""
+    """Write draws as netCDF; made in memory, because HDF5 loses its way on a full disk."""
     # each dataset is written on its own terms: draws compress well, coordinates need no chunks
     encoding = {
         node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
         for node in draws.subtree
         if node.data_vars
     }
-    draws.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    content = draws.to_netcdf(engine="h5netcdf", encoding=encoding)
+    write_bytes(path, bytes(content))
 
 
 def _numeric(node: xr.DataTree) -> list[str]:
@@ -77,6 +79,7 @@ def read_result(folder: Path) -> Result:
         )
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
+    check_sums(folder, *_FILES)
     try:
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
@@ -105,6 +108,7 @@ def read_pooled(folder: Path) -> PooledResult:
     missing = [name for name in needed if not (folder / name).is_file()]
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
+    check_sums(folder, *needed)
     try:
         tables = {name: pd.read_csv(folder / f"{name}.csv") for name in POOLED_TABLES}
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))

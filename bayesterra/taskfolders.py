@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bayesterra.errors import ResultError
-from bayesterra.folders import WORK, check_free, part_of, settle, tidy, to_disk, write_text
-from bayesterra.locking import locked
+from bayesterra.folders import WORK, whole_folder, write_text
 from bayesterra.taskstore import STORE_FILE, TaskStore, read_tasks
 
 STATUS_FILE = "status.json"
@@ -64,39 +63,25 @@ def task_folder(
     ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written; another process works
         there; there are finished tasks, of something else or without ``resume``.
     """
-    check_free(out, overwrite=overwrite, mark=mark)
-    part = part_of(out)
-    with locked(part / WORK / "lock", f"'{part}'"):
-        _cleared(part, tasks, resume=resume, overwrite=overwrite)
-        try:
-            status = Status(part)
-            with TaskStore(part / STORE_FILE, made_with) as store:
-                try:
-                    yield part, store, status
-                finally:
-                    status.write()
-            for path in (*part.glob(f"{STORE_FILE}*"), part / STATUS_FILE):
-                path.unlink(missing_ok=True)
-            for path in part.iterdir():
-                to_disk(path)
-            settle(part, out)
-            tidy(out)
-        except OSError as error:
-            raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+
+    def unfinished(part: Path) -> str:
+        return _finished(part, tasks)
+
+    with whole_folder(out, mark=mark, resume=resume, overwrite=overwrite, unfinished=unfinished) as part:
+        status = Status(part)
+        with TaskStore(part / WORK / STORE_FILE, made_with) as store:
+            try:
+                yield part, store, status
+            finally:
+                status.write()
+        (part / STATUS_FILE).unlink(missing_ok=True)
 
 
-def _cleared(part: Path, tasks: str, *, resume: bool, overwrite: bool) -> None:
-    """Remove what earlier work left, but with ``resume``."""
-    if (part / STORE_FILE).exists() and not (resume or overwrite):
-        finished = len(read_tasks(part / STORE_FILE))  # a damaged store is no reason to remove it either
-        if finished:
-            raise ResultError(
-                f"'{part}' holds {finished} finished {tasks}: add --resume to go on, or --overwrite to begin"
-                " anew"
-            )
+def _finished(part: Path, tasks: str) -> str:
+    """What would be lost with ``part``, in words; a damaged store is no reason to remove it either."""
+    store = part / WORK / STORE_FILE
     try:
-        for path in part.iterdir() if not resume else ():
-            if path.name != WORK:
-                path.unlink()
-    except OSError as error:
-        raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
+        number = len(read_tasks(store)) if store.exists() else 0
+    except ResultError:
+        return f"{tasks} that cannot be read"
+    return f"{number} finished {tasks}" if number else ""

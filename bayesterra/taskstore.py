@@ -14,6 +14,7 @@ from zlib import crc32
 import pandas as pd
 
 from bayesterra.errors import ResultError
+from bayesterra.folders import WORK, part_of
 
 STORE_FILE = "tasks.sqlite"
 FORMAT = 1
@@ -88,7 +89,9 @@ class TaskStore:
             return
         for name in {**before, **made_with}:
             if before.get(name) != made_with.get(name):
-                raise ResultError(_difference(self._path.parent, name, before.get(name), made_with.get(name)))
+                place = self._path.parent
+                place = place.parent if place.name == WORK else place
+                raise ResultError(_difference(place, name, before.get(name), made_with.get(name)))
 
     def add(self, finished: Mapping[int, Mapping[str, Any]]) -> None:
         """Save finished tasks by number, all or none; they are on the disk when this returns."""
@@ -163,7 +166,7 @@ def finished_tasks(path: Path) -> int:
 
 
 def _store_at(path: Path) -> Path:
-    places = (path, path / STORE_FILE, path.with_name(path.name + ".part") / STORE_FILE)
+    places = (path, path / WORK / STORE_FILE, part_of(path) / WORK / STORE_FILE)
     for place in places:
         if place.is_file():
             return place

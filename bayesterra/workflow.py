@@ -15,7 +15,7 @@ from typing import Any, Self, cast
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.folders import WORK, check_free, part_of, tidy, unfinished, whole_folder, write_text
+from bayesterra.folders import WORK, check_free, clear_up, part_of, saved_segments, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.notebook import result_table
 from bayesterra.pooled import PooledResult, run_pooled
@@ -187,7 +187,7 @@ def _no_crosscheck(asked: bool) -> None:
 
 def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
     """The result that a run left which ended after all; None where there is none, or another one."""
-    if not (out / "run.json").is_file() or unfinished(part_of(out)):
+    if not (out / "run.json").is_file() or saved_segments(part_of(out)):
         return None
     try:
         result = load_result(out)
@@ -195,7 +195,7 @@ def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
         return None
     if result.record["fingerprints"].get("run") != digest(identity(study, seed)):
         return None
-    tidy(out)
+    clear_up(out)
     return result
 
 

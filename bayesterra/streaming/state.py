@@ -10,13 +10,14 @@ from typing import Any
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checkpoints import Checkpoints, Identity, digest
+from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError
-from bayesterra.folders import write_text
+from bayesterra.folders import SEGMENT, write_text
 from bayesterra.sampling.journal import pack, unpack
 from bayesterra.streaming.changes import Candidates
 from bayesterra.streaming.cloud import Cloud
 from bayesterra.streaming.updates import Alarm
-from bayesterra.study import Study
+from bayesterra.study import STUDY_FILE, Study
 from bayesterra.writing import write_study
 
 MARK = "stream.json"
@@ -66,6 +67,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     """
     if not (folder / MARK).is_file():
         raise ResultError(f"'{folder}' is not the folder of a stream: it has no {MARK}")
+    check_sums(folder, MARK, STUDY_FILE, "measurements.csv")
     try:
         return dict(json.loads((folder / MARK).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:
@@ -85,5 +87,5 @@ def read_state(folder: Path, identity: Identity) -> State:
         text = f"'{folder}' is damaged: its particles belong to another study or other rows"
         raise ResultError(text) from error
     if segment is None:
-        raise ResultError(f"'{folder}' is damaged: the particles cannot be read")
+        raise ResultError(f"'{folder}' is damaged: the particles cannot be read ({STATE}/{STATE}{SEGMENT})")
     return unpack(State, segment)

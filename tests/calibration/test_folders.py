@@ -1,7 +1,10 @@
 """Calibration folders: whole or not at all, resumable task by task, with a safe report."""
 
 import json
+import shutil
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -17,7 +20,7 @@ from bayesterra.taskstore import TaskStore, finished_tasks
 from .conftest import MakeStudy, exact
 from .test_tasks import troubled
 
-FILES = {"ranks.csv", "calibration.json", "report.html", "study.toml", "measurements.csv"}
+FILES = {"ranks.csv", "calibration.json", "report.html", "study.toml", "measurements.csv", "SHA256SUMS"}
 
 
 def stop_at(number: int) -> Callable[[Progress], None]:
@@ -42,7 +45,7 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: Job, tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(12))
     assert not out.exists()
-    assert finished_tasks(part / "tasks.sqlite") == 12
+    assert finished_tasks(part / "checkpoint" / "tasks.sqlite") == 12
     status = json.loads((part / "status.json").read_text())
     assert (status["replications"], status["of"], status["done"]) == (12, 30, 0.4)
     with pytest.raises(
@@ -71,7 +74,7 @@ def test_what_does_not_belong_together_is_not_resumed(
     other = Job(make_study("phi", noise={"drawbar_pull": 2.0}), 30, seed=5, fit=exact)
     with pytest.raises(ResultError, match="was made with another study"):
         calibrate_study(other, out, resume=True, quiet=True)
-    assert finished_tasks(tmp_path / "out.part" / "tasks.sqlite") == 3
+    assert finished_tasks(tmp_path / "out.part" / "checkpoint" / "tasks.sqlite") == 3
     assert len(calibrate_study(other, out, overwrite=True, quiet=True).table) == 30
 
 
@@ -130,6 +133,53 @@ def test_a_damaged_store_is_an_error_not_a_loss(tmp_path: Path) -> None:
         TaskStore(path, {"seed": 1})
     assert path.stat().st_size > 0
     assert finished_tasks(path) == 0
+
+
+def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
+    """A flipped digit and a renumbered task are as good as never saved."""
+    path = tmp_path / "tasks.sqlite"
+    with TaskStore(path, {"seed": 1}) as store:
+        store.add({task: {"rank": 0.123} for task in (1, 2, 3)})
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE tasks SET content = replace(content, '0.123', '0.723') WHERE task = 1")
+        connection.execute("UPDATE tasks SET task = 7 WHERE task = 2")
+    with TaskStore(path, {"seed": 1}) as store:
+        assert store.tasks() == {3: {"rank": 0.123}}
+
+
+def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) -> None:
+    """The calibration stands whole, and what is left of the work is cleared."""
+    out, kept = tmp_path / "out", tmp_path / "kept"
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_study(job, out, quiet=True, watch=stop_at(30))
+    shutil.copytree(tmp_path / "out.part" / "checkpoint", kept)
+    calibrate_study(job, out, resume=True, quiet=True)
+    shutil.copytree(kept, out / "checkpoint")
+    with pytest.raises(ResultError, match="out' exists already"):
+        calibrate_study(job, out, resume=True, quiet=True)
+    assert {path.name for path in out.iterdir()} == FILES
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "kept"}
+
+
+def test_nothing_is_removed_before_the_folder_has_its_name(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that fails at the very end costs no replication."""
+
+    def fail(part: Path, folder: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesterra.folders._swap", fail)
+        with pytest.raises(ResultError, match=r"out\.part' cannot be written: Input/output error"):
+            calibrate_study(job, tmp_path / "out", quiet=True)
+    assert len(bt.read_tasks(tmp_path / "out")) == 30
+    seen: list[int] = []
+    calibrate_study(
+        job, tmp_path / "out", resume=True, quiet=True, watch=lambda progress: seen.append(progress.done)
+    )
+    assert seen == [30]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
 
 
 @pytest.mark.parametrize(("fit", "code"), [(exact, 0), (troubled, 3)])

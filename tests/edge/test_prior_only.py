@@ -100,7 +100,7 @@ def test_the_command_writes_a_folder(
     folder = tmp_path / "before"
     names = {path.name for path in folder.iterdir()}
     tables = {"summary.csv", "predictive.csv", "measurements.csv"}
-    assert names == {"report.html", "draws.nc", "run.json", "study.toml", *tables}
+    assert names == {"report.html", "draws.nc", "run.json", "study.toml", "SHA256SUMS", *tables}
     assert json.loads((folder / "run.json").read_text())["prior_only"] is True
     assert main(["run", str(file), "--prior-only", "--out", "before"]) == 2
     assert "--overwrite" in capsys.readouterr().err

@@ -142,7 +142,7 @@ def test_the_folder_and_the_names_of_folders(saved: Path, tmp_path: Path) -> Non
     page = bt.compare([str(folder) for folder in folders]).save(tmp_path / "comparison")
     assert page.is_file()
     names = {path.name for path in page.parent.iterdir()}
-    assert names == {"comparison.html", "comparison.csv", "predictions.csv", "evidence.csv"}
+    assert names == {"comparison.html", "comparison.csv", "predictions.csv", "evidence.csv", "SHA256SUMS"}
 
 
 def test_too_few_and_too_many(wide: RunResult) -> None:

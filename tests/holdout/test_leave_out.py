@@ -30,7 +30,7 @@ from .conftest import MakeStudy, on_grid
 Captured = pytest.CaptureFixture[str]
 FILES = {
     "report.html", "scores.csv", "summary.csv", "skills.csv", "refits.csv", "holdout.png", "bands.png",
-    "holdout.json", "study.toml", "measurements.csv",
+    "holdout.json", "study.toml", "measurements.csv", "SHA256SUMS",
 }  # fmt: skip
 
 

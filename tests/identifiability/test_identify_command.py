@@ -21,7 +21,7 @@ from .conftest import VARIANTS, trial
 from .test_identified import TABLES
 
 Captured = pytest.CaptureFixture[str]
-FILES = {MARK, "report.html", *(f"{name}.csv" for name in TABLES)}
+FILES = {MARK, "SHA256SUMS", "report.html", *(f"{name}.csv" for name in TABLES)}
 
 
 def strict(path: Path) -> Any:
@@ -116,6 +116,7 @@ def test_draws_that_did_not_converge_end_with_3(pair_folder: Path, tmp_path: Pat
     record = json.loads((poor / "run.json").read_text(encoding="utf-8"))
     record["verdict"]["converged"] = False
     (poor / "run.json").write_text(json.dumps(record), encoding="utf-8")
+    (poor / "SHA256SUMS").unlink()
     assert main(["identify", str(poor), "--out", str(tmp_path / "out"), "--quiet"]) == 3
     assert "! The sampling did not converge" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -1,11 +1,15 @@
 """Folders that appear whole or not at all."""
 
 import os
+import shutil
+from collections.abc import Callable
 from contextlib import AbstractContextManager
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
+from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.locking import locked
@@ -90,6 +94,7 @@ def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_name(
 ) -> None:
     """If the last rename fails, the old result has its name and its content again."""
     old, rename = result_folder(tmp_path / "out"), Path.rename
+    monkeypatch.setattr("bayesterra.folders._exchanged", lambda one, other: False)
 
     def refuse(path: Path, target: Path) -> Path:
         if path.name == "out.part":
@@ -146,7 +151,7 @@ def test_remains_of_an_earlier_run_do_not_mix_in(tmp_path: Path) -> None:
     (tmp_path / "out.part" / "stale.csv").write_text("", encoding="utf-8")
     with whole_folder(tmp_path / "out") as part:
         write_text(part / "a.txt", "a")
-    assert names(tmp_path / "out") == {"a.txt"}
+    assert names(tmp_path / "out") == {"a.txt", "SHA256SUMS"}
 
 
 def test_a_text_file_is_replaced_at_once(tmp_path: Path) -> None:
@@ -171,7 +176,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
             ):
                 pass
         assert (part / "run.json").read_text(encoding="utf-8") == "a"
-    assert names(tmp_path / "out") == {"run.json"}
+    assert names(tmp_path / "out") == {"run.json", "SHA256SUMS"}
     with whole_folder(tmp_path / "out", overwrite=True) as part:  # the lock went with the first one
         write_text(part / "run.json", "b")
 
@@ -181,7 +186,7 @@ def test_a_result_that_appeared_meanwhile_is_not_replaced(
 ) -> None:
     """Where another run ends between the check and the lock, its result stays."""
 
-    def late(path: Path, place: str) -> AbstractContextManager[None]:
+    def late(path: Path, place: str) -> AbstractContextManager[Callable[[], bool]]:
         result_folder(tmp_path / "out")
         return locked(path, place)
 
@@ -201,13 +206,73 @@ def test_resuming_keeps_segments_only(tmp_path: Path) -> None:
         assert (part / "checkpoint" / "round-0001.segment").read_text(encoding="utf-8") == "saved"
         assert names(part) == {"checkpoint"}
         write_text(part / "run.json", "new")
-    assert names(tmp_path / "out") == {"run.json"}
+    assert names(tmp_path / "out") == {"run.json", "SHA256SUMS"}
 
 
 def test_what_a_kill_in_the_last_moment_leaves_is_cleared(tmp_path: Path) -> None:
-    """An old result that had stepped aside when its run was killed goes with the next one that is whole."""
-    result_folder(tmp_path / ".out.replaced-12345")
-    result_folder(tmp_path / ".outer.replaced-12345")
+    """An old result that was being removed when its run was killed goes with the next one that is whole."""
+    result_folder(tmp_path / ".out.removed-12345")
+    result_folder(tmp_path / ".outer.removed-12345")
     with whole_folder(tmp_path / "out") as part:
         write_text(part / "run.json", "new")
-    assert names(tmp_path) == {"out", ".outer.replaced-12345"}
+    assert names(tmp_path) == {"out", ".outer.removed-12345"}
+
+
+def test_an_old_result_that_had_stepped_aside_comes_back(tmp_path: Path) -> None:
+    """A kill between the two renames, where the system cannot do both at once, loses no old result."""
+    result_folder(tmp_path / ".out.replaced-12345")
+    with pytest.raises(ResultError, match="out' exists already"), whole_folder(tmp_path / "out"):
+        pass
+    assert names(tmp_path) == {"out"}
+    assert (tmp_path / "out" / "run.json").read_text(encoding="utf-8") == "old"
+    make(tmp_path / "out")
+    assert (tmp_path / "out" / "run.json").read_text(encoding="utf-8") == "new"
+    assert names(tmp_path) == {"out"}
+
+
+def test_a_folder_that_another_run_took_is_left_to_it(tmp_path: Path) -> None:
+    """Removed from under a run and begun anew by another one, DIR.part is neither finished nor removed."""
+    part = tmp_path / "out.part"
+
+    def lose() -> None:
+        with whole_folder(tmp_path / "out"):
+            shutil.rmtree(part)
+            part.mkdir()
+            write_text(part / "a.txt", "of the other run")
+
+    with pytest.raises(ResultError, match=r"out\.part' was removed or taken by another run while"):
+        lose()
+    assert names(tmp_path) == {"out.part"}
+    assert names(part) == {"a.txt"}
+
+
+def test_a_finished_folder_carries_checksums(tmp_path: Path) -> None:
+    """They are those of sha256sum, of all files at any depth but those that only served the making."""
+    with whole_folder(tmp_path / "out") as part:
+        write_text(part / "run.json", "new")
+        (part / "state").mkdir()
+        write_text(part / "state" / "a b.txt", "deep")
+    digests = {name: sha256(text).hexdigest() for name, text in ((1, b"new"), (2, b"deep"))}
+    lines = (tmp_path / "out" / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    assert lines == [f"{digests[1]}  run.json", f"{digests[2]}  state/a b.txt"]
+    check_sums(tmp_path / "out", "run.json", "state/a b.txt", "never there")
+
+
+def test_a_file_that_is_not_as_it_was_written_is_named(tmp_path: Path) -> None:
+    """Changed, missing, unreadable or unlisted: an error each; without checksums nothing is known."""
+    out = tmp_path / "out"
+    make(out)
+    write_text(out / "more.txt", "later")
+    with pytest.raises(ResultError, match=r"out/more\.txt' is damaged or was changed \(see its checksum in"):
+        check_sums(out, "run.json", "more.txt")
+    (out / "run.json").unlink()
+    with pytest.raises(ResultError, match=r"out/run\.json' is missing"):
+        check_sums(out, "run.json")
+    (out / "run.json").mkdir()
+    with pytest.raises(ResultError, match=r"out/run\.json' cannot be read: Is a directory"):
+        check_sums(out, "run.json")
+    (out / "SHA256SUMS").unlink()
+    check_sums(out, "run.json")
+    (out / "SHA256SUMS").mkdir()
+    with pytest.raises(ResultError, match=r"out/SHA256SUMS' cannot be read: Is a directory"):
+        check_sums(out, "run.json")
