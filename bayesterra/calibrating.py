@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -13,9 +14,20 @@ from typing import Any, Self
 
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
+from bayesterra.csvfiles import csv_text
 from bayesterra.errors import ResultError
-from bayesterra.folders import WORK, check_free, part_of, settle, tidy, whole_folder, write_text
+from bayesterra.folders import (
+    WORK,
+    check_free,
+    check_no_links,
+    part_of,
+    settle,
+    tidy,
+    whole_folder,
+    write_text,
+)
 from bayesterra.locking import locked
+from bayesterra.reading import damage
 from bayesterra.study import Study
 from bayesterra.taskstore import STORE_FILE, TaskStore, finished_tasks
 from bayesterra.writing import write_study
@@ -44,7 +56,7 @@ class CalibrationResult(Calibration):
         return Path(folder) / "report.html"
 
     def _write(self, part: Path) -> None:
-        write_text(part / "ranks.csv", self.table.to_csv(index=False, float_format="%.6g"))
+        write_text(part / "ranks.csv", csv_text(self.table, "%.6g"))
         write_text(part / MARK, json.dumps(_finite(self.findings()), indent=1, ensure_ascii=False) + "\n")
         write_text(part / "report.html", report.calibration_html(self))
         write_study(self.study, part)
@@ -137,7 +149,8 @@ def _filled(job: Job, part: Path, watchers: Iterable[Callable[[Progress], None]]
             for watch in watchers:
                 watch(progress)
 
-        finished = [Outcome(**content) for content in store.tasks().values()]
+        with damage(ResultError, part / STORE_FILE):
+            finished = [Outcome.from_record(content) for content in store.tasks().values()]
         return calibration.calibrate(
             job.study, n=job.n, seed=job.seed, workers=job.workers, fit=job.fit, finished=finished,
             report=update,
@@ -156,6 +169,7 @@ def _made_with(job: Job) -> dict[str, Any]:
 def _part_of(folder: Path, *, resume: bool, overwrite: bool) -> Iterator[Path]:
     """The folder to work in; what earlier work left in it stays with ``resume`` only."""
     part = part_of(folder)
+    check_no_links(part)
     with locked(part / WORK / "lock", f"'{part}'"):
         finished = finished_tasks(part / STORE_FILE)
         if finished and not (resume or overwrite):
@@ -166,7 +180,7 @@ def _part_of(folder: Path, *, resume: bool, overwrite: bool) -> Iterator[Path]:
         try:
             for path in part.iterdir() if not resume else ():
                 if path.name != WORK:
-                    path.unlink()
+                    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
             yield part
         except OSError as error:
             raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error

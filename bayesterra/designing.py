@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from bayesterra import report
+from bayesterra.csvfiles import csv_text
 from bayesterra.design.candidates import Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.design.readings import Situation
@@ -24,6 +25,7 @@ from bayesterra.messages import did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
+from bayesterra.reading import read_json
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
 from bayesterra.workflow import load_single
@@ -52,8 +54,8 @@ class Recommendation(Design):
         ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
         """
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            write_text(part / "design.csv", self.table.to_csv(index=False, float_format="%.6g"))
-            write_text(part / "plan.csv", self.plan.to_csv(index=False, float_format="%.6g"))
+            write_text(part / "design.csv", csv_text(self.table, "%.6g"))
+            write_text(part / "plan.csv", csv_text(self.plan, "%.6g"))
             (part / "design.png").write_bytes(gain_over_slip_png(self))
             write_text(part / "report.html", report.design_html(self))
             write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
@@ -144,8 +146,8 @@ def known_in(path: Path) -> Result | Study:
 
 def _prior_only(folder: Path) -> bool:
     try:
-        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get("prior_only"))
-    except (OSError, ValueError):
+        return bool(read_json(folder / "run.json").get("prior_only"))
+    except (OSError, ValueError, AttributeError):
         return False
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,8 @@ import xarray as xr
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError
 from bayesterra.folders import part_of
+from bayesterra.netcdf import read_tree
+from bayesterra.reading import damage, read_json
 
 DRAWS, RECORD = "draws.nc", "run.json"
 
@@ -63,12 +64,8 @@ def read_drawn(folder: Path) -> Drawn:
     missing = [file for file in (DRAWS, RECORD) if not (folder / file).is_file()]
     if missing:
         raise StudyError(f"{name} is not a finished result folder: {' and '.join(missing)} missing")
-    try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        with xr.open_datatree(folder / DRAWS, engine="h5netcdf") as tree:
-            posterior = tree["posterior"].to_dataset().load() if "posterior" in tree.children else None
-    except (OSError, ValueError, KeyError) as error:
-        raise StudyError(f"{name} is damaged: {str(error).splitlines()[0]}") from error
-    if posterior is None:
-        raise StudyError(f"{name} holds a prior without readings (run --prior-only): there is no posterior")
-    return Drawn.of(posterior, record, f"({folder.name})")
+    with damage(StudyError, folder):
+        record, tree = read_json(folder / RECORD), read_tree(folder / DRAWS)
+        if "posterior" in tree.children:
+            return Drawn.of(tree["posterior"].to_dataset(), record, f"({folder.name})")
+    raise StudyError(f"{name} holds a prior without readings (run --prior-only): there is no posterior")

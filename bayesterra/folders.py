@@ -51,6 +51,13 @@ def unfinished(part: Path) -> bool:
     return any((part / WORK).glob("*" + SEGMENT))
 
 
+def check_no_links(part: Path) -> None:
+    """ResultError where the folder of an unfinished run is a link, as what is removed there is elsewhere."""
+    for path in (part, part / WORK):
+        if path.is_symlink():
+            raise ResultError(f"'{path}' is a link to another folder: remove it, or give another with --out")
+
+
 @contextmanager
 def whole_folder(
     folder: Path, *, overwrite: bool = False, resume: bool = False, mark: str = "run.json"
@@ -68,6 +75,7 @@ def whole_folder(
     """
     check_free(folder, overwrite=overwrite, mark=mark)
     part = part_of(folder)
+    check_no_links(part)
     with locked(part / WORK / "lock", f"'{part}'"):
         try:
             check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
@@ -99,7 +107,7 @@ def _clear(part: Path, *, overwrite: bool, resume: bool) -> None:
     for path in [*part.iterdir(), *(part / WORK).iterdir()]:
         if path in (part / WORK, part / WORK / "lock") or (resume and path.parent.name == WORK):
             continue
-        if path.is_dir():
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
             path.unlink()
@@ -146,12 +154,14 @@ def to_disk(path: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file so that a reader sees the old or the new one, never a part."""
-    write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8", errors="backslashreplace"))  # file names may hold half characters
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new one, never a part."""
     temporary = path.with_name(path.name + ".new")
-    temporary.write_bytes(content)
+    temporary.unlink(missing_ok=True)
+    with temporary.open("xb") as file:  # never through a link that someone put there
+        file.write(content)
     to_disk(temporary)
     temporary.replace(path)

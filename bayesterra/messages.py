@@ -24,6 +24,22 @@ def errors_in(place: object) -> Iterator[None]:
         raise _LocatedError(f"{place}: {error}") from error
 
 
+LONGEST = 500
+"""Characters, at most, of a message."""
+
+
+def printable(text: str) -> str:
+    """A text in one line that can do nothing to a terminal: characters that do not show are spelled out."""
+    line = " ".join(text.split())
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in line)
+
+
+def in_short(text: str, most: int = LONGEST) -> str:
+    """The text, or its two ends where it is long."""
+    half = most // 2
+    return text if len(text) <= most else f"{text[:half]} [...] {text[-half:]}"
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """``" (did you mean 'slip'?)"`` where a known name is close, else nothing."""
     by_lower = {word.lower(): word for word in known}

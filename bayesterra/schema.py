@@ -38,6 +38,7 @@ from bayesterra.noise import Noise
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
 from bayesterra.priors import Entry, Source
+from bayesterra.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.sharing import Pooling, pooling_table
 from bayesterra.units import quantity
 
@@ -305,14 +306,18 @@ def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool
 def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
     """Read a TOML file of a kind; StudyError where that cannot be done."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(read_text(path, MOST_TOML))
+        check_depth(content)
+        return content
     except FileNotFoundError as error:
         raise StudyError(f"no such {kind} file") from error
     except OSError as error:
-        raise StudyError(f"cannot be read ({error.strerror})") from error
+        raise StudyError(f"cannot be read ({reason(error)})") from error
+    except RecursionError:
+        raise StudyError("must be TOML: it is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise StudyError(f"must be TOML: {error}") from error
 
 

@@ -10,9 +10,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from bayesterra.errors import ResultError
+from bayesterra.errors import BayesterraError, ResultError
+from bayesterra.reading import parsed_json
 
 STORE_FILE = "tasks.sqlite"
+_TABLES = {
+    "origin": "CREATE TABLE origin (content TEXT NOT NULL)",
+    "tasks": "CREATE TABLE tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL)",
+}
+MOST_BYTES = 16 * 2**20
+"""Of the content of one task."""
 
 
 class TaskStore:
@@ -33,16 +40,17 @@ class TaskStore:
     def __init__(self, path: Path, made_with: Mapping[str, Any]) -> None:
         self._path = path
         try:
-            self._connection = sqlite3.connect(path)
+            self._connection = _connected(str(path), path)
             self._connection.execute("PRAGMA journal_mode = WAL")
             self._connection.execute("PRAGMA synchronous = FULL")
+            _check_tables(self._connection)
             with self._connection:
-                self._connection.execute("CREATE TABLE IF NOT EXISTS origin (content TEXT NOT NULL)")
-                self._connection.execute(
-                    "CREATE TABLE IF NOT EXISTS tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL)"
-                )
+                for statement in _TABLES.values():
+                    self._connection.execute(statement.replace("TABLE", "TABLE IF NOT EXISTS", 1))
             self._check(json.loads(json.dumps(made_with)))
-        except sqlite3.Error as error:
+        except (sqlite3.Error, OSError, ValueError) as error:
+            if isinstance(error, BayesterraError):
+                raise
             raise self._damaged(error) from error
 
     def _check(self, made_with: dict[str, Any]) -> None:
@@ -52,7 +60,9 @@ class TaskStore:
             with self._connection:
                 self._connection.execute("INSERT INTO origin VALUES (?)", (json.dumps(made_with),))
             return
-        before = json.loads(row[0])
+        before = parsed_json(str(row[0]))
+        if not isinstance(before, dict):
+            raise ValueError("its origin is no table")
         for name in {**before, **made_with}:
             if before.get(name) != made_with.get(name):
                 raise ResultError(_difference(self._path.parent, name, before.get(name), made_with.get(name)))
@@ -70,8 +80,8 @@ class TaskStore:
         """All finished tasks by number."""
         try:
             rows = self._connection.execute("SELECT task, content FROM tasks ORDER BY task").fetchall()
-            return {task: json.loads(content) for task, content in rows}
-        except (sqlite3.Error, json.JSONDecodeError) as error:
+            return {task: parsed_json(str(content)) for task, content in rows}
+        except (sqlite3.Error, ValueError) as error:
             raise self._damaged(error) from error
 
     def _damaged(self, error: Exception) -> ResultError:
@@ -95,10 +105,31 @@ def finished_tasks(path: Path) -> int:
     if not path.is_file():
         return 0
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(_connected(f"{path.resolve().as_uri()}?mode=ro", path)) as connection:
+            _check_tables(connection)
             return int(connection.execute("SELECT count(*) FROM tasks").fetchone()[0])
-    except sqlite3.Error:
+    except (sqlite3.Error, OSError, ValueError):
         return 0
+
+
+def _connected(where: str, path: Path) -> sqlite3.Connection:
+    """A connection for which content is nothing but content; OSError where the file is a link or a device."""
+    for name in (path, *(path.with_name(path.name + ending) for ending in ("-wal", "-shm", "-journal"))):
+        if name.is_symlink() or (name.exists() and not name.is_file()):
+            raise OSError(f"'{name.name}' is a link or no file")
+    connection = sqlite3.connect(where, uri=where.startswith("file:"))
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    connection.execute("PRAGMA cell_size_check = ON")
+    return connection
+
+
+def _check_tables(connection: sqlite3.Connection) -> None:
+    """ValueError where there are other tables than ours: a view or a trigger would be run by using it."""
+    for kind, name, statement in connection.execute("SELECT type, name, sql FROM sqlite_master"):
+        if kind != "table" or _TABLES.get(name) != statement:
+            raise ValueError(f"it holds a {kind} that is not ours")
 
 
 def _difference(part: Path, name: str, before: Any, now: Any) -> str:
