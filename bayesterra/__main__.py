@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(message: str, code: int) -> int:
-    from bayesterra.messages import in_short, printable
+    from bayesterra.errors import in_short, printable
 
     typer.echo(f"error: {in_short(printable(message))}", err=True)
     return code

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import StringIO
 from pathlib import Path
 from typing import Any, TextIO
@@ -46,16 +46,21 @@ def _formula_like(text: str) -> bool:
 
 def csv_text(table: pd.DataFrame, float_format: str | None = None) -> str:
     """A table as CSV with a header and without its index; texts are shielded, numbers stay numbers."""
-    safe = table.rename(columns=lambda name: _cell(str(name)))
-    for position, kind in enumerate(safe.dtypes):
-        if not pd.api.types.is_numeric_dtype(kind):
-            safe.isetitem(position, safe.iloc[:, position].map(_cell))
-    text: str = safe.to_csv(index=False, float_format=float_format)
+    text: str = _with_texts(table, shielded).to_csv(index=False, float_format=float_format)
     return text
 
 
-def _cell(value: Any) -> Any:
-    return shielded(value) if isinstance(value, str) else value
+def _with_texts(table: pd.DataFrame, change: Callable[[str], str]) -> pd.DataFrame:
+    """The table with its texts changed, those of the header too."""
+
+    def changed(value: Any) -> Any:
+        return change(value) if isinstance(value, str) else value
+
+    other = table.rename(columns=changed)
+    for position, kind in enumerate(table.dtypes):
+        if not pd.api.types.is_numeric_dtype(kind):
+            other.isetitem(position, [changed(value) for value in table.iloc[:, position]])
+    return other
 
 
 def read_csv(path: Path) -> pd.DataFrame:
@@ -71,15 +76,7 @@ def read_csv(path: Path) -> pd.DataFrame:
             pass  # the shape is checked before another parser sees it
     except StudyError as error:
         raise ValueError(f"{path.name} {error}") from error
-    table = pd.read_csv(StringIO(text))
-    for position, kind in enumerate(table.dtypes):
-        if not pd.api.types.is_numeric_dtype(kind):
-            table.isetitem(position, table.iloc[:, position].map(_plain))
-    return table.rename(columns=_plain)
-
-
-def _plain(value: Any) -> Any:
-    return unshielded(value) if isinstance(value, str) else value
+    return _with_texts(pd.read_csv(StringIO(text)), unshielded)
 
 
 def read_cells(path: Path) -> list[list[str]]:

@@ -13,7 +13,7 @@ import pandas as pd
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.csvfiles import read_cells
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean
+from bayesterra.messages import checked_name, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES
@@ -239,6 +239,7 @@ def _labels(column: Column) -> tuple[str, ...]:
     for row, name in enumerate(names, start=1):
         if not name:
             raise StudyError(f"'{column.name}' must be given in every row (empty in row {row})")
+        checked_name(name, f"'{column.name}' in row {row}")
     return names
 
 

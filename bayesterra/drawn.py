@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import xarray as xr
 
 from bayesterra.arrays import FloatArray, frozen
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, in_short, printable
 from bayesterra.folders import part_of
 from bayesterra.netcdf import read_tree
 from bayesterra.reading import damage, read_json
@@ -40,7 +41,7 @@ class Drawn:
         """Label the draws of a group ``posterior`` of dimensions chain and draw."""
         columns = {str(name): values for name, values in posterior.data_vars.items()}
         plain = {name: v for name, v in columns.items() if set(v.dims) == {"chain", "draw"}}
-        title = str(record.get("title") or "")
+        title = in_short(printable(str(record.get("title") or "")), 200)
         return cls(
             label=" ".join(part for part in (f"'{title}'" if title else "", place) if part) or "a result",
             draws={name: frozen(v.transpose("chain", "draw").to_numpy()) for name, v in plain.items()},
@@ -57,7 +58,7 @@ def read_drawn(folder: Path) -> Drawn:
     StudyError : there is no such folder, its run has not ended, or it holds no posterior.
     """
     name = f"'{folder}'"
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         begun = part_of(folder).is_dir()
         why = "its run has not ended (run it with --resume)" if begun else "there is no such folder"
         raise StudyError(f"{name} is not a result folder: {why}")

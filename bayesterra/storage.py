@@ -16,6 +16,7 @@ from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
 from bayesterra.reading import damage, read_json
 from bayesterra.results import Result
+from bayesterra.soundness import POOLED_RECORD, check_draws, check_record, check_tables
 from bayesterra.study import load_study
 from bayesterra.writing import write_study
 
@@ -65,8 +66,11 @@ def read_result(folder: Path) -> Result:
     with damage(ResultError, folder):
         tables = {name: read_csv(folder / f"{name}.csv") for name in TABLES}
         record = read_json(folder / RECORD)
-        draws = read_tree(folder / DRAWS)
-        return Result(study=load_study(folder), draws=draws, record=record, **tables)
+        draws, study = read_tree(folder / DRAWS), load_study(folder)
+        check_record(record)
+        check_tables(tables, study.prior.names)
+        check_draws(draws, study)
+        return Result(study=study, draws=draws, record=record, **tables)
 
 
 def is_pooled(folder: Path) -> bool:
@@ -89,6 +93,7 @@ def read_pooled(folder: Path) -> PooledResult:
         tables = {name: read_csv(folder / f"{name}.csv") for name in POOLED_TABLES}
         record = read_json(folder / RECORD)
         draws = read_tree(folder / DRAWS)
+        check_record(record, POOLED_RECORD)
         return PooledResult(study=load_study(folder), draws=draws, record=record, **tables)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -48,13 +48,13 @@ class Outcome:
     def from_record(cls, content: Mapping[str, Any]) -> Outcome:
         """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
         one = cls(**content)
-        numbers = {name: float(getattr(one, name)) for name in ("ess", "r_hat", "seconds")}
         ranks = {str(name): float(rank) for name, rank in one.ranks.items()}
         if one.status not in (CONVERGED, UNCONVERGED, FAILED) or type(one.task) is not int or one.task < 1:
             raise ValueError(f"no outcome of a replication: {one!r:.60}")
         if any(rank < 0 or rank > 1 for rank in ranks.values()):
             raise ValueError(f"no ranks: {ranks!r:.60}")
-        return replace(one, note=str(one.note), ranks=ranks, **numbers)
+        ess, r_hat, seconds = float(one.ess), float(one.r_hat), float(one.seconds)
+        return cls(one.task, one.status, ess, r_hat, seconds, str(one.note), ranks)
 
 
 @dataclass(frozen=True)
