@@ -92,9 +92,13 @@ def quantity(value: object, dimension: str, name: str, *, bare: bool = False) ->
         raise StudyError(f"'{name}' must be {_form(dimension)} (got {value!r})")
     if dimension and not bare:
         raise StudyError(f"'{name}' needs a unit: {_form(dimension)} (got {value!r})")
-    if not np.isfinite(value):
-        raise StudyError(f"'{name}' must be finite (got {value!r})")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        number = np.inf
+    if not np.isfinite(number):
+        raise StudyError(f"'{name}' must be finite (got {value!r:.40})")
+    return number
 
 
 def _form(dimension: str) -> str:
