@@ -17,7 +17,7 @@ from bayesterra.errors import BayesterraError
 # Click's base class of usage errors; newer typers bring their own click, so it is reached through typer.
 _UsageProblem: type[Exception] = typer.BadParameter.__mro__[2]
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BUG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,8 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(_usage(error), BAD_INPUT)
     except OSError as error:
         return _report(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), BAD_INPUT)
+    except MemoryError:
+        return _report("there is not enough memory for this", BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
+    except Exception as error:  # whatever it is, nobody should have to read a traceback
+        return _report(_bug(error), BUG)
     if code == INTERRUPTED:  # some typers turn Ctrl-C into this code themselves
         return _report("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
@@ -53,8 +57,21 @@ def _termination_as_interruption() -> Iterator[None]:
 
 
 def _report(message: str, code: int) -> int:
-    typer.echo(f"error: {' '.join(message.split())}", err=True)
+    from bayesterra.errors import in_short, printable
+
+    typer.echo(f"error: {in_short(printable(message))}", err=True)
     return code
+
+
+def _bug(error: Exception) -> str:
+    """What to say of an error that is ours, with all about it in a file of its own."""
+    import traceback
+    from tempfile import NamedTemporaryFile
+
+    with NamedTemporaryFile("w", prefix="bayesterra-", suffix=".log", delete=False, encoding="utf-8",
+                            errors="backslashreplace") as log:  # fmt: skip
+        log.write("".join(traceback.format_exception(error)))
+    return f"this is a bug in bayesterra ({type(error).__name__}): please report it with {log.name}"
 
 
 def _usage(error: Exception) -> str:

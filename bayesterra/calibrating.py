@@ -11,10 +11,14 @@ from typing import Any, Self
 
 from bayesterra import calibration, report
 from bayesterra.calibration import Calibration, Fit, Outcome, Progress
+from bayesterra.csvfiles import csv_text
 from bayesterra.engines import Engine
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.errors import ResultError
+from bayesterra.folders import WORK, check_free, whole_folder, write_text
+from bayesterra.reading import damage
 from bayesterra.study import Study
 from bayesterra.taskfolders import task_folder
+from bayesterra.taskstore import STORE_FILE
 from bayesterra.writing import write_study
 
 MARK = "calibration.json"
@@ -41,7 +45,7 @@ class CalibrationResult(Calibration):
         return Path(folder) / "report.html"
 
     def _write(self, part: Path) -> None:
-        write_text(part / "ranks.csv", self.table.to_csv(index=False, float_format="%.6g"))
+        write_text(part / "ranks.csv", csv_text(self.table, "%.6g"))
         write_text(part / MARK, json.dumps(_finite(self.findings()), indent=1, ensure_ascii=False) + "\n")
         write_text(part / "report.html", report.calibration_html(self))
         write_study(self.study, part)
@@ -125,7 +129,8 @@ def calibrate_study(
                 show(progress)
                 watch(progress)
 
-            finished = [Outcome(**content) for content in store.tasks().values()]
+            with damage(ResultError, part / WORK / STORE_FILE):
+                finished = [Outcome.from_record(content) for content in store.tasks().values()]
             made = calibration.calibrate(
                 job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
                 report=update,

@@ -14,13 +14,14 @@ from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesterra.errors import ResultError
 from bayesterra.folders import SEGMENT, to_disk, write_bytes, write_text
+from bayesterra.reading import MOST_SEGMENT, UNREADABLE, parsed_json, read_bytes, read_json
 
 BEGUN = "begun.json"
 SHOWN = 40
@@ -83,7 +84,7 @@ class Checkpoints:
             return None
         try:
             about, arrays = _read(self._path(name))
-        except (OSError, ValueError, EOFError, BadZipFile):
+        except (*UNREADABLE, BadZipFile):
             return None
         if about != {"run": self.run, "segment": name}:
             raise _refusal(self.folder, "was begun with another study, seed or version")
@@ -113,18 +114,21 @@ class Checkpoints:
 
 def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
     """What a segment says of itself, and its arrays; ValueError where it is damaged."""
-    checksum, _, content = path.read_bytes().partition(b"\n")
+    checksum, _, content = read_bytes(path, MOST_SEGMENT).partition(b"\n")
     if sha256(content).hexdigest().encode() != checksum:
         raise ValueError("damaged")
     about, _, arrays = content.partition(b"\n")
+    with ZipFile(BytesIO(arrays)) as packed:  # ours are not packed: a small file cannot hold large arrays
+        if any(one.compress_type != ZIP_STORED or one.file_size > len(arrays) for one in packed.infolist()):
+            raise ValueError("damaged")
     with np.load(BytesIO(arrays), allow_pickle=False) as stored:
-        return json.loads(about), dict(stored)
+        return parsed_json(about.decode()), dict(stored)
 
 
 def _begun(folder: Path) -> Any:
     """What a run was begun with; None where that cannot be read, and its segments must tell."""
     try:
-        known = json.loads((folder / BEGUN).read_text(encoding="utf-8"))
+        known = read_json(folder / BEGUN)
         return known["identity"] if known["run"] == _digest(known["identity"]) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

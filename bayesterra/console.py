@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
@@ -21,13 +20,14 @@ from bayesterra.prior_only import PriorResult
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
+from bayesterra.terminal import PlainConsole
 
 
 @contextmanager
 def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
     """A progress bar on standard error; without ``show`` a silent one."""
     columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
-    with Bar(*columns, console=Console(stderr=True), disable=not show, transient=True) as bar:
+    with Bar(*columns, console=PlainConsole(stderr=True), disable=not show, transient=True) as bar:
         task = bar.add_task("reading", total=1.0, figures="")
 
         def update(progress: Progress) -> None:
@@ -38,7 +38,7 @@ def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
 
 def note(sentence: str) -> None:
     """Say something on standard error, in one line."""
-    Console(stderr=True).print(f"note: {sentence}", highlight=False, soft_wrap=True, markup=False)
+    PlainConsole(stderr=True).print(f"note: {sentence}", soft_wrap=True)
 
 
 @contextmanager
@@ -73,7 +73,7 @@ def task_bar(
 
     It is told the stage, how many tasks of how many are done, the seconds left, and a remark.
     """
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"))
     silent = not (show and console.is_terminal)
     with Bar(*columns, console=console, disable=silent, transient=True) as bar:
@@ -96,7 +96,7 @@ def _in_words(left: float | None) -> str:
 @contextmanager
 def stages(*, show: bool) -> Iterator[Callable[[str], None]]:
     """A line on standard error that names the part at work; nothing without ``show`` or a terminal."""
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if not (show and console.is_terminal):
         yield lambda part: None
         return
@@ -118,7 +118,7 @@ def _figures(progress: Progress) -> str:
 
 def print_result(result: Result, report: Path) -> None:
     """Print the verdict, the parameters and the name of the report."""
-    console = Console()
+    console = PlainConsole()
     console.print(_table(result))
     console.print(verdict_line(result), highlight=False)
     if found := result.record.get("crosscheck"):
@@ -130,7 +130,7 @@ def print_result(result: Result, report: Path) -> None:
 
 def print_pooled(record: Mapping[str, Any], report: Path) -> None:
     """Print what a run with groups found: convergence, what is shared, and the name of the report."""
-    console, found = Console(), record["pooling"]
+    console, found = PlainConsole(), record["pooling"]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("pooling", "log evidence", "elpd of rows", "elpd of groups"):
         table.add_column(header, justify="left" if header == "pooling" else "right", no_wrap=True)
@@ -150,7 +150,7 @@ def print_pooled(record: Mapping[str, Any], report: Path) -> None:
 
 def print_prior(result: PriorResult, report: Path) -> None:
     """Print what physics leaves of the prior, and the name of the report."""
-    console = Console()
+    console = PlainConsole()
     table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("quantity", "unit", "prior median", "90 % HDI"):
         table.add_column(header, justify="right" if header[-1] in "nI" else "left", no_wrap=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
+from bayesterra.csvfiles import read_cells
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean
+from bayesterra.messages import checked_name, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES
@@ -100,21 +100,9 @@ def read_table(path: str | Path) -> pd.DataFrame:
 
     Raises
     ------
-    StudyError : no such file, not UTF-8 text, no rows, or a row of another length than the header.
+    StudyError : no such file, not UTF-8 text, no rows, too many, or a row of another length than the header.
     """
-    path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file, strict=True) if any(cell.strip() for cell in line)]
-    except FileNotFoundError as error:
-        raise StudyError("no such file of measurements") from error
-    except OSError as error:
-        raise StudyError(f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
-    except csv.Error as error:
-        raise StudyError(f"must be a table of comma-separated values ({error})") from error
-    return _framed(lines)
+    return _framed(read_cells(Path(path)))
 
 
 def _framed(lines: list[list[str]]) -> pd.DataFrame:
@@ -251,6 +239,7 @@ def _labels(column: Column) -> tuple[str, ...]:
     for row, name in enumerate(names, start=1):
         if not name:
             raise StudyError(f"'{column.name}' must be given in every row (empty in row {row})")
+        checked_name(name, f"'{column.name}' in row {row}")
     return names
 
 

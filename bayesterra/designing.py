@@ -17,6 +17,7 @@ from numpy.random import default_rng
 
 from bayesterra import report
 from bayesterra.checksums import check_sums
+from bayesterra.csvfiles import csv_text
 from bayesterra.design.candidates import Candidate, Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.design.gain import Estimate
@@ -31,6 +32,7 @@ from bayesterra.messages import did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
+from bayesterra.reading import read_json
 from bayesterra.record import PACKAGES
 from bayesterra.results import Result
 from bayesterra.study import STUDY_FILE, Study, load_study
@@ -65,8 +67,8 @@ class Recommendation(Design):
         return Path(folder) / "report.html"
 
     def _write(self, part: Path) -> None:
-        write_text(part / "design.csv", self.table.to_csv(index=False, float_format="%.6g"))
-        write_text(part / "plan.csv", self.plan.to_csv(index=False, float_format="%.6g"))
+        write_text(part / "design.csv", csv_text(self.table, "%.6g"))
+        write_text(part / "plan.csv", csv_text(self.plan, "%.6g"))
         write_bytes(part / "design.png", gain_over_slip_png(self))
         write_text(part / "report.html", report.design_html(self))
         write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
@@ -232,8 +234,8 @@ def known_in(path: Path) -> Result | Study:
 
 def _prior_only(folder: Path) -> bool:
     try:
-        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get("prior_only"))
-    except (OSError, ValueError):
+        return bool(read_json(folder / "run.json").get("prior_only"))
+    except (OSError, ValueError, AttributeError):
         return False
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +12,10 @@ import xarray as xr
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.checksums import check_sums
-from bayesterra.errors import ResultError, StudyError
+from bayesterra.errors import ResultError, StudyError, in_short, printable
 from bayesterra.folders import part_of
+from bayesterra.netcdf import read_tree
+from bayesterra.reading import damage, read_json
 
 DRAWS, RECORD = "draws.nc", "run.json"
 
@@ -40,7 +42,7 @@ class Drawn:
         """Label the draws of a group ``posterior`` of dimensions chain and draw."""
         columns = {str(name): values for name, values in posterior.data_vars.items()}
         plain = {name: v for name, v in columns.items() if set(v.dims) == {"chain", "draw"}}
-        title = str(record.get("title") or "")
+        title = in_short(printable(str(record.get("title") or "")), 200)
         return cls(
             label=" ".join(part for part in (f"'{title}'" if title else "", place) if part) or "a result",
             draws={name: frozen(v.transpose("chain", "draw").to_numpy()) for name, v in plain.items()},
@@ -62,7 +64,7 @@ def read_drawn(folder: Path) -> Drawn:
     StudyError : there is no such folder, its run has not ended, or it holds no posterior.
     """
     name = f"'{folder}'"
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         begun = part_of(folder).is_dir()
         why = "its run has not ended (run it with --resume)" if begun else "there is no such folder"
         raise StudyError(f"{name} is not a result folder: {why}")
@@ -73,12 +75,8 @@ def read_drawn(folder: Path) -> Drawn:
         check_sums(folder, DRAWS, RECORD, "study.toml")
     except ResultError as error:
         raise StudyError(str(error)) from error
-    try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        with xr.open_datatree(folder / DRAWS, engine="h5netcdf") as tree:
-            posterior = tree["posterior"].to_dataset().load() if "posterior" in tree.children else None
-    except (OSError, ValueError, KeyError) as error:
-        raise StudyError(f"{name} is damaged: {str(error).splitlines()[0]}") from error
-    if posterior is None:
-        raise StudyError(f"{name} holds a prior without readings (run --prior-only): there is no posterior")
-    return Drawn.of(posterior, record, f"({folder.name})")
+    with damage(StudyError, folder):
+        record, tree = read_json(folder / RECORD), read_tree(folder / DRAWS)
+        if "posterior" in tree.children:
+            return Drawn.of(tree["posterior"].to_dataset(), record, f"({folder.name})")
+    raise StudyError(f"{name} holds a prior without readings (run --prior-only): there is no posterior")

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean, suggestion
+from bayesterra.messages import checked_text, did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.priors import RANGED, Entry, Law, Source, Tie
@@ -120,7 +120,7 @@ def _source(name: str, entry: dict[str, Any]) -> str:
     source = entry.pop("source", "")
     if not isinstance(source, str):
         raise StudyError(f"'{name}.source' must be text (got {source!r})")
-    return source
+    return checked_text(source, f"{name}.source")
 
 
 def pair(*names: str) -> str:

@@ -56,6 +56,13 @@ def saved_segments(part: Path) -> str:
     return "an unfinished run" if any((part / WORK).glob("*" + SEGMENT)) else ""
 
 
+def check_no_links(part: Path) -> None:
+    """ResultError where the folder of an unfinished run is a link, as what is removed there is elsewhere."""
+    for path in (part, part / WORK):
+        if path.is_symlink():
+            raise ResultError(f"'{path}' is a link to another folder: remove it, or give another with --out")
+
+
 @contextmanager
 def whole_folder(
     folder: Path,
@@ -80,6 +87,7 @@ def whole_folder(
     """
     check_free(folder, overwrite=overwrite, mark=mark)
     part = part_of(folder)
+    check_no_links(part)
     with locked(part / WORK / "lock", f"'{part}'") as ours:
         try:
             _recover(folder)
@@ -124,7 +132,7 @@ def _clear(part: Path, *, resume: bool) -> None:
     for path in [*part.iterdir(), *(part / WORK).iterdir()]:
         if path in (part / WORK, part / WORK / "lock") or (resume and path.parent.name == WORK):
             continue
-        if path.is_dir():
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
             path.unlink()
@@ -204,14 +212,16 @@ def to_disk(path: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file so that a reader sees the old or the new one, never a part."""
-    write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8", errors="backslashreplace"))  # file names may hold half characters
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new one, never a part."""
     temporary = path.with_name(path.name + ".new")
     try:
-        temporary.write_bytes(content)
+        temporary.unlink(missing_ok=True)
+        with temporary.open("xb") as file:  # never through a link that someone put there
+            file.write(content)
         to_disk(temporary)
         temporary.replace(path)
     except OSError:

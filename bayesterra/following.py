@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -13,12 +12,14 @@ import pandas as pd
 
 from bayesterra import schema
 from bayesterra.checksums import check_sums
+from bayesterra.csvfiles import csv_text, read_csv, rows_of_cells
 from bayesterra.data import Observations
 from bayesterra.drawn import is_result
-from bayesterra.errors import BayesterraError, StudyError
+from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.figures.stream import bands_over_rows_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.messages import errors_in
+from bayesterra.reading import damage
 from bayesterra.streaming.rows import read_row
 from bayesterra.streaming.state import MARK, STATE
 from bayesterra.streaming.stream import Stream, load_stream
@@ -85,7 +86,7 @@ class Following:
         """Write state, table and figure into an existing folder."""
         self.stream.write(folder)
         updates = pd.DataFrame(self.table)
-        write_text(folder / UPDATES, updates.to_csv(index=False, float_format="%.7g"))
+        write_text(folder / UPDATES, csv_text(updates, "%.7g"))
         study = self.stream.study
         truth = dict(study.truth.values) if study.truth else None
         (folder / FIGURE).write_bytes(bands_over_rows_png(updates, truth))
@@ -109,10 +110,7 @@ def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:
     if (what / MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
         check_sums(what, UPDATES)
-        before = pd.read_csv(what / UPDATES) if (what / UPDATES).is_file() else pd.DataFrame()
-        table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
-        soil = int(before["soil"].iloc[-1]) if len(before) else 1
-        return Following(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
+        return _gone_on(stream, what / UPDATES)
     if is_result(what):
         return Following(Stream(load_result(what), **given))
     study = load_study(what, prior_only=True, table=first)
@@ -124,6 +122,17 @@ def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:
         "sinkage_reference": described.sinkage_reference,
     }
     return Following(Stream(study, **{**stated, **given}))
+
+
+def _gone_on(stream: Stream, updates: Path) -> Following:
+    """A stream that was put down, with the table of its rows."""
+    if not updates.is_file():
+        return Following(stream)
+    with damage(ResultError, updates):
+        before = read_csv(updates)
+        table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
+        soil = int(before["soil"].iloc[-1]) if len(before) else 1
+        return Following(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
 
 
 def _begun_anew(stream: Stream, before: pd.DataFrame) -> int:
@@ -180,10 +189,14 @@ def rows_of(data: Path | TextIO, stack: ExitStack) -> Iterator[pd.DataFrame]:
     """Tables of one row each, as they come; blank lines do not count, rows with ``use`` 0 are passed over."""
     if isinstance(data, Path):
         try:
-            data = stack.enter_context(data.open(newline="", encoding="utf-8-sig"))
+            data = stack.enter_context(data.open(newline="", encoding="utf-8"))
         except OSError as error:
             raise StudyError(f"{data}: cannot be read ({error.strerror})") from error
-    lines = (line for line in csv.reader(data) if any(cell.strip() for cell in line))
+    with errors_in(_named(data)):
+        yield from _one_by_one(rows_of_cells(data))
+
+
+def _one_by_one(lines: Iterator[list[str]]) -> Iterator[pd.DataFrame]:
     header = next(lines, None)
     for number, line in enumerate(lines, start=1):
         if header is None or len(line) != len(header):

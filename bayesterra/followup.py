@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from bayesterra import predicting, report
 from bayesterra.arrays import FloatArray
+from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
@@ -107,9 +108,9 @@ def predict_into(folder: Path, cases: Sequence[Case], *, overwrite: bool = False
     points = [at or curve for curve, at in cases]
     derived = [_labelled(at.derived_table, at) for at in points]
     with whole_folder(folder, overwrite=overwrite, mark=PREDICTION) as part:
-        write_text(part / "bands.csv", pd.concat([at.table for at in points]).to_csv(index=False))
-        write_text(part / "draws.csv", pd.concat([at.to_dataframe() for at in points]).to_csv(index=False))
-        write_text(part / "derived.csv", pd.concat(derived).to_csv(index=False))
+        write_text(part / "bands.csv", csv_text(pd.concat([at.table for at in points])))
+        write_text(part / "draws.csv", csv_text(pd.concat([at.to_dataframe() for at in points])))
+        write_text(part / "derived.csv", csv_text(pd.concat(derived)))
         (part / "prediction.png").write_bytes(predictions_png(cases))
         write_text(part / PREDICTION, json.dumps(_record(points), indent=1, ensure_ascii=False) + "\n")
 
@@ -206,9 +207,9 @@ class ComparisonPage(Comparison):
         """
         with whole_folder(Path(folder), overwrite=overwrite, mark=COMPARISON) as part:
             write_text(part / "comparison.html", report.comparison_html(self))
-            write_text(part / COMPARISON, self.parameters.to_csv(index=False))
-            write_text(part / "predictions.csv", self.predictions.to_csv(index=False))
-            write_text(part / "evidence.csv", self.evidences.to_csv(index=False))
+            write_text(part / COMPARISON, csv_text(self.parameters))
+            write_text(part / "predictions.csv", csv_text(self.predictions))
+            write_text(part / "evidence.csv", csv_text(self.evidences))
         return Path(folder) / "comparison.html"
 
     def _repr_html_(self) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from bayesterra import report
+from bayesterra.csvfiles import csv_text
 from bayesterra.drawn import is_result
 from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
@@ -40,7 +41,7 @@ class IdentifyResult(Identified):
         """
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
             for name, table in tables(self).items():
-                write_text(part / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
+                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
             record = {"sentence": self.sentence, **self.record}
             text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False)
             write_text(part / MARK, text + "\n")

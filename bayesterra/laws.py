@@ -83,10 +83,12 @@ class Law:
 
     def _check_mass(self) -> None:
         try:
-            mass = self._mass
-        except TypeError as error:
+            with np.errstate(all="ignore"):
+                mass = self._mass
+                middle = self.median if mass > 0 else 0.0
+        except (TypeError, ValueError, ArithmeticError) as error:
             raise StudyError(f"wrong arguments for {self.dist}: {error}") from error
-        if not np.isfinite(mass):
+        if not np.isfinite([mass, middle]).all():
             raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
         if mass <= 0:
             raise StudyError(

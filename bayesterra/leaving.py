@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from bayesterra import holdout, report
 from bayesterra.calibration import Fit
+from bayesterra.csvfiles import csv_text
 from bayesterra.engines import Engine
 from bayesterra.figures.holdout import bands_png, left_out_png
 from bayesterra.folders import check_free, whole_folder, write_text
@@ -44,7 +45,7 @@ class HoldoutResult(Holdout):
         tables = {"scores": self.table, "summary": self.summary, "skills": self.skills, "refits": self.refits}
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
             for name, table in tables.items():
-                write_text(part / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
+                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
             (part / "holdout.png").write_bytes(left_out_png(self.table))
             (part / "bands.png").write_bytes(bands_png(self))
             text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -35,3 +36,38 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The suggestion, or the list of known names where none is close."""
     known = list(known)
     return suggestion(name, known) or f" (known: {', '.join(known)})"
+
+
+LONGEST_NAME, LONGEST_TEXT = 100, 10_000
+"""Characters, at most, of a name (of a wheel, a site, a test) and of a title or a source."""
+_UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def checked_name(name: str, what: str) -> str:
+    """The name as it is.
+
+    Raises
+    ------
+    StudyError : it is empty or too long, has spaces around it or a character that does not show.
+    """
+    if not name or name != name.strip():
+        raise StudyError(f"{what} must not be empty nor have spaces around it (got {name!r:.60})")
+    if len(name) > LONGEST_NAME:
+        raise StudyError(f"{what} must have at most {LONGEST_NAME} characters (got {len(name)})")
+    if not name.isprintable():
+        raise StudyError(f"{what} must have no characters that do not show (got {name!a})")
+    return name
+
+
+def checked_text(text: str, what: str) -> str:
+    """The text as it is: a title, or a source; it may have several lines.
+
+    Raises
+    ------
+    StudyError : it is too long, or has control characters.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise StudyError(f"'{what}' must have at most {LONGEST_TEXT} characters (got {len(text)})")
+    if found := _UNSEEN.search(text):
+        raise StudyError(f"'{what}' must have no control characters (got {found[0]!a})")
+    return text

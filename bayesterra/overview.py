@@ -17,6 +17,7 @@ from bayesterra.priors import RANGED, Entry, Law, Tie
 from bayesterra.simulation import Truth
 from bayesterra.study import Study
 from bayesterra.tabulated import Tabulated
+from bayesterra.terminal import PlainConsole
 
 
 def print_overview(study: Study, console: Console | None = None) -> None:
@@ -26,7 +27,7 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     ------
     SupportError : no parameter set of the prior can explain the conditions.
     """
-    console = console or _console()
+    console = console or PlainConsole()
     cut = draw_cut_prior(posterior(study), 1000, np.random.default_rng(0))
     console.print(_general(study))
     console.print(_measurements(study))
@@ -46,12 +47,7 @@ def print_truth(truth: Truth, console: Console | None = None) -> None:
     table = Table("parameter", "value", "from", title="Simulated with")
     for name, value in truth.values.items():
         table.add_row(name, field_text(name, value), truth.origins[name])
-    (console or _console()).print(table)
-
-
-def _console() -> Console:
-    """Brackets are units here, not markup."""
-    return Console(markup=False, highlight=False)
+    (console or PlainConsole()).print(table)
 
 
 def field_text(name: str, value: float) -> str:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Self
 
+from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.rover import rover_outlook_png
 from bayesterra.folders import check_free, whole_folder, write_text
@@ -39,10 +40,10 @@ class RoverSheet(RoverOutlook):
         """
         check_free(Path(folder), overwrite=overwrite, mark=ROVER)
         with whole_folder(Path(folder), overwrite=overwrite, mark=ROVER) as part:
-            write_text(part / "bands.csv", self.table.to_csv(index=False))
-            write_text(part / "draws.csv", self.to_dataframe().to_csv(index=False))
-            write_text(part / "greatest.csv", self.greatest_table.to_csv(index=False))
-            write_text(part / "climb.csv", self.climb_table.to_csv(index=False))
+            write_text(part / "bands.csv", csv_text(self.table))
+            write_text(part / "draws.csv", csv_text(self.to_dataframe()))
+            write_text(part / "greatest.csv", csv_text(self.greatest_table))
+            write_text(part / "climb.csv", csv_text(self.climb_table))
             (part / "rover.png").write_bytes(rover_outlook_png(self))
             write_text(part / ROVER, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
         return Path(folder)

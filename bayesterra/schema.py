@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -33,11 +34,12 @@ from pydantic_core import ArgsKwargs, ErrorDetails
 
 from bayesterra import entries
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean, suggestion
+from bayesterra.messages import checked_name, checked_text, did_you_mean, suggestion
 from bayesterra.noise import Noise
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
 from bayesterra.priors import Entry, Source
+from bayesterra.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.sharing import Pooling, pooling_table
 from bayesterra.units import quantity
 
@@ -143,7 +145,20 @@ def _two_slips(value: object) -> tuple[float, float]:
     return first, second
 
 
+def _text(value: str, info: ValidationInfo) -> str:
+    return checked_text(value, str(info.field_name))
+
+
+def _named(value: object) -> object:
+    """Wheels, whose names stand in tables, plots and files."""
+    if isinstance(value, Mapping):
+        for name in value:
+            checked_name(str(name), "the name of a wheel")
+    return value
+
+
 T = TypeVar("T")
+Text = Annotated[StrictStr, AfterValidator(_text)]
 Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
 Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
 Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
@@ -174,11 +189,11 @@ class Table:
 class DataTable(Table):
     """Where the measurements are."""
 
-    file: StrictStr
+    file: Text
     slip_reference: Literal["rim", "tip", "shearing"]
     sinkage_reference: Literal["rim", "tip"] = "rim"
     kind: Literal["measured", "simulated", "digitised"] = "measured"
-    source: StrictStr = ""
+    source: Text = ""
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -188,7 +203,7 @@ class WheelTable(Table):
     radius: Length
     width: Length
     lug_height: Length = 0.0
-    lug_count: StrictInt = 0
+    lug_count: Annotated[StrictInt, Field(le=100_000)] = 0
     shearing_radius_coefficient: Annotated[float | None, BeforeValidator(partial(_quantity, ""))] = None
 
 
@@ -230,10 +245,10 @@ MANY_DRAWS = 10_000
 class SamplingOptions(Table):
     """When sampling stops, and how many walkers do it: by default 64 an ensemble, 128 for many draws."""
 
-    target_ess: Annotated[int, Field(ge=100, strict=True)] = 4000
-    ensembles: Annotated[int, Field(ge=4, strict=True)] = 4
-    walkers: Annotated[int, Field(ge=32, multiple_of=2, strict=True)] = 64
-    max_steps: Annotated[int, Field(ge=1, strict=True)] = 20000
+    target_ess: Annotated[int, Field(ge=100, le=10_000_000, strict=True)] = 4000
+    ensembles: Annotated[int, Field(ge=4, le=256, strict=True)] = 4
+    walkers: Annotated[int, Field(ge=32, le=100_000, multiple_of=2, strict=True)] = 64
+    max_steps: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] = 20000
 
     @model_validator(mode="before")
     @classmethod
@@ -253,7 +268,7 @@ class SamplingOptions(Table):
 class Reference(Table):
     """Published or true parameter values, SI units, and where they come from."""
 
-    source: StrictStr = ""
+    source: Text = ""
     values: AnyValues = Field(default_factory=dict)
 
 
@@ -261,15 +276,15 @@ class Reference(Table):
 class StudyContent(Table):
     """All tables of a study; the same in files and in Python."""
 
-    title: StrictStr = ""
-    soil: StrictStr = ""
-    date: Annotated[StrictStr, BeforeValidator(_day)] = ""
+    title: Text = ""
+    soil: Text = ""
+    date: Annotated[Text, BeforeValidator(_day)] = ""
     model: Literal["M1", "M2", "M3", "M2L"] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
     pooling: Annotated[Pooling | None, BeforeValidator(_pooling)] = None
     data: DataTable
-    wheels: dict[str, Annotated[WheelTable, BeforeValidator(_plain)]]
+    wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
     priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
@@ -305,14 +320,18 @@ def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool
 def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
     """Read a TOML file of a kind; StudyError where that cannot be done."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(read_text(path, MOST_TOML))
+        check_depth(content)
+        return content
     except FileNotFoundError as error:
         raise StudyError(f"no such {kind} file") from error
     except OSError as error:
-        raise StudyError(f"cannot be read ({error.strerror})") from error
+        raise StudyError(f"cannot be read ({reason(error)})") from error
+    except RecursionError:
+        raise StudyError("must be TOML: it is nested too deeply") from None
     except UnicodeDecodeError as error:
         raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise StudyError(f"must be TOML: {error}") from error
 
 

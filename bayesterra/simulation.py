@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray
+from bayesterra.csvfiles import csv_text
 from bayesterra.entries import parameter_value
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
@@ -142,6 +143,6 @@ def write_simulated(
     table = simulate(study, made_with.values, seed)
     text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
     with whole_folder(folder, sums=False) as part:  # a study to work on
-        write_text(part / "measurements.csv", table.to_csv(index=False, float_format="%.12g"))
+        write_text(part / "measurements.csv", csv_text(table, "%.12g"))
         write_text(part / "study.toml", text)
     return made_with

@@ -13,15 +13,16 @@ from typing import Any, Self
 import pandas as pd
 
 from bayesterra import report
+from bayesterra.csvfiles import csv_text
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.laws import Law
+from bayesterra.netcdf import write_tree
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.quantities import QUANTITIES
 from bayesterra.soiltests.schema import REFERENCE, ReferenceTable
 from bayesterra.soiltests.study import SoilTest, load_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
-from bayesterra.storage import write_draws
 from bayesterra.units import text
 from bayesterra.writing import assignments, law_entry, toml_table
 
@@ -50,13 +51,13 @@ class SavedSoilTest(SoilTestResult):
         return Path(folder) / "report.html"
 
     def _write(self, part: Path) -> None:
-        write_draws(self.draws, part / "draws.nc")
+        write_tree(self.draws, part / "draws.nc")
         for name in TABLES:
-            write_text(part / f"{name}.csv", getattr(self, name).to_csv(index=False, float_format="%.6g"))
+            write_text(part / f"{name}.csv", csv_text(getattr(self, name), "%.6g"))
         write_text(part / "run.json", json.dumps(_plain(self.record), indent=1, ensure_ascii=False) + "\n")
         write_text(part / "report.html", report.soil_test_html(self))
         write_text(part / "soiltest.toml", "\n".join(_lines(self.test)) + "\n")
-        write_text(part / "readings.csv", self.test.table.to_csv(index=False))
+        write_text(part / "readings.csv", csv_text(self.test.table))
 
 
 def soil_test(

@@ -7,16 +7,17 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import xarray as xr
-
 from bayesterra.checksums import check_sums
-from bayesterra.drawn import DRAWS
-from bayesterra.errors import ResultError, StudyError
-from bayesterra.folders import write_bytes, write_text
+from bayesterra.csvfiles import csv_text, read_csv
+from bayesterra.drawn import DRAWS, RECORD
+from bayesterra.errors import ResultError
+from bayesterra.folders import write_text
+from bayesterra.netcdf import read_tree, write_tree
 from bayesterra.pooled import PooledResult
 from bayesterra.prior_only import PriorResult
+from bayesterra.reading import damage, read_json
 from bayesterra.results import Result
+from bayesterra.soundness import POOLED_RECORD, check_draws, check_record, check_tables
 from bayesterra.study import load_study
 from bayesterra.writing import write_study
 
@@ -26,27 +27,11 @@ POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
 
 def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> None:
     """Write draws, tables, record and a copy of the study into an existing folder."""
-    write_draws(result.draws, folder / DRAWS)
+    write_tree(result.draws, folder / DRAWS)
     for name in (name for name in dict.fromkeys((*TABLES, *POOLED_TABLES)) if hasattr(result, name)):
-        write_text(folder / f"{name}.csv", getattr(result, name).to_csv(index=False))
+        write_text(folder / f"{name}.csv", csv_text(getattr(result, name)))
     write_text(folder / "run.json", json.dumps(_plain(result.record), indent=1, ensure_ascii=False) + "\n")
     write_study(result.study, folder)
-
-
-def write_draws(draws: xr.DataTree, path: Path) -> None:
-    """Write draws as netCDF; made in memory, because HDF5 loses its way on a full disk."""
-    # each dataset is written on its own terms: draws compress well, coordinates need no chunks
-    encoding = {
-        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
-        for node in draws.subtree
-        if node.data_vars
-    }
-    content = draws.to_netcdf(engine="h5netcdf", encoding=encoding)
-    write_bytes(path, bytes(content))
-
-
-def _numeric(node: xr.DataTree) -> list[str]:
-    return [str(name) for name, values in node.data_vars.items() if values.dtype.kind in "fi" and values.ndim]
 
 
 def _plain(value: Any) -> Any:
@@ -80,16 +65,14 @@ def read_result(folder: Path) -> Result:
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     check_sums(folder, *_FILES)
-    try:
-        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in TABLES}
-        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        draws = xr.open_datatree(folder / DRAWS, engine="h5netcdf").load()
-        draws.close()
-        return Result(study=load_study(folder), draws=draws, record=record, **tables)
-    except StudyError:
-        raise
-    except (OSError, ValueError, KeyError) as error:
-        raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
+    with damage(ResultError, folder):
+        tables = {name: read_csv(folder / f"{name}.csv") for name in TABLES}
+        record = read_json(folder / RECORD)
+        draws, study = read_tree(folder / DRAWS), load_study(folder)
+        check_record(record)
+        check_tables(tables, study.prior.names)
+        check_draws(draws, study)
+        return Result(study=study, draws=draws, record=record, **tables)
 
 
 def is_pooled(folder: Path) -> bool:
@@ -109,22 +92,18 @@ def read_pooled(folder: Path) -> PooledResult:
     if missing:
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     check_sums(folder, *needed)
-    try:
-        tables = {name: pd.read_csv(folder / f"{name}.csv") for name in POOLED_TABLES}
-        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        draws = xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load()
-        draws.close()
+    with damage(ResultError, folder):
+        tables = {name: read_csv(folder / f"{name}.csv") for name in POOLED_TABLES}
+        record = read_json(folder / RECORD)
+        draws = read_tree(folder / DRAWS)
+        check_record(record, POOLED_RECORD)
         return PooledResult(study=load_study(folder), draws=draws, record=record, **tables)
-    except StudyError:
-        raise
-    except (OSError, ValueError, KeyError) as error:
-        raise ResultError(f"'{folder}' is damaged: {str(error).splitlines()[0]}") from error
 
 
 def _marked(folder: Path, key: str) -> bool:
     """Whether the record of a folder has an entry that says what kind of result it is."""
     try:
-        return bool(json.loads((folder / "run.json").read_text(encoding="utf-8")).get(key))
+        return bool(read_json(folder / RECORD).get(key))
     except (OSError, ValueError, AttributeError):
         return False
 

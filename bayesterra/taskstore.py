@@ -15,6 +15,7 @@ import pandas as pd
 
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, part_of
+from bayesterra.reading import parsed_json
 
 STORE_FILE = "tasks.sqlite"
 FORMAT = 1
@@ -36,12 +37,12 @@ REMOTE = {
     "pvfs2",
 }
 """File systems that several machines share: they have no memory in common, which a write-ahead log needs."""
-_TABLES = (
-    "CREATE TABLE IF NOT EXISTS origin (content TEXT NOT NULL, sum INTEGER NOT NULL)",
-    "CREATE TABLE IF NOT EXISTS tasks"
-    " (task INTEGER PRIMARY KEY, content TEXT NOT NULL, sum INTEGER NOT NULL)",
-    f"PRAGMA user_version = {FORMAT}",
-)
+MOST_BYTES = 16 * 2**20
+"""Of the content of one task."""
+_TABLES = {
+    "origin": "CREATE TABLE origin (content TEXT NOT NULL, sum INTEGER NOT NULL)",
+    "tasks": "CREATE TABLE tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL, sum INTEGER NOT NULL)",
+}
 
 
 class TaskStore:
@@ -62,15 +63,19 @@ class TaskStore:
 
     def __init__(self, path: Path, made_with: Mapping[str, Any]) -> None:
         self._path = path
-        self._connection = sqlite3.connect(path, timeout=BUSY)
+        try:
+            self._connection = _connected(str(path), path)
+        except (sqlite3.Error, OSError) as error:
+            raise _damaged(path, error) from error
         try:
             _verify(self._connection)
             mode = "TRUNCATE" if _shared_by_machines(path) else "WAL"
             self._connection.execute(f"PRAGMA journal_mode = {mode}")
             self._connection.execute("PRAGMA synchronous = FULL")
             with self._connection:
-                for statement in _TABLES:
-                    self._connection.execute(statement)
+                for statement in _TABLES.values():
+                    self._connection.execute(statement.replace("TABLE", "TABLE IF NOT EXISTS", 1))
+                self._connection.execute(f"PRAGMA user_version = {FORMAT}")
             self._check(json.loads(json.dumps(made_with)))
         except ResultError:
             self.close()
@@ -146,7 +151,7 @@ def read_tasks(path: str | Path) -> pd.DataFrame:
         with closing(_reader(found)) as connection:
             _verify(connection)
             tasks, origin = _tasks(connection), _origin(connection)
-    except (sqlite3.Error, ValueError) as error:
+    except (sqlite3.Error, OSError, ValueError) as error:
         raise _damaged(found, error) from error
     rows = [{"task": task, **_flat(content)} for task, content in tasks.items()]
     table = pd.DataFrame(rows, columns=None if rows else ["task"])
@@ -160,8 +165,9 @@ def finished_tasks(path: Path) -> int:
         return 0
     try:
         with closing(_reader(path)) as connection:
+            _check_tables(connection)
             return int(connection.execute("SELECT count(*) FROM tasks").fetchone()[0])
-    except sqlite3.Error:
+    except (sqlite3.Error, OSError, ValueError):
         return 0
 
 
@@ -174,11 +180,12 @@ def _store_at(path: Path) -> Path:
 
 
 def _reader(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=BUSY)
+    return _connected(f"{path.resolve().as_uri()}?mode=ro", path)
 
 
 def _verify(connection: sqlite3.Connection) -> None:
-    """Make sure that the file is whole and of this format; what is not yet made is whole."""
+    """Make sure that the file is ours, whole and of this format; what is not yet made is whole."""
+    _check_tables(connection)
     (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if found != "ok":
         raise ValueError(str(found).splitlines()[-1].strip("* "))
@@ -194,7 +201,13 @@ def _origin(connection: sqlite3.Connection) -> dict[str, Any] | None:
         return None
     if _sum(0, row[0]) != row[1]:
         raise ValueError("what it was made with has a wrong checksum")
-    found: dict[str, Any] = json.loads(row[0])
+    return _table(row[0])
+
+
+def _table(content: str) -> dict[str, Any]:
+    found = parsed_json(str(content))
+    if not isinstance(found, dict):
+        raise ValueError("it holds what is no table")
     return found
 
 
@@ -202,7 +215,7 @@ def _tasks(connection: sqlite3.Connection) -> dict[int, dict[str, Any]]:
     rows: Iterable[tuple[int, str, int]] = connection.execute(
         "SELECT task, content, sum FROM tasks ORDER BY task"
     )
-    return {task: json.loads(content) for task, content, known in rows if _sum(task, content) == known}
+    return {task: _table(content) for task, content, known in rows if _sum(task, content) == known}
 
 
 def _sum(task: int, content: str) -> int:
@@ -230,6 +243,26 @@ def _shared_by_machines(path: Path) -> bool:
 
 def _damaged(path: Path, error: Exception) -> ResultError:
     return ResultError(f"'{path}' is damaged ({error}): begin anew with --overwrite")
+
+
+def _connected(where: str, path: Path) -> sqlite3.Connection:
+    """A connection for which content is nothing but content; OSError where the file is a link or a device."""
+    for name in (path, *(path.with_name(path.name + ending) for ending in ("-wal", "-shm", "-journal"))):
+        if name.is_symlink() or (name.exists() and not name.is_file()):
+            raise OSError(f"'{name.name}' is a link or no file")
+    connection = sqlite3.connect(where, uri=where.startswith("file:"), timeout=BUSY)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    connection.execute("PRAGMA cell_size_check = ON")
+    return connection
+
+
+def _check_tables(connection: sqlite3.Connection) -> None:
+    """ValueError where there are other tables than ours: a view or a trigger would be run by using it."""
+    for kind, name, statement in connection.execute("SELECT type, name, sql FROM sqlite_master"):
+        if kind != "table" or _TABLES.get(name) != statement:
+            raise ValueError(f"it holds a {kind} that is not ours")
 
 
 def _difference(part: Path, name: str, before: Any, now: Any) -> str:

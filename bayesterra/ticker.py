@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from bayesterra.console import note
 from bayesterra.following import FIGURE, Following, Seen
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.terminal import PlainConsole
 
 
 def print_row(seen: Seen, *, quiet: bool) -> None:
@@ -26,7 +26,7 @@ def print_row(seen: Seen, *, quiet: bool) -> None:
         moved = (
             f", moved {sum(event.sweeps for event in update.rejuvenations)}×" if update.rejuvenated else ""
         )
-        Console(markup=False, emoji=False).print(
+        PlainConsole().print(
             f"{update.row:>4}  slip {seen.row.slip[0]:.3f}  {readings}"
             f"  ({update.effective:.0f} effective{moved}, {1e3 * update.seconds:.0f} ms)",
             highlight=False,
@@ -34,7 +34,7 @@ def print_row(seen: Seen, *, quiet: bool) -> None:
         )
     if update.alarm:
         anew = "; begun anew there" if seen.begun_anew is not None else ""
-        Console(markup=False).print(f"! {update.alarm.sentence}{anew}", highlight=False, soft_wrap=True)
+        PlainConsole().print(f"! {update.alarm.sentence}{anew}", highlight=False, soft_wrap=True)
 
 
 def _reading(one: dict[object, object]) -> str:
@@ -52,7 +52,7 @@ def _reading(one: dict[object, object]) -> str:
 
 def print_end(found: Following, out: Path | None) -> None:
     """Print the parameters, the evidence, the alarms and where the files are."""
-    console, stream = Console(markup=False), found.stream
+    console, stream = PlainConsole(), found.stream
     soil = f", soil {found.soil} since row {stream.offset + 1}" if found.soil > 1 else ""
     table = Table(title=f"{stream.study.title or 'stream'}{soil}", box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("parameter", "unit", "median", "90 % interval"):

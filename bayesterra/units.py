@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,10 @@ _NAMES = {
 }  # fmt: skip
 _FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa", "Pa m": "kPa m"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
+_POWERS = re.compile(r"\d\s*\d|(\^|\*\*)[^*/]*(\^|\*\*)")
+"""Powers beyond one digit, or of powers: pint would work them out, however long it takes."""
+LONGEST = 200
+"""Characters, at most, of a quantity or the header of a column: patterns are slow on long texts."""
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
@@ -33,7 +37,7 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-@cache
+@lru_cache(1024)
 def factor(unit: str, dimension: str) -> float:
     """SI value of one ``unit``.
 
@@ -55,6 +59,8 @@ def factor(unit: str, dimension: str) -> float:
 
 
 def _parsed(unit: str) -> Any:
+    if len(unit) > LONGEST or _POWERS.search(unit):
+        raise StudyError(f"unknown unit '{unit:.{LONGEST}}'")
     try:
         return _registry().parse_units(unit)
     # Pint's parser lets errors of many kinds through, depending on where the text stops making sense.
@@ -86,9 +92,13 @@ def quantity(value: object, dimension: str, name: str, *, bare: bool = False) ->
         raise StudyError(f"'{name}' must be {_form(dimension)} (got {value!r})")
     if dimension and not bare:
         raise StudyError(f"'{name}' needs a unit: {_form(dimension)} (got {value!r})")
-    if not np.isfinite(value):
-        raise StudyError(f"'{name}' must be finite (got {value!r})")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        number = np.inf
+    if not np.isfinite(number):
+        raise StudyError(f"'{name}' must be finite (got {value!r:.40})")
+    return number
 
 
 def _form(dimension: str) -> str:
@@ -96,7 +106,7 @@ def _form(dimension: str) -> str:
 
 
 def _from_text(text: str, dimension: str, name: str) -> float:
-    match = _NUMBER.fullmatch(text)
+    match = _NUMBER.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         raise StudyError(f"'{name}' must be {_form(dimension)} (got {text!r})")
     number, unit = match.groups()
@@ -111,7 +121,7 @@ def _from_text(text: str, dimension: str, name: str) -> float:
 
 def column_header(header: str) -> tuple[str, str | None]:
     """Split a column header: ``"sinkage [mm]"`` into ``("sinkage", "mm")``; None where there is no unit."""
-    match = _HEADER.fullmatch(str(header))
+    match = _HEADER.fullmatch(str(header)) if len(str(header)) <= LONGEST else None
     if match is None:
         return str(header).strip(), None
     name, unit = match.groups()

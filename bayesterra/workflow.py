@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import fields
 from datetime import UTC, datetime
 from math import isfinite
@@ -14,12 +15,13 @@ from typing import Any, Self, cast
 
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
-from bayesterra.errors import ResultError, StudyError
+from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.folders import WORK, check_free, clear_up, part_of, saved_segments, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.notebook import result_table
 from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.prior_only import PriorResult, run_prior
+from bayesterra.reading import UNREADABLE, reason
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.storage import is_pooled, read_pooled, read_result, write_result
@@ -161,6 +163,7 @@ def run_study(
     check_free(out, overwrite=overwrite)
     with whole_folder(out, overwrite=overwrite, resume=resume) as part:
         checkpoints = Checkpoints.opened(part / WORK, identity(study, seed))
+        resumed = bool(saved_segments(part))
         for sentence in checkpoints.notes if not quiet else ():
             note(sentence)
         with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
@@ -170,14 +173,29 @@ def run_study(
                 show(progress)
 
             how: dict[str, Any] = {"seed": seed, "report": update, "journal": checkpoints}
-            if study.pooling is None:
-                result = RunResult.of(inference.run(study, crosscheck=crosscheck, **how))
-            else:
-                result = cast(RunResult, PooledRun.of(run_pooled(study, **how)))
+            with _from_segments(part) if resumed else nullcontext():
+                if study.pooling is None:
+                    result = RunResult.of(inference.run(study, crosscheck=crosscheck, **how))
+                else:
+                    result = cast(RunResult, PooledRun.of(run_pooled(study, **how)))
             update(Progress("writing the report", 1.0))
             result._write(part)
         (part / STATUS).unlink()
     return result
+
+
+@contextmanager
+def _from_segments(part: Path) -> Iterator[None]:
+    """Say so where saved segments are whole and of this run, and yet no run can go on from them."""
+    try:
+        yield
+    except BayesterraError:
+        raise
+    except UNREADABLE as error:
+        raise ResultError(
+            f"'{part}' holds segments that this run cannot go on from ({reason(error)}): add --overwrite in"
+            " place of --resume to begin anew"
+        ) from error
 
 
 def _no_crosscheck(asked: bool) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayesterra.csvfiles import csv_text
 from bayesterra.data import Observations
 from bayesterra.folders import write_text
 from bayesterra.models import M2L, Wheel
@@ -48,7 +49,7 @@ def write_study(study: Study, folder: Path) -> None:
     data = {"kind": study.kind, "source": study.source}
     references = {"published": study.published, "truth": study.truth}
     write_text(folder / "study.toml", "\n".join(_lines(study, head, data, references)) + "\n")
-    write_text(folder / "measurements.csv", _rows(study.observations).to_csv(index=False))
+    write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))
 
 
 def _rows(rows: Observations) -> pd.DataFrame:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
@@ -42,6 +43,18 @@ class Outcome:
     seconds: float
     note: str = ""
     ranks: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def from_record(cls, content: Mapping[str, Any]) -> Outcome:
+        """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
+        one = cls(**content)
+        ranks = {str(name): float(rank) for name, rank in one.ranks.items()}
+        if one.status not in (CONVERGED, UNCONVERGED, FAILED) or type(one.task) is not int or one.task < 1:
+            raise ValueError(f"no outcome of a replication: {one!r:.60}")
+        if any(rank < 0 or rank > 1 for rank in ranks.values()):
+            raise ValueError(f"no ranks: {ranks!r:.60}")
+        ess, r_hat, seconds = float(one.ess), float(one.r_hat), float(one.seconds)
+        return cls(one.task, one.status, ess, r_hat, seconds, str(one.note), ranks)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bayesterra.cli.common import Seed, StudyPath, app, beside
+from bayesterra.errors import printable
 
 
 @app.command()
@@ -102,7 +103,7 @@ def simulate(
     folder = out or beside(study, "simulated")
     given = dict(_assignment(text) for text in set_ or ())
     print_truth(write_simulated(load_study(study), folder, seed=seed, truth=given))
-    typer.echo(f"Written: {folder}   (seed {seed})")
+    typer.echo(printable(f"Written: {folder} (seed {seed})"))
 
 
 @app.command()
@@ -113,9 +114,9 @@ def init(
     from bayesterra.template import write_template
 
     write_template(file)
-    typer.echo(f"Written: {file}")
-    typer.echo(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the rest,")
-    typer.echo(f"and see whether it is understood: bayesterra check {file}")
+    typer.echo(printable(f"Written: {file}"))
+    typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
+    typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
 
 
 def _assignment(text: str) -> tuple[str, str]:

@@ -43,9 +43,9 @@ def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, 
 
 def print_fits(fits: Mapping[str, Fit], study: Study, console: Console | None = None) -> None:
     """Print the fits side by side, with published values where there are any, and what to know of each."""
-    from rich.console import Console
+    from bayesterra.terminal import PlainConsole
 
-    console = console or Console()
+    console = console or PlainConsole()
     console.print(_table(fits, study))
     console.print("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
     for fit in fits.values():

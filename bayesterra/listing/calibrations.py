@@ -15,13 +15,13 @@ from bayesterra.calibration import Calibration
 from bayesterra.calibration.judging import UNSETTLED
 from bayesterra.calibration.quantities import AT_SLIP
 from bayesterra.calibration.ranks import COVERAGES
-from bayesterra.listing.terminal import plain_console
 from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.terminal import PlainConsole
 
 
 def print_calibration(found: Calibration, report: Path, console: Console | None = None) -> None:
     """Print the verdict with what stands behind it, and the name of the report."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     table = Table(title=found.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES)):
         table.add_column(header, justify="left" if header == "quantity" else "right", no_wrap=True)

@@ -8,15 +8,15 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bayesterra.listing.terminal import plain_console
 from bayesterra.notebook import evidence_lines
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.side_by_side import Comparison
+from bayesterra.terminal import PlainConsole
 
 
 def print_comparison(comparison: Comparison, folder: Path, console: Console | None = None) -> None:
     """Print medians and intervals side by side, what the evidence says, and the name of the page."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     console.print(_side_by_side(comparison))
     for line in evidence_lines(comparison):
         console.print(line, highlight=False)

@@ -11,10 +11,10 @@ from rich.table import Table
 
 from bayesterra.design.choosing import BIT, Design
 from bayesterra.design.choosing import UNANSWERED as LOST
-from bayesterra.listing.terminal import plain_console
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.design import figures_of
 from bayesterra.report.numbers import NOTHING, with_error
+from bayesterra.terminal import PlainConsole
 
 PRINTED = 15
 """Candidates in the table on a terminal; design.csv has all."""
@@ -22,7 +22,7 @@ PRINTED = 15
 
 def print_design(design: Design, folder: Path, console: Console | None = None) -> None:
     """Print the ranking with its Monte Carlo errors, what is recommended, and where the files are."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     console.print(_ranking(design))
     for line in design_lines(design):
         console.print(line, highlight=False, soft_wrap=True)

@@ -10,14 +10,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bayesterra.listing.terminal import plain_console
 from bayesterra.prediction import PREDICTED, UNANSWERED, Prediction
 from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.terminal import PlainConsole
 
 
 def print_forecast(points: Sequence[Prediction], folder: Path, console: Console | None = None) -> None:
     """Print the bands at the slips that were asked for, what is doubtful, and where the files are."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     for at in points:
         console.print(_bands(at))
         console.print(_derived(at))

@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.holdout import Holdout
-from bayesterra.listing.terminal import plain_console
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.numbers import number, plain
+from bayesterra.terminal import PlainConsole
 
 
 def print_holdout(found: Holdout, folder: Path, console: Console | None = None) -> None:
     """Print coverage and mean scores of model and baselines, and where the files are."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     title = f"{len(found.levels)} levels left out, one at a time"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %"):

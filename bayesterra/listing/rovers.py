@@ -10,16 +10,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bayesterra.listing.terminal import plain_console
 from bayesterra.prediction import UNANSWERED
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.rover.geometry import AXLES
 from bayesterra.rover.outlook import RoverOutlook
+from bayesterra.terminal import PlainConsole
 
 
 def print_outlook(outlook: RoverOutlook, folder: Path, console: Console | None = None) -> None:
     """Print what a rover does on every slope, the greatest slope, notes, and where the files are."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     title = f"rover {outlook.rover.name}, {outlook.rover.weight:.4g} N"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ROVER_COLUMNS:

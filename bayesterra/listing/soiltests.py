@@ -8,15 +8,15 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bayesterra.listing.terminal import plain_console
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.quantities import QUANTITIES as SOIL_TEST_QUANTITIES
+from bayesterra.terminal import PlainConsole
 
 
 def print_soil_test(found: SoilTestResult, report: Path, console: Console | None = None) -> None:
     """Print the parameters of a soil test, what is against the model, and the name of the report."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     table = Table(title=found.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "unit", "median", "90 % HDI", "verdict"):
         table.add_column(header, justify="right" if header in ("median", "90 % HDI") else "left")

@@ -11,13 +11,13 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from bayesterra.identified import Foreseen, Identified, expected_contraction
-from bayesterra.listing.terminal import plain_console
 from bayesterra.parameters import PARAMETERS
+from bayesterra.terminal import PlainConsole
 
 
 def print_identified(made: Identified, report: Path, console: Console | None = None) -> None:
     """Print the finding, the verdict on every parameter with its figures, and the name of the page."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     table = Table(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in IDENTIFIED:
         side: JustifyMethod = "right" if header == "contraction" else "left"
@@ -53,7 +53,7 @@ def _share(contraction: float) -> str:
 
 def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
     """Print what a design could determine, and what contraction to expect."""
-    console = console or plain_console()
+    console = console or PlainConsole()
     table = Table(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "the design could", "contraction to expect"):
         table.add_column(header, justify="right" if header.startswith("contraction") else "left")

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass as table
-from pydantic.types import StrictStr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean, errors_in
+from bayesterra.messages import checked_text, did_you_mean, errors_in
 from bayesterra.models import Wheel
 from bayesterra.predicting import resolved
-from bayesterra.schema import Acceleration, Force, Length, Mass, Number, Table, checked_by, read_toml
+from bayesterra.schema import Acceleration, Force, Length, Mass, Number, Table, Text, checked_by, read_toml
 from bayesterra.units import text
 from bayesterra.wheelfiles import wheel_of
 
@@ -145,7 +144,7 @@ class _File(Table):
 
     wheelbase: Length
     centre_of_gravity: _Centre
-    name: StrictStr = ""
+    name: Text = ""
     mass: Mass | None = None
     weight: Force | None = None
     gravity: Acceleration | None = None
@@ -210,7 +209,7 @@ def _value(key: str, entry: Mapping[str, Any], assumptions: list[Assumption]) ->
         raise StudyError(f"'{key}' must be a value or {form} (got the keys {', '.join(sorted(entry))})")
     value = entry["value"]
     shown = "as given in the file" if isinstance(value, Mapping) else str(value)
-    assumptions.append(Assumption(key, shown, note.strip()))
+    assumptions.append(Assumption(key, shown, checked_text(note.strip(), f"{key}.assumption")))
     return value
 
 

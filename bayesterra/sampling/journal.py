@@ -10,6 +10,8 @@ from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesterra.reading import UNREADABLE
+
 T = TypeVar("T")
 
 Segment = Mapping[str, NDArray[Any]]
@@ -50,9 +52,13 @@ def noted(journal: Journal, name: str, kind: type[T], make: Callable[[], T]) -> 
     Either way it is returned as it reads back, so that a resumed run has no way to go on differently.
     """
     segment = journal.load(name)
-    if segment is None:
-        segment = pack(make())
-        journal.save(name, segment)
+    if segment is not None:
+        try:
+            return unpack(kind, segment)
+        except UNREADABLE:
+            pass  # it is whole and of this run, but not what we save: as good as none
+    segment = pack(make())
+    journal.save(name, segment)
     return unpack(kind, segment)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.data import Column
 from bayesterra.errors import StudyError
-from bayesterra.messages import did_you_mean
+from bayesterra.messages import checked_name, did_you_mean
 from bayesterra.soiltests.quantities import COLUMNS
 from bayesterra.soiltests.schema import DataTable
 from bayesterra.units import column_header, factor
@@ -148,6 +148,8 @@ def _tests(columns: dict[str, Column]) -> list[str]:
     names = ["" if cell is None else str(cell).strip() for cell in columns["test"].cells]
     if "" in names:
         raise StudyError(f"'test' must name the test of every reading (empty in row {names.index('') + 1})")
+    for row, name in enumerate(names, start=1):
+        checked_name(name, f"'test' in row {row}")
     return names
 
 

@@ -12,7 +12,6 @@ from pydantic import (
     Field,
     PlainValidator,
     StrictBool,
-    StrictStr,
     TypeAdapter,
     ValidationError,
     ValidationInfo,
@@ -24,7 +23,7 @@ from bayesterra import entries
 from bayesterra.errors import StudyError
 from bayesterra.laws import Law
 from bayesterra.messages import did_you_mean
-from bayesterra.schema import Number, SamplingOptions, one_line
+from bayesterra.schema import Number, SamplingOptions, Text, one_line
 from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
 from bayesterra.units import quantity
 
@@ -113,9 +112,9 @@ class DataTable(Table):
     spacing : of readings of one test that are closer in log sinkage (displacement) only the first is used.
     """
 
-    file: StrictStr
+    file: Text
     kind: Literal["measured", "simulated", "digitised"] = "measured"
-    source: StrictStr = ""
+    source: Text = ""
     pressure_range: Annotated[Range, BeforeValidator(partial(_range, "Pa"))] = None
     displacement_range: Annotated[Range, BeforeValidator(partial(_range, "m"))] = None
     spacing: Annotated[Number, Field(ge=0)] = 0.05
@@ -144,7 +143,7 @@ def _noise(value: object) -> object:
 class ReferenceTable(Table):
     """Published or true values, SI, and where they come from."""
 
-    source: StrictStr = ""
+    source: Text = ""
     values: Annotated[dict[str, float], BeforeValidator(_values)] = Field(default_factory=dict)
 
 
@@ -156,8 +155,8 @@ class Content(Table):
     """All tables of a soil-test file."""
 
     test: Literal["plate", "shear"]
-    title: StrictStr = ""
-    soil: StrictStr = ""
+    title: Text = ""
+    soil: Text = ""
     data: DataTable
     noise: Annotated[NoiseTable, BeforeValidator(_noise)] = NoiseTable()
     priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, (*_SOIL, REFERENCE)))] = Field(

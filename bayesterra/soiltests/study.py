@@ -13,6 +13,7 @@ from bayesterra.data import read_table
 from bayesterra.errors import StudyError
 from bayesterra.laws import Law
 from bayesterra.messages import errors_in
+from bayesterra.reading import MOST_TOML, read_text
 from bayesterra.schema import SamplingOptions, read_toml
 from bayesterra.soiltests.data import Readings, readings
 from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
@@ -178,7 +179,7 @@ def load_soil_test(path: str | Path) -> SoilTest:
         table = read_table(file)
     with errors_in(path):
         try:
-            return soil_test(table, tables, bare=False, text=path.read_text(encoding="utf-8-sig"))
+            return soil_test(table, tables, bare=False, text=read_text(path, MOST_TOML))
         except StudyError as error:
             if str(error).startswith("["):
                 raise

@@ -13,6 +13,7 @@ from bayesterra.checkpoints import Checkpoints, Identity, digest
 from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError
 from bayesterra.folders import SEGMENT, write_text
+from bayesterra.reading import damage, read_json
 from bayesterra.sampling.journal import pack, unpack
 from bayesterra.streaming.changes import Candidates
 from bayesterra.streaming.cloud import Cloud
@@ -68,10 +69,8 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not (folder / MARK).is_file():
         raise ResultError(f"'{folder}' is not the folder of a stream: it has no {MARK}")
     check_sums(folder, MARK, STUDY_FILE, "measurements.csv")
-    try:
-        return dict(json.loads((folder / MARK).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise ResultError(f"'{folder}' is damaged: {MARK} cannot be read") from error
+    with damage(ResultError, folder / MARK):
+        return dict(read_json(folder / MARK))
 
 
 def read_state(folder: Path, identity: Identity) -> State:
@@ -88,4 +87,5 @@ def read_state(folder: Path, identity: Identity) -> State:
         raise ResultError(text) from error
     if segment is None:
         raise ResultError(f"'{folder}' is damaged: the particles cannot be read ({STATE}/{STATE}{SEGMENT})")
-    return unpack(State, segment)
+    with damage(ResultError, folder):
+        return unpack(State, segment)

@@ -12,10 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
+from bayesterra.csvfiles import csv_text
 from bayesterra.data import Observations
 from bayesterra.errors import ResultError, StudyError, SupportError
 from bayesterra.folders import whole_folder, write_text
 from bayesterra.posteriors import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
+from bayesterra.reading import damage
 from bayesterra.results import Result
 from bayesterra.streaming.cloud import Cloud
 from bayesterra.streaming.forecast import forecast
@@ -175,7 +177,7 @@ class Stream:
         )
         study = self.study.with_rows(self.rows.first())
         write_state(folder, study, state, self._identity(), self._record())
-        write_text(folder / "summary.csv", self.summary.to_csv(index=False, float_format="%.6g"))
+        write_text(folder / "summary.csv", csv_text(self.summary, "%.6g"))
 
     def _identity(self) -> dict[str, Any]:
         """What the particles belong to."""
@@ -313,11 +315,9 @@ def load_stream(folder: str | Path) -> Stream:
     record = read_record(folder)
     study = load_study(folder, prior_only=True)
     settings = ("seed", "particles", "false_alarms", "slip_reference", "sinkage_reference")
-    try:
+    with damage(ResultError, folder):
         stream = Stream(study, **{name: record[name] for name in settings})
         stream._go_on(study.observations, folder, int(record["offset"]))
-    except (KeyError, TypeError) as error:
-        raise ResultError(f"'{folder}' is damaged: {MARK} lacks something ({error})") from error
     return stream
 
 

@@ -1,0 +1,96 @@
+"""Draws as netCDF: written by xarray, and read only after a look at what the file declares.
+
+An HDF5 file may name other files to read in its place, ask for a filter to be loaded, and declare more values
+than any memory holds while it is a few bytes long. None of that is in files that the package writes.
+"""
+
+from __future__ import annotations
+
+import os
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import h5py
+import xarray as xr
+
+from bayesterra.folders import write_bytes
+from bayesterra.reading import MEGABYTE, check_ordinary
+
+MOST_BYTES = 8192 * MEGABYTE
+"""Of a file and, unpacked, of all that it declares."""
+MOST_UNPACKED = 200
+"""Bytes declared per byte of the file; measured: 1 to 3. A table that is nearly all NaN may reach 100."""
+SLACK = 16 * MEGABYTE
+MOST_OBJECTS = 20_000
+DEEPEST = 20
+FILTERS = (1, 2, 3)
+"""Deflate, shuffle and checksum. Others may be looked for on the disk and loaded as programs."""
+
+
+def read_tree(path: Path) -> xr.DataTree:
+    """Read a netCDF file that :func:`write_tree` wrote, into memory.
+
+    Raises
+    ------
+    OSError, ValueError, and what else h5py and xarray raise on damaged files: see
+    :data:`bayesterra.reading.UNREADABLE`.
+    """
+    check_ordinary(os.stat(path), path, MOST_BYTES)
+    _check_declared(path)
+    with xr.open_datatree(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as tree:
+        return tree.load()
+
+
+def _check_declared(path: Path) -> None:
+    """ValueError where a file declares what none of ours does."""
+    with h5py.File(path, "r") as file:
+        declared = _declared(file, [0], 0)
+    if declared > min(MOST_BYTES, SLACK + MOST_UNPACKED * path.stat().st_size):
+        raise ValueError(f"it declares {declared / MEGABYTE:.3g} MB of values, which its size cannot hold")
+
+
+def _declared(group: Any, seen: list[int], depth: int) -> int:
+    """Bytes that the datasets of a group declare."""
+    if depth > DEEPEST:
+        raise ValueError("its groups are nested too deeply")
+    total = 0
+    for name in group:
+        seen[0] += 1
+        if seen[0] > MOST_OBJECTS:
+            raise ValueError("it has too many parts")
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise ValueError(f"'{name}' is a link to elsewhere")
+        item = group[name]
+        total += _declared(item, seen, depth + 1) if isinstance(item, h5py.Group) else _size(name, item)
+    return total
+
+
+def _size(name: str, item: Any) -> int:
+    """Bytes that a dataset declares; ValueError where its values are elsewhere or are no numbers or texts."""
+    if not isinstance(item, h5py.Dataset):
+        raise ValueError(f"'{name}' is neither a group nor an array")
+    if item.external or item.is_virtual:
+        raise ValueError(f"'{name}' has its values in another file")
+    made = item.id.get_create_plist()
+    if any(made.get_filter(i)[0] not in FILTERS for i in range(made.get_nfilters())):
+        raise ValueError(f"'{name}' asks for an unknown filter")
+    kind = item.dtype.kind
+    if kind not in "biufSU" and not (kind == "O" and h5py.check_string_dtype(item.dtype)):
+        raise ValueError(f"'{name}' holds neither numbers nor texts")
+    return int(item.dtype.itemsize) * max(int(item.size or 0), prod(item.chunks or (0,)))
+
+
+def write_tree(tree: xr.DataTree, path: Path) -> None:
+    """Write draws as netCDF; made in memory, because HDF5 loses its way on a full disk."""
+    # each dataset is written on its own terms: draws compress well, coordinates need no chunks
+    encoding = {
+        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
+        for node in tree.subtree
+        if node.data_vars
+    }
+    write_bytes(path, bytes(tree.to_netcdf(engine="h5netcdf", encoding=encoding)))
+
+
+def _numeric(node: xr.DataTree) -> list[str]:
+    return [str(name) for name, values in node.data_vars.items() if values.dtype.kind in "fi" and values.ndim]

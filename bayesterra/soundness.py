@@ -1,0 +1,310 @@
+"""What a result folder must hold for the commands that go on from it; more is welcome and left alone.
+
+Files are damaged, edited by hand, or sent by somebody. Whatever the commands and the report rely on is
+looked at here, once, as a folder is read, so that a wrong one is called wrong by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayesterra.derived import DERIVED
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.study import Study
+
+
+class Either:
+    """One of several shapes."""
+
+    def __init__(self, *shapes: object) -> None:
+        self.shapes = shapes
+
+
+class OneOf:
+    """A text that is one of those known."""
+
+    def __init__(self, known: Sequence[str]) -> None:
+        self.known = frozenset(known)
+
+
+class Each:
+    """A table with any keys, or with known ones, whose entries have one shape."""
+
+    def __init__(self, shape: object, known: Sequence[str] | None = None) -> None:
+        self.shape, self.known = shape, None if known is None else frozenset(known)
+
+
+class Whole:
+    """A whole number, from 0 to one that no study reaches."""
+
+
+class Maybe:
+    """An entry that may be missing."""
+
+    def __init__(self, shape: object) -> None:
+        self.shape = shape
+
+
+NUMBER = float
+SOME = Either(float, None)  # what is not finite stands as null
+TEXT = str
+_NAME, _CHANNEL = OneOf(tuple(PARAMETERS)), OneOf(tuple(CHANNELS))
+_BY_NAME = tuple(PARAMETERS)
+_CHECK = {"name": TEXT, "value": SOME, "threshold": NUMBER, "passed": bool, "advice": TEXT}
+_FIT = {
+    "converged": bool,
+    "passes": Whole(),
+    "errors_percent": Each(SOME, tuple(CHANNELS)),
+    "held": [_NAME],
+    "at_bound": [_NAME],
+    "missing": [_NAME],
+    "notes": [TEXT],
+}
+_STANDING = {
+    "credible_level": SOME,
+    "log_density": SOME,
+    "word": TEXT,
+    "at_bound": [_NAME],
+    "filled": [_NAME],
+    "values": Each(SOME, _BY_NAME),
+}
+_ORIGIN = {
+    "title": TEXT,
+    "kind": OneOf(("measured", "simulated", "digitised")),
+    "source": TEXT,
+    "made": TEXT,
+    "versions": Each(TEXT),
+    "machine": TEXT,
+    "seed": Whole(),
+    "model": TEXT,
+    "drive": TEXT,
+    "fingerprints": {"study": TEXT, "data": TEXT, "run": Maybe(TEXT)},
+    "notes": [TEXT],
+    "settings": {"target_ess": Whole(), "ensembles": Whole(), "walkers": Whole(), "max_steps": Whole()},
+    "seconds": Each(NUMBER),
+    "verdict": {"converged": bool, "ess": NUMBER, "r_hat": SOME, "checks": [_CHECK]},
+}
+RECORD: Mapping[str, object] = {
+    **_ORIGIN,
+    "sampling": {
+        "acceptance": NUMBER,
+        "steps": Whole(),
+        "kept_one_step_in": Whole(),
+        "tau": Each(SOME, _BY_NAME),
+        "temperatures": [Whole()],
+        "proposal_efficiency": [SOME],
+        "log_evidence": [SOME],
+    },
+    "evidence": {
+        "log_z": NUMBER,
+        "error": NUMBER,
+        "k_hat": SOME,
+        "limit": NUMBER,
+        "draws": Whole(),
+        "reliable": bool,
+        "log_share": NUMBER,
+        "log_share_error": NUMBER,
+    },
+    "prior_support": {"tried": Whole(), "shares": Each(NUMBER)},
+    "mode": {"log_density": NUMBER, "agreeing_starts": Whole()},
+    "fits": Each(_FIT, ("IM1", "IM2", "IM3", "joint")),
+    "refused_fits": [TEXT],
+    "standings": Each(_STANDING, ("mode", "IM1", "IM2", "IM3", "joint", "published", "truth")),
+    "directions": {
+        "determined": Whole(),
+        "of": Whole(),
+        "contractions": [NUMBER],
+        "groups": [
+            {
+                "scope": TEXT,
+                "view": TEXT,
+                "directions": Whole(),
+                "determined": Whole(),
+                "effective": SOME,
+                "cut_effective": SOME,
+            }
+        ],
+        "unseen": [TEXT],
+    },
+    "predictive_checks": {
+        "checks": [{"channel": _CHANNEL, "statistic": TEXT, "p": NUMBER, "calibrated": NUMBER}],
+        "overall": NUMBER,
+        "replicates": Whole(),
+        "effective": [NUMBER],
+    },
+    "prior_checks": {
+        "checks": [
+            {
+                "channel": _CHANNEL, "statistic": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER,
+                "p": NUMBER,
+            }
+        ],
+        "overall": NUMBER,
+    },
+    "loo": {
+        "rows": [{"row": Whole(), "elpd": NUMBER, "error": NUMBER, "k": SOME, "refitted": bool}],
+        "full": [NUMBER],
+        "pit": Each([SOME], tuple(CHANNELS)),
+    },
+}  # fmt: skip
+"""The content of ``run.json``."""
+POOLED_RECORD: Mapping[str, object] = {
+    **_ORIGIN,
+    "pooling": {
+        "by": TEXT,
+        "preferred": TEXT,
+        "sentence": TEXT,
+        "degrees": [{"pooling": TEXT, "log_evidence": NUMBER, "elpd_rows": NUMBER, "elpd_groups": NUMBER}],
+    },
+}
+_MOST = 10**15
+
+COLUMNS: Mapping[str, Mapping[str, object]] = {
+    "summary": {
+        "parameter": OneOf((*PARAMETERS, *DERIVED)), "unit": TEXT, "mode": NUMBER, "mean": NUMBER,
+        "median": NUMBER, "sd": NUMBER, "hdi90_lo": NUMBER, "hdi90_hi": NUMBER, "ess_bulk": NUMBER,
+        "ess_tail": NUMBER, "r_hat": NUMBER, "prior_mean": NUMBER, "prior_sd": NUMBER,
+    },
+    "least_squares": {"method": TEXT, "parameter": TEXT, "unit": TEXT, "value": NUMBER},
+    "identifiability": {
+        "parameter": _NAME, "verdict": TEXT, "contraction": NUMBER, "correlation": NUMBER, "bound": TEXT,
+        "prior_sd": NUMBER, "posterior_sd": NUMBER,
+    },
+    "predictive": {
+        "row": NUMBER, "slip": NUMBER, "channel": _CHANNEL, "unit": TEXT, "observed": NUMBER, "mean": NUMBER,
+        "q05": NUMBER, "q50": NUMBER, "q95": NUMBER, "no_answer": NUMBER,
+    },
+}  # fmt: skip
+"""Columns that tables must have."""
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "posterior": ("chain", "draw"),
+    "sample_stats": ("chain", "draw"),
+    "log_prior": ("chain", "draw"),
+    "prior": ("chain", "draw"),
+    "prior_predictive": ("chain", "draw", "row"),
+    "posterior_predictive": ("chain", "draw", "row"),
+    "observed_data": ("row",),
+}
+"""Groups of ``draws.nc``, and the dimensions of all that is in them."""
+
+
+def check_record(record: Any, shape: Mapping[str, object] = RECORD) -> None:
+    """ValueError where something in a record is missing, or of another kind than the report relies on."""
+    _check(record, shape, "run.json")
+    loo = record.get("loo")
+    if loo is not None and len(loo["rows"]) != len(loo["full"]):
+        raise ValueError("run.json: 'loo' must have as many rows as densities")
+
+
+def _check(value: Any, shape: object, place: str) -> None:
+    if isinstance(shape, Either):
+        if any(_fits(value, one) for one in shape.shapes):
+            return
+        raise ValueError(f"{place} is of the wrong kind (got {value!r:.40})")
+    if isinstance(shape, Mapping):
+        _check_table(value, shape, place)
+    elif isinstance(shape, Each):
+        known = shape.known
+        for key, item in _table(value, place).items():
+            if known is not None and key not in known:
+                raise ValueError(f"{place} has an unknown entry {key!r:.40}")
+            _check(item, shape.shape, f"{place}: {key!s:.40}")
+    elif isinstance(shape, list):
+        if not isinstance(value, list):
+            raise ValueError(f"{place} must be a list (got {value!r:.40})")
+        for item in value:
+            _check(item, shape[0], place)
+    elif not _fits(value, shape):
+        raise ValueError(f"{place} is of the wrong kind (got {value!r:.40})")
+
+
+def _check_table(value: Any, shape: Mapping[str, object], place: str) -> None:
+    content = _table(value, place)
+    for key, item in shape.items():
+        inner = item.shape if isinstance(item, Maybe) else item
+        if key in content:
+            _check(content[key], inner, f"{place}: {key}")
+        elif not isinstance(item, Maybe):
+            raise ValueError(f"{place} lacks '{key}'")
+
+
+def _table(value: Any, place: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{place} must be a table (got {value!r:.40})")
+    return value
+
+
+def _fits(value: Any, shape: object) -> bool:
+    """Whether a single value is of a kind."""
+    if shape is None:
+        return value is None
+    if isinstance(shape, OneOf):
+        return isinstance(value, str) and value in shape.known
+    if isinstance(shape, Whole):
+        return type(value) is int and 0 <= value < _MOST
+    if shape is float:
+        return type(value) in (int, float) and abs(value) < 1e300  # NaN and infinities are written as null
+    return type(value) is shape
+
+
+def check_tables(tables: Mapping[str, pd.DataFrame], names: Sequence[str]) -> None:
+    """ValueError where a table lacks a column, or a column holds something else.
+
+    Parameters
+    ----------
+    tables : of a result, by name.
+    names : free parameters of its study; every table of parameters begins with them.
+    """
+    for name, columns in COLUMNS.items():
+        for column, kind in columns.items():
+            _check_column(tables[name], column, kind, f"{name}.csv")
+    for name in ("summary", "identifiability"):
+        if tables[name]["parameter"].tolist()[: len(names)] != list(names):
+            raise ValueError(f"{name}.csv is about other parameters than the study")
+        if tables[name]["parameter"].duplicated().any():
+            raise ValueError(f"{name}.csv has a parameter twice")
+    partners = tables["identifiability"].get("partner", pd.Series(dtype=object)).dropna()
+    if not set(partners) <= set(names):
+        raise ValueError("identifiability.csv names other parameters than the study")
+
+
+def _check_column(table: pd.DataFrame, column: str, kind: object, place: str) -> None:
+    if column not in table:
+        raise ValueError(f"{place} lacks the column '{column}'")
+    if list(table.columns).count(column) > 1:
+        raise ValueError(f"{place} has the column '{column}' twice")
+    values = table[column]
+    if kind is NUMBER:
+        if not pd.api.types.is_numeric_dtype(values) or pd.api.types.is_complex_dtype(values):
+            raise ValueError(f"{place}: '{column}' must hold numbers")
+    elif not all(_fits(value, kind) for value in values):
+        raise ValueError(f"{place}: '{column}' holds what does not belong there")
+
+
+def check_draws(tree: xr.DataTree, study: Study) -> None:
+    """ValueError where groups, dimensions or parameters are not those of a result of this study."""
+    for group, dims in GROUPS.items():
+        if group not in tree.children:
+            raise ValueError(f"draws.nc lacks the group '{group}'")
+        for name, values in tree[group].data_vars.items():
+            if set(values.dims) != set(dims) or values.dtype.kind not in "iuf" or not values.size:
+                raise ValueError(f"draws.nc: '{group}' holds '{name}', which is of another form")
+    names = set(study.prior.names)
+    for group in ("posterior", "prior"):
+        held = {str(name): values for name, values in tree[group].data_vars.items()}
+        if set(held) != names:
+            raise ValueError(f"draws.nc: '{group}' is about other parameters than the study")
+        for name, values in held.items():
+            if values.dims != ("chain", "draw") or not np.isfinite(values.to_numpy()).all():
+                raise ValueError(f"draws.nc: '{group}' holds draws of '{name}' that are no numbers")
+    if "lp" not in tree["sample_stats"].data_vars:
+        raise ValueError("draws.nc lacks the log densities of its draws")
+    rows = [("observed_data", "row"), ("posterior_predictive", "row"), ("prior_predictive", "row")]
+    for group, dim in rows:
+        if tree[group].sizes[dim] != len(study.observations):
+            raise ValueError(f"draws.nc: '{group}' has other rows than the study")

@@ -1,0 +1,13 @@
+"""A sound result for hostile inputs to stand beside."""
+
+import pytest
+
+from bayesterra.results import Result
+
+from . import targets
+
+
+@pytest.fixture(scope="session")
+def base(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> targets.Base:
+    """The small result with few of its draws, saved; targets use it."""
+    return targets.set_base(small_result, tmp_path_factory.mktemp("base"))
