@@ -144,6 +144,17 @@ class ModelErrors:
         """Prior laws of the estimated sizes by parameter."""
         return {one.parameter: one.size.law for one in self if one.parameter and one.size.law}
 
+    @property
+    def tables(self) -> str:
+        """The tables that are given, as they stand in a study: ``[discrepancy] and [slip]``."""
+        given = {"discrepancy": self.discrepancy, "ripple": self.ripple, "slip": self.slip}
+        return " and ".join(f"[{name}]" for name, part in given.items() if part)
+
+    def refuse(self, what: str) -> None:
+        """StudyError that ``what`` cannot be done with any of these tables, if there is one."""
+        if self:
+            raise StudyError(f"{what} takes studies whose rows stand alone: leave {self.tables} out")
+
     def of(self, channels: tuple[str, ...]) -> ModelErrors:
         """Only what concerns some channels."""
         kept = [{n: part[n] for n in OUTCOMES if n in part and n in channels}
@@ -152,6 +163,14 @@ class ModelErrors:
 
 
 Entry = TypeVar("Entry", Discrepancy, Ripple)
+
+
+def check_groups(errors: ModelErrors, by: str) -> None:
+    """StudyError where groups of rows by a column would cut through what hangs together."""
+    if errors.discrepancy and by != "wheel":
+        raise StudyError(f"[discrepancy] is one curve for each wheel: [pooling] must be by wheel (got '{by}')")
+    if errors.ripple and by == "site":
+        raise StudyError("[ripple] runs along a sweep: [pooling] must be by wheel or run (got 'site')")
 
 
 def discrepancies(value: object, *, bare: bool) -> dict[str, Discrepancy]:

@@ -17,7 +17,7 @@ from bayesterra import assembly, schema
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.data import Observations, observations, read_table
 from bayesterra.messages import errors_in
-from bayesterra.model_errors import ModelErrors
+from bayesterra.model_errors import ModelErrors, check_groups
 from bayesterra.model_errors import described as errors_described
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.noise import Noise
@@ -221,6 +221,8 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
+    if pooling is not None:
+        check_groups(errors, pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
     notes += load_notes
     return {

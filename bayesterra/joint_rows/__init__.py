@@ -34,8 +34,12 @@ DOUBLES = 2e7
 """Numbers that the matrices of parameter sets worked on at once may take."""
 
 
-def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray) -> FloatArray:
-    """Slopes (n, m, outcomes) of outcomes ``values`` over slip, to both sides as far as the model goes."""
+def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = None) -> FloatArray:
+    """Slopes (n, m, outcomes) of outcomes over slip, to both sides as far as the model goes.
+
+    ``values`` are the outcomes themselves, where they are known already.
+    """
+    values = forward(soil, every_row=True).values if values is None else values
     slip, ends = forward.conditions.slip, []
     for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
         moved = replace(forward, conditions=replace(forward.conditions, slip=at))
@@ -112,6 +116,20 @@ class JointRows(Likelihood):
             found[good] = law.draw(self.measured, rng).discrepancy
         return found
 
+    def ahead(
+        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (n, t, k) of readings of rows ``targets`` (m,), which are not in use.
+
+        Given the readings of the rows in use; NaN where there is no answer.
+        """
+        places = np.flatnonzero(targets)
+        centre = np.full((len(soil), len(places), len(self.channels)), np.nan)
+        scale = centre.copy()
+        for good, law in self._laws(soil, noise_values):
+            centre[good], scale[good] = law.ahead(self.measured, places)
+        return centre, scale
+
     def beyond(
         self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
     ) -> FloatArray:
@@ -135,18 +153,32 @@ class JointRows(Likelihood):
             if isinstance(one, Ripple):
                 found[:, :, self.channels.index(one.channel)] += draw
             elif one is self.errors.slip:
-                values = forward(soil, every_row=True).values
                 columns = [forward.outcomes.index(name) for name in self.channels]
-                found += slip_slopes(forward, soil, values)[:, :, columns] * draw[:, :, None]
+                found += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
         return found
+
+    def reading(self, where: BoolArray) -> JointRows:
+        """The same for readings where ``where`` (m, k) holds, made or yet to be made, and no others."""
+        columns = dict(zip(self.channels, np.where(where, 0.0, np.nan).T, strict=True))
+        rows = replace(self.observations, values={**self.observations.values, **columns})
+        return replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
 
     def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
         """The joint law of the readings at soils that have an answer in every row in use."""
-        mean = self.predicted(outcomes)
+        return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes.values)
+
+    def law_at(
+        self,
+        soil: FloatArray,
+        mean: FloatArray,
+        noise_values: FloatArray,
+        values: FloatArray | None = None,
+    ) -> TableLaw:
+        """The same, where what the model says of the measured channels (n, m, k) is known."""
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
         slopes = None
         if self.errors.slip is not None:
-            slopes = slip_slopes(self.forward, soil, outcomes.values)[:, :, self._columns]
+            slopes = slip_slopes(self.forward, soil, values)[:, :, self._columns]
         whitenings = self._constant
         if whitenings is None:
             whitenings = tuple(stack.whitening(scale, sizes, slopes) for stack in self.layout.stacks)

@@ -53,6 +53,25 @@ class Stack:
             matrix += along[..., :, None] * along[..., None, :] * self.same_row
         return matrix
 
+    def by_size(self, which: int, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray | None:
+        """Derivative (n, B, q, q) of the covariance by one of the sizes; None where it has no part in it."""
+        if which == self.slip and slopes is not None:
+            along = slopes[:, self.rows, self.columns]
+            tied = along[..., :, None] * along[..., None, :] * self.same_row
+            return np.asarray(2.0 * sizes[:, which, None, None, None] * tied)
+        known = dict(self.parts)
+        if which not in known:
+            return None
+        return np.asarray(2.0 * sizes[:, which, None, None, None] * known[which])
+
+    def by_slopes(self, sizes: FloatArray, slopes: FloatArray | None, change: FloatArray) -> FloatArray:
+        """Change (n, B, q, q) of the covariance as slopes (n, m, k) change, to first order."""
+        if self.slip is None or slopes is None:
+            return np.zeros((len(change), *self.same_row.shape))
+        along, more = (part[:, self.rows, self.columns] for part in (slopes, change))
+        tied = along[..., :, None] * more[..., None, :] * self.same_row
+        return np.asarray(sizes[:, self.slip, None, None, None] ** 2 * (tied + tied.swapaxes(-1, -2)))
+
     @property
     def same_row(self) -> BoolArray:
         """Whether two readings of a block are of one row (B, q, q)."""

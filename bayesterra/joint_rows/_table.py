@@ -155,6 +155,43 @@ class TableLaw:
         spread = np.sqrt(np.einsum("nmkk->nmk", np.linalg.inv(Q)))
         return np.where(self.known, deviation / spread, np.nan)
 
+    def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (n, t, k) of readings of rows that are not conditioned on, given others.
+
+        Noise, ripple and slip errors of these rows are among it.
+        """
+        centre, variance = self.mean[:, targets].copy(), self.scale[:, targets] ** 2
+        variance = variance + self._loose(targets)
+        residuals = self._white(readings - self.mean)
+        for column in range(centre.shape[2]):
+            for stack, one, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
+                told = one.matrix @ self._between(stack, targets, column)
+                centre[:, :, column] += (white[..., None] * told).sum(axis=(1, 2))
+                variance[:, :, column] -= (told**2).sum(axis=(1, 2))
+        return centre, np.sqrt(variance)
+
+    def _loose(self, targets: IntArray) -> FloatArray:
+        """Variance (n, t, k) of discrepancy, ripple and slip errors before any reading."""
+        found = np.zeros((len(self.mean), len(targets), self.mean.shape[2]))
+        for which, one in enumerate(self.layout.errors):
+            square = self.sizes[:, [which]] ** 2
+            if isinstance(one, Discrepancy | Ripple):
+                found[:, :, self._column(one)] += square
+            else:
+                found += square[..., None] * self._slopes[:, targets] ** 2
+        return found
+
+    def _between(self, stack: Stack, targets: IntArray, column: int) -> FloatArray:
+        """Covariance (n, B, q, t) of the readings of a stack with those of a channel in other rows."""
+        found = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
+        for which, one in enumerate(self.layout.errors):
+            between = self.layout.correlations[which]
+            if between is not None and self.layout.channels.index(one.channel) == column:
+                mine = (stack.columns == column)[..., None]
+                shared = np.where(mine, between[stack.rows[..., None], targets], 0.0)
+                found += self.sizes[:, which, None, None, None] ** 2 * shared
+        return found
+
     @cached_property
     def known(self) -> BoolArray:
         """Readings that are conditioned on (m, k)."""
