@@ -114,14 +114,17 @@ def _found(result: Result) -> Iterator[Missed]:
             curve = curves[:, :, column]
             yield Missed(
                 wheel, channel, slip, np.quantile(curve, LEVELS, axis=0), rows.slip[read],
-                np.median(off, axis=0), _trades(target.names, draws, slip, curve),
+                np.median(off, axis=0), notable(trades(target.names, draws, slip, curve)),
             )  # fmt: skip
 
 
-def _trades(
+def trades(
     names: tuple[str, ...], draws: FloatArray, slip: FloatArray, curve: FloatArray
 ) -> tuple[Trade, ...]:
-    """Level and tilt of the curve (n, g), where they go with the parameters of the soil."""
+    """How much of level and tilt of a curve (n, g) over slips (g,) goes with the parameters of draws (n, d).
+
+    Sizes of errors are left out; nothing where no other parameter is free.
+    """
     soil = [i for i, name in enumerate(names) if not name.startswith(SIZES)]
     if not soil:
         return ()
@@ -132,7 +135,10 @@ def _trades(
         explained = x @ np.linalg.lstsq(x, y, rcond=None)[0]
         single = [float(np.corrcoef(column, y)[0, 1]) for column in x.T]
         most = int(np.abs(single).argmax())
-        share = float(explained.var() / y.var())
-        if share >= NOTABLE:
-            found.append(Trade(shape, share, names[soil[most]], single[most]))
-    return tuple(sorted(found, key=lambda one: -one.share))
+        found.append(Trade(shape, float(explained.var() / y.var()), names[soil[most]], single[most]))
+    return tuple(found)
+
+
+def notable(found: tuple[Trade, ...]) -> tuple[Trade, ...]:
+    """Those with a share of ``NOTABLE`` or more, the greatest first."""
+    return tuple(sorted((one for one in found if one.share >= NOTABLE), key=lambda one: -one.share))
