@@ -194,8 +194,9 @@ def full_prior(
 ) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
+    entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
     try:
-        return Prior({**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width, soil.correlation)
+        return Prior(entries, width, soil.correlation)
     except StudyError as error:
         raise StudyError(f"[priors] {error}") from error
 

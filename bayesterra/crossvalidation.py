@@ -219,7 +219,7 @@ class _Case:
         return self._drawn(self.near.afresh(self._densities, rng), FINAL_DRAWS[-1], rng)
 
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Parameters, log prior with Jacobian, log density of the row and of all others, −inf where any is."""
+        """Parameters, log prior with Jacobian, log density of the row and the others, −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
         prior = self.near.posterior.log_prior(x)
         known = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left

@@ -18,7 +18,7 @@ DRAWS = 1000
 GRID = 41
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 NOTABLE = 0.5
-"""Share of the variance of a discrepancy's level or tilt that goes with the parameters, from which it is said."""
+"""Share of the variance of a level or tilt that goes with the parameters, from which it is said."""
 
 
 @dataclass(frozen=True)

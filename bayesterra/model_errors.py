@@ -1,7 +1,7 @@
 """What hangs readings together, as a study states it: [discrepancy], [ripple] and [slip].
 
 A reading is y = f(θ, s) + δ(s) + ripple + noise: δ is the smooth error of the model over slip, one curve per
-wheel and channel; ripple belongs to the rows of one sweep; and the slip s of a row may itself be read in error.
+wheel and channel; ripple belongs to the rows of one sweep; and the slip s of a row may be read in error.
 All are Gaussian. Here are their sizes and shapes; :mod:`bayesterra.joint_rows` makes a likelihood of them.
 """
 
@@ -157,9 +157,9 @@ class ModelErrors:
 
     def of(self, channels: tuple[str, ...]) -> ModelErrors:
         """Only what concerns some channels."""
-        kept = [{n: part[n] for n in OUTCOMES if n in part and n in channels}
-                for part in (self.discrepancy, self.ripple)]  # fmt: skip
-        return ModelErrors(kept[0], kept[1], self.slip)
+        curves = {name: one for name, one in self.discrepancy.items() if name in channels}
+        ripples = {name: one for name, one in self.ripple.items() if name in channels}
+        return ModelErrors(curves, ripples, self.slip)
 
 
 Entry = TypeVar("Entry", Discrepancy, Ripple)
@@ -168,7 +168,7 @@ Entry = TypeVar("Entry", Discrepancy, Ripple)
 def check_groups(errors: ModelErrors, by: str) -> None:
     """StudyError where groups of rows by a column would cut through what hangs together."""
     if errors.discrepancy and by != "wheel":
-        raise StudyError(f"[discrepancy] is one curve for each wheel: [pooling] must be by wheel (got '{by}')")
+        raise StudyError(f"[discrepancy] is one curve per wheel: [pooling] must be by wheel (got '{by}')")
     if errors.ripple and by == "site":
         raise StudyError("[ripple] runs along a sweep: [pooling] must be by wheel or run (got 'site')")
 

@@ -91,7 +91,8 @@ def _error(one: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
     size = "estimated" if one.size.sd is None else f"{one.size.sd / channel.scale:g} {unit}".strip()
     if isinstance(one, Discrepancy):
         kind = "" if one.kernel == "smooth" else f" ({one.kernel})"
-        return "discrepancy", f"{channel.name}: sd {size}, a curve per wheel over slips of {one.length:g}{kind}"
+        shape = f"a curve per wheel over slips of {one.length:g}{kind}"
+        return "discrepancy", f"{channel.name}: sd {size}, {shape}"
     if isinstance(one, Ripple):
         crests = "" if np.isinf(one.period) else f", crests {one.period:g} rows apart"
         return "ripple", f"{channel.name}: sd {size}, memory of {one.memory:g} rows{crests}"

@@ -102,7 +102,7 @@ class Posterior:
         return self.likelihood.log_terms(self.prior.soil_values(x), self.noise_values(x))
 
     def log_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log likelihood (n,), and log density (n, rows) of every row's readings given those of all others."""
+        """Log likelihood (n,), and log density (n, rows) of every row given all other rows."""
         return self.likelihood.log_rows(self.prior.soil_values(x), self.noise_values(x))
 
     def explained(self, x: FloatArray, rng: Generator) -> Outcomes:

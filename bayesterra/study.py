@@ -48,8 +48,9 @@ class Study:
     path : the study file, where there is one.
     prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
     **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
-        ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study
-        file. Numbers are SI values, text has its unit; models, laws and noises may be given as objects.
+        ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``,
+        ``truth`` and ``sampling`` as in a study file. Numbers are SI values, text has its unit; models, laws
+        and noises may be given as objects.
 
     Attributes
     ----------

@@ -86,9 +86,7 @@ def predictives(
     return Predictives(names, centre[:, :, columns], scale[:, :, columns], dof)
 
 
-def _beside_others(
-    study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray
-) -> Predictives:
+def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray) -> Predictives:
     """The laws where what is left out hangs together with what is not."""
     rows = study.observations
     rows = replace(rows, use=frozen(rows.use & ~left, np.bool_))

@@ -2,10 +2,11 @@
 
     y = f(θ, s) + δ(s) + ripple + noise,    slip read as s + ε
 
-δ is a Gaussian process over slip, one curve per wheel and channel (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B
-63, 425). Everything but θ is Gaussian and integrated out: the readings of a table are jointly normal around
-f(θ, s). An error of slip counts to first order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a row;
-f and δ are taken as straight over its size.
+δ is a Gaussian process over slip, one curve per wheel and channel (Kennedy and O'Hagan 2001, J. R. Stat. Soc.
+B 63, 425). Everything but θ is Gaussian and integrated out: the readings of a table are jointly normal around
+f(θ, s). An error of slip counts to first order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a
+row; f is taken as straight and δ as level over its size. Noise that is a fraction is one of f(θ, s) in the
+likelihood, of all that is drawn in draws.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.forward import Forward
 from bayesterra.joint_rows._stacks import Stack, Whitening, stacks
 from bayesterra.joint_rows._table import Drawn, Elsewhere, Layout, TableLaw
@@ -27,7 +28,7 @@ from bayesterra.model_errors import ModelErrors, Ripple
 __all__ = ["JointRows", "Stack", "TableLaw", "Whitening", "slip_slopes"]
 
 STEP = 0.005
-"""Step in slip for slopes, both ways: about an error of slip, for the models bend at their transition slips."""
+"""Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
 HUGE = 1e100
 """Modelled values beyond this (in SI units) are as impossible as none."""
 DOUBLES = 2e7
@@ -48,7 +49,9 @@ def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = 
         ends.append((np.where(answered, found, values), np.where(answered, at[:, None], slip[:, None])))
     (low, left), (high, right) = ends
     width = right - left
-    return np.divide(high - low, width, out=np.zeros_like(values), where=(width > 0) & np.isfinite(values))
+    slopes = np.zeros_like(values)
+    np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
+    return slopes
 
 
 @dataclass(frozen=True)
@@ -212,7 +215,7 @@ class JointRows(Likelihood):
 
     def _laws(
         self, soil: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
-    ) -> Iterator[tuple[FloatArray, TableLaw]]:
+    ) -> Iterator[tuple[IntArray, TableLaw]]:
         """Which soils have an answer in every row in use, a part of them at a time, and the law there."""
         at_once = max(1, int(DOUBLES / max(1, self.layout.doubles)))
         for first in range(0, len(soil), at_once):

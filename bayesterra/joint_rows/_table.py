@@ -12,7 +12,7 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.data import Observations
 from bayesterra.joint_rows._stacks import Stack, Whitening, correlation
-from bayesterra.model_errors import Discrepancy, ModelErrors, Ripple
+from bayesterra.model_errors import Discrepancy, ModelErrors, Ripple, SlipError
 
 LOG_2_PI = float(np.log(2 * np.pi))
 
@@ -156,7 +156,7 @@ class TableLaw:
         return np.where(self.known, deviation / spread, np.nan)
 
     def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (n, t, k) of readings of rows that are not conditioned on, given others.
+        """Mean and standard deviation (n, t, k) of readings of rows not conditioned on, given others.
 
         Noise, ripple and slip errors of these rows are among it.
         """
@@ -186,7 +186,9 @@ class TableLaw:
         found = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
         for which, one in enumerate(self.layout.errors):
             between = self.layout.correlations[which]
-            if between is not None and self.layout.channels.index(one.channel) == column:
+            if isinstance(one, SlipError) or between is None:
+                continue
+            if self._column(one) == column:
                 mine = (stack.columns == column)[..., None]
                 shared = np.where(mine, between[stack.rows[..., None], targets], 0.0)
                 found += self.sizes[:, which, None, None, None] ** 2 * shared
@@ -200,9 +202,7 @@ class TableLaw:
             found[stack.rows, stack.columns] = True
         return found
 
-    def draw(
-        self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None
-    ) -> Drawn:
+    def draw(self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None) -> Drawn:
         """Draw discrepancy, ripple and slip errors given readings (m, k), or before any (None).
 
         By Matheron's rule: a draw before the readings, moved by what the readings say against it.
@@ -216,7 +216,8 @@ class TableLaw:
             told = [self._told(which, one, across[which][:, :m], pull) for which, one in enumerate(errors)]
             fields = [field + more for field, more in zip(fields, told, strict=True)]
         at_rows, curves = self._effects(fields)
-        there = np.zeros((len(self.mean), 0 if elsewhere is None else len(elsewhere.slip), self.mean.shape[2]))
+        new = 0 if elsewhere is None else len(elsewhere.slip)
+        there = np.zeros((len(self.mean), new, self.mean.shape[2]))
         for one, field in zip(errors, fields, strict=True):
             if isinstance(one, Discrepancy):
                 there[:, :, self._column(one)] = field[:, m:]
@@ -242,7 +243,8 @@ class TableLaw:
         """A field (n, m + g) before any reading."""
         values, vectors = np.linalg.eigh(matrix)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.asarray(self.sizes[:, [which]] * (rng.standard_normal((len(self.mean), len(root))) @ root.T))
+        unit = rng.standard_normal((len(self.mean), len(root))) @ root.T
+        return np.asarray(self.sizes[:, [which]] * unit)
 
     def _told(self, which: int, one: object, to_rows: FloatArray, pull: FloatArray) -> FloatArray:
         """What readings say of a field (n, m + g): its covariance with them times their pull."""

@@ -132,9 +132,7 @@ def _integrated(
     return mean(total), np.array([mean(total - known[:, i]) for i in range(terms.shape[1])])
 
 
-def row_terms(
-    posterior: Posterior, x: FloatArray, candidates: BoolArray
-) -> tuple[FloatArray, FloatArray]:
+def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Log likelihood (n,), and log density (n, rows) of every row's readings given all others.
 
     Both are −inf outside the support and off ``candidates``.

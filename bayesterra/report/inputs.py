@@ -133,7 +133,8 @@ def _errors(study: Study) -> tuple[Text, ...]:
             )
             for one in errors.discrepancy.values()
         )  # fmt: skip
-        parts.append(Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.").format(kinds))
+        text = Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.")
+        parts.append(text.format(kinds))
     if errors.ripple:
         kinds = listed(
             Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(

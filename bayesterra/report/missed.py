@@ -40,9 +40,11 @@ def _sentence(result: Result, one: Missed, *, several: bool) -> Markup:
     head = Markup("{}’s {}{}").format(result.study.model.name, CHANNELS[one.channel].description, of)
     if not one.stretches:
         most = plain(float(np.abs(one.bands[[0, -1]]).max()) / CHANNELS[one.channel].scale, 2)
-        return Markup("Whether {} is off at any one slip, the readings leave open: the 90 % band of its error "
-                      "holds 0 everywhere, and reaches {} at most.").format(
-            head, amount(one.channel, most))  # fmt: skip
+        text = Markup(
+            "Whether {} is off at any one slip, the readings leave open: the 90 % band of its error holds 0 "
+            "everywhere, and reaches {} at most."
+        )
+        return text.format(head, amount(one.channel, most))
     parts = listed(_part(one, stretch) for stretch in one.stretches)
     return Markup("{} is {}.").format(head, parts)
 
@@ -87,7 +89,7 @@ def _trades(found: list[Missed], *, several: bool) -> tuple[Text, ...]:
 def _use(result: Result) -> Text:
     wheels = listed(result.study.wheels)
     text = Markup(
-        "Curves, predictions and checks of {} hold the discrepancy; of another wheel only its prior is known. "
-        "Derived quantities (greatest pull and the like) are those of the model alone."
+        "Curves, predictions and checks of {} hold the discrepancy; of another wheel its prior alone is "
+        "known. Derived quantities (greatest pull and the like) are those of the model alone."
     )
     return Text(text.format(wheels))

@@ -49,7 +49,7 @@ def drive_rover(
     study = result.study
     if study.errors.discrepancy:
         raise StudyError(
-            "the rover is driven by the model alone: leave [discrepancy] out, or predict its wheels one by one"
+            "a rover is driven by the model alone: leave [discrepancy] out, or predict wheels one by one"
         )
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))

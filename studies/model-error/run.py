@@ -1,10 +1,11 @@
-"""Does a stated discrepancy make the intervals of a wrong model right? And errors in slip, and ripple?
+"""Whether a stated discrepancy makes the intervals of a wrong model right; likewise errors in slip, ripple.
 
-``python studies/model-error/run.py`` remakes the tables and the figure beside it, in about 20 minutes of processor
-time; cases that are in ``fits.csv`` already are not run again (delete it to begin anew). ``--figure`` only draws.
+``python studies/model-error/run.py`` makes the tables and the figure beside it, in about 20 minutes of
+processor time. Cases that are in ``fits.csv`` are not run again: delete the tables to begin anew. With
+``--figure`` it only summarises and draws.
 
-Everything is simulated: readings of M1 on the six wheels and soils of Ding et al. 2015, Tables 1 and 10, fitted
-with M2 (part ``model``); and readings of M2 itself with planted errors of slip (``slip``) or ripple (``ripple``).
+Everything is simulated: readings of M1 on the six wheels and soils of Ding et al. 2015, Tables 1 and 10,
+fitted with M2 (part ``model``); readings of M2 itself with planted errors of slip (``slip``) or ripple (``ripple``).
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ FIT = ShortRuns(
 )
 DRAWS = 800
 
-# Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; K_s in kPa, n0, n1, c in kPa, φ in deg, K in mm, c1, c2
+# Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; K_s and c in kPa, φ in deg, K in mm
 WHEELS = {
     "Wh11": (135.0, 165.0, 15, 24, 2499.0, 0.823, 1.257, 0.19, 30.1, 13.1, 0.388, -0.258),
     "Wh12": (135.0, 165.0, 10, 24, 2499.3, 0.913, 1.013, 0.19, 30.1, 11.3, 0.299, -0.083),
@@ -156,10 +157,10 @@ def analysed(part: str, name: str, seed: int, arm: str) -> dict[str, pd.DataFram
     study, started = simulated(part, name, seed, ARMS[part][arm]), time.process_time()
     fitted = FIT(study, SeedSequence((seed, 7)))
     seconds = time.process_time() - started
-    target = posterior(study)
     draws = fitted.draws[:: max(1, -(-len(fitted.draws) // DRAWS))]
     head = {"part": part, "wheel": name, "seed": seed, "arm": arm}
-    fit = {**head, "converged": fitted.converged, "ess": fitted.ess, "r_hat": fitted.r_hat, "seconds": seconds}
+    how = {"converged": fitted.converged, "ess": fitted.ess, "r_hat": fitted.r_hat}
+    fit = {**head, **how, "seconds": seconds}
     return {
         "predictions": pd.DataFrame(_predicted(study, draws, head)),
         "parameters": pd.DataFrame(_known(study, fitted.draws, head)),
