@@ -201,16 +201,23 @@ class JointRows(Likelihood):
     @cached_property
     def layout(self) -> Layout:
         """What hangs together."""
-        rows, found = self.observations, stacks(self.errors, self.observations, self.channels, self.known)
+        rows = self.observations
+        found = stacks(self.errors, rows, self.channels, self.known, self._given_noise)
         return Layout(self.errors, rows, self.channels, found)
+
+    @cached_property
+    def _given_noise(self) -> FloatArray | None:
+        """Noise (m, k) where it does not depend on the parameters; else None."""
+        if any(noise.sd is None for noise in self.noise):
+            return None
+        return np.asarray(self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))[0])
 
     @cached_property
     def _constant(self) -> tuple[Whitening, ...] | None:
         """Whitenings where the covariance does not depend on the parameters; else None."""
-        if self.errors.laws or self.errors.slip or any(noise.sd is None for noise in self.noise):
+        if self.errors.laws or self.errors.slip or self._given_noise is None:
             return None
-        scale = self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))
-        sizes = self.sizes(1, np.empty((1, 0)))
+        scale, sizes = self._given_noise[None], self.sizes(1, np.empty((1, 0)))
         return tuple(stack.whitening(scale, sizes, None) for stack in self.layout.stacks)
 
     def _laws(

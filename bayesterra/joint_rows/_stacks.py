@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,13 +34,29 @@ class Stack:
     ----------
     rows, columns : row and channel of every reading (B, q).
     parts : which size, and the correlation (B, q, q) that it belongs to.
-    slip : whether errors in slip tie the readings of a row.
+    slip : which size is that of errors in slip, which tie the readings of a row; None where slips are exact.
+    noise : standard deviations (B, q) where they are the same for all parameter sets; else None.
     """
 
     rows: IntArray
     columns: IntArray
     parts: tuple[tuple[int, FloatArray], ...]
     slip: int | None
+    noise: FloatArray | None = None
+
+    @cached_property
+    def axes(self) -> tuple[int, FloatArray, FloatArray, float] | None:
+        """Principal axes of the one thing that ties a stack's readings beside noise that is known.
+
+        Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along which
+        readings then are independent, and the log of the noise, summed; None where there is more to it.
+        """
+        if self.noise is None or self.slip is not None or len(self.parts) != 1:
+            return None
+        which, correlation = self.parts[0]
+        values, vectors = np.linalg.eigh(correlation / (self.noise[..., :, None] * self.noise[..., None, :]))
+        along = vectors.swapaxes(-1, -2) / self.noise[..., None, :]
+        return which, np.maximum(values, 0.0), np.asarray(along), float(np.log(self.noise).sum())
 
     def covariance(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray:
         """Covariance (n, B, q, q) for noise (n, m, k), sizes (n, j) and slopes over slip (n, m, k)."""
@@ -82,6 +99,12 @@ class Stack:
         if not self.parts and self.slip is None:
             sd = scale[:, self.rows, self.columns]
             return Whitening(1.0 / sd[..., None] * np.eye(sd.shape[-1]), np.log(sd).sum(axis=(1, 2)))
+        if self.axes is not None:
+            which, values, vectors, level = self.axes
+            spread = 1.0 + sizes[:, which, None, None] ** 2 * values
+            return Whitening(
+                vectors / np.sqrt(spread)[..., None], level + 0.5 * np.log(spread).sum(axis=(1, 2))
+            )
         lower = np.linalg.cholesky(self.covariance(scale, sizes, slopes))
         level = np.log(np.einsum("nbqq->nbq", lower)).sum(axis=(1, 2))
         return Whitening(np.linalg.inv(lower), np.asarray(level))
@@ -115,8 +138,17 @@ class Whitening:
         return Whitening(self.matrix[chosen], self.level[chosen])
 
 
-def stacks(errors: ModelErrors, rows: Observations, channels: Sequence[str], known: BoolArray) -> list[Stack]:
-    """All readings where ``known`` (m, channels) holds, in stacks of blocks."""
+def stacks(
+    errors: ModelErrors,
+    rows: Observations,
+    channels: Sequence[str],
+    known: BoolArray,
+    noise: FloatArray | None = None,
+) -> list[Stack]:
+    """All readings where ``known`` (m, channels) holds, in stacks of blocks.
+
+    ``noise`` (m, channels) are the standard deviations, where they do not depend on the parameters.
+    """
     groups: dict[tuple[object, ...], list[Pair]] = {}
     sweep, place = sweeps(rows), _placed(errors)
     for i, column in np.argwhere(known):
@@ -124,10 +156,10 @@ def stacks(errors: ModelErrors, rows: Observations, channels: Sequence[str], kno
         groups.setdefault(key, []).append((int(i), int(column)))
     alone = [pair for key, pairs in groups.items() if key[-1] == "alone" for pair in pairs]
     blocks = [pairs for key, pairs in groups.items() if key[-1] != "alone"]
-    by_size: dict[int, list[list[Pair]]] = {}
-    for pairs in blocks:
-        by_size.setdefault(len(pairs), []).append(pairs)
-    found = [_stack(np.array(same), errors, rows, channels) for same in by_size.values()]
+    alike: dict[tuple[int, int], list[list[Pair]]] = {}
+    for pairs in blocks:  # of one channel, where channels are apart: then one thing ties them
+        alike.setdefault((len(pairs), pairs[0][1] if errors.slip is None else 0), []).append(pairs)
+    found = [_stack(np.array(same), errors, rows, channels, noise) for same in alike.values()]
     if alone:
         one = np.array([alone])
         found.append(Stack(one[..., 0], one[..., 1], (), None))
@@ -149,7 +181,13 @@ def _placed(errors: ModelErrors) -> Callable[[str, int, str, object], tuple[obje
     return place
 
 
-def _stack(pairs: IntArray, errors: ModelErrors, rows: Observations, channels: Sequence[str]) -> Stack:
+def _stack(
+    pairs: IntArray,
+    errors: ModelErrors,
+    rows: Observations,
+    channels: Sequence[str],
+    noise: FloatArray | None,
+) -> Stack:
     """A stack of blocks (B, q, 2)."""
     i, column = pairs[..., 0], pairs[..., 1]
     parts, slip = [], None
@@ -162,7 +200,7 @@ def _stack(pairs: IntArray, errors: ModelErrors, rows: Observations, channels: S
                 parts.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
         else:
             slip = which
-    return Stack(i, column, tuple(parts), slip)
+    return Stack(i, column, tuple(parts), slip, None if noise is None else noise[i, column])
 
 
 def correlation(one: Discrepancy | Ripple, rows: Observations) -> FloatArray:
