@@ -189,10 +189,12 @@ def ripples(value: object, *, bare: bool) -> dict[str, Ripple]:
 
 
 def slip_error(value: object, *, bare: bool) -> SlipError | None:
-    """Read the [slip] table; None where there is none."""
+    """Read the [slip] table; None where there is none, or nothing in it."""
     if value is None or isinstance(value, SlipError):
         return value
     content = table(value, "slip")
+    if not content:
+        return None
     _known(content, ("sd",), "")
     return SlipError(_size(content, "", "'slip'", bare=bare))
 
