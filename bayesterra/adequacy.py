@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import MODEL_PARAMETERS, NOISE_PREFIX
+from bayesterra.parameters import MODEL_PARAMETERS, SIZES
 from bayesterra.posteriors import Posterior, posterior
 from bayesterra.predictive import curve_forward
 from bayesterra.results import Result
@@ -153,7 +153,7 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     """
     target = posterior(result.study)
     medians = dict(zip(target.names, np.median(result.values(), axis=0), strict=True))
-    noise = np.array([[medians[name] for name in target.names if name.startswith(NOISE_PREFIX)]])
+    noise = np.array([[medians[name] for name in target.names if name.startswith(SIZES)]])
     likelihood = target.likelihood
     found = {}
     for name, soil in complete_soils(result).items():

@@ -11,6 +11,7 @@ import numpy as np
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.data import DRIVE_OUTCOMES, Observations, sifted
 from bayesterra.errors import StudyError
+from bayesterra.model_errors import ModelErrors
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.parameters import (
@@ -188,11 +189,14 @@ def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     return MODULI
 
 
-def full_prior(soil: StatedSoil, noise: Mapping[str, Noise], wheels: Mapping[str, Wheel]) -> Prior:
+def full_prior(
+    soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]
+) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
+    entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
     try:
-        return Prior({**soil.entries, **estimated}, next(iter(wheels.values())).width, soil.correlation)
+        return Prior(entries, width, soil.correlation)
     except StudyError as error:
         raise StudyError(f"[priors] {error}") from error
 
@@ -365,6 +369,44 @@ def outcome_noise(
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
     notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
     return noise, notes
+
+
+def errors_of_outcomes(
+    given: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: str
+) -> tuple[ModelErrors, list[str]]:
+    """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
+
+    Raises
+    ------
+    StudyError : beside a latent load or Student-t noise.
+    """
+    if not given:
+        return given, []
+    table = "discrepancy" if given.discrepancy else "ripple" if given.ripple else "slip"
+    if drive == "both":
+        raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got 'both')")
+    heavy = next((name for name, one in noise.items() if np.isfinite(one.dof)), None)
+    if heavy:
+        raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
+    parts = {"discrepancy": given.discrepancy, "ripple": given.ripple}
+    notes = [
+        f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"
+        for name, part in parts.items()
+        for channel in part
+        if channel not in noise
+    ]
+    return given.of(tuple(noise)), notes + (_several_loads(rows, drive) if given.discrepancy else [])
+
+
+def _several_loads(rows: Observations, drive: str) -> list[str]:
+    """Say where one curve of discrepancy stands for several loads."""
+    used = rows.used()
+    for wheel in dict.fromkeys(used.wheel):
+        loads = used.load[[name == wheel for name in used.wheel]]
+        if drive == "load" and np.ptp(loads) > 0.1 * np.mean(loads):
+            ends = f"{loads.min():.4g} to {loads.max():.4g} N"
+            return [f"the discrepancy of {wheel} is one curve over slip for all of its loads, {ends}"]
+    return []
 
 
 def _nothing_measured(drive: str, *, expected: bool) -> str:

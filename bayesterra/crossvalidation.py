@@ -126,7 +126,7 @@ def leave_one_out(
     few_rows : below this number of rows all are refitted, and no ``pit`` is computed.
     """
     x = draws[:: max(1, -(-len(draws) // DRAWS))]
-    near, density = Surroundings.of(posterior, x), posterior.log_terms(x).sum(axis=2)
+    near, density = Surroundings.of(posterior, x), posterior.log_rows(x)[1]
     own, *streams = seed.spawn(1 + density.shape[1])
     whole = near.mixture(default_rng(own))
     cases = [_Case(near, whole, x, density, i) for i in range(density.shape[1])]
@@ -182,7 +182,7 @@ class _Case:
     ----------
     near, whole : the full posterior, and a proposal fitted to its draws.
     x : these draws (n, d).
-    density : log density of every row there (n, m).
+    density : log density of every row there, given all other rows (n, m).
     index : the row.
     """
 
@@ -218,31 +218,32 @@ class _Case:
         # without this row the posterior is quite another one
         return self._drawn(self.near.afresh(self._densities, rng), FINAL_DRAWS[-1], rng)
 
-    def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Parameters, log prior with Jacobian, and log density of every row (n, m), all −inf where any is."""
+    def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Parameters, log prior with Jacobian, log density of the row and the others, −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
         prior = self.near.posterior.log_prior(x)
         known = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
         prior = np.where(known, prior + np.where(known, log_jacobian, 0.0), -np.inf)
-        terms = np.full((len(u), self.density.shape[1]), -np.inf)
+        row, others = np.full(len(u), -np.inf), np.full(len(u), -np.inf)
         inside = np.flatnonzero(known)
-        terms[inside] = self.near.posterior.log_terms(x[inside]).sum(axis=2)
-        answered = np.isfinite(terms).all(axis=1)
-        return x, np.where(answered, prior, -np.inf), np.where(answered[:, None], terms, -np.inf)
+        total, rows = self.near.posterior.log_rows(x[inside])
+        answered = np.isfinite(rows).all(axis=1)
+        inside, total, rows = inside[answered], total[answered], rows[answered]
+        row[inside], others[inside] = rows[:, self.index], total - rows[:, self.index]
+        return x, np.where(np.isfinite(row), prior, -np.inf), row, others
 
     def _densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood of all other rows."""
-        _, prior, terms = self._terms(u)
-        return prior, np.delete(terms, self.index, axis=1).sum(axis=1)
+        _, prior, _, others = self._terms(u)
+        return prior, others
 
     def _drawn(self, without: ProposalLaw, n: int, rng: Generator) -> _Weighted:
         """Weighted draws of a proposal without the row and of one with it, where its density is high."""
         proposal = Pair(without, self.whole)
         u = proposal.sample(n, rng)
-        x, prior, terms = self._terms(u)
-        others = np.delete(terms, self.index, axis=1).sum(axis=1)
+        x, prior, row, others = self._terms(u)
         log_weights = np.where(np.isfinite(prior), prior + others, -np.inf) - proposal.log_density(u)
-        return _Weighted.of(x, log_weights, terms[:, self.index])
+        return _Weighted.of(x, log_weights, row)
 
 
 def _pits(posterior: Posterior, cases: Sequence[_Case], found: Sequence[_Weighted]) -> Pits:

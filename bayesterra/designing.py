@@ -172,6 +172,7 @@ def asked(
     if not 1 <= number <= MOST:
         raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
     study = known.study if isinstance(known, Result) else known
+    study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
     wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
     found = candidates(study, wishes)

@@ -25,7 +25,7 @@ from bayesterra.diagnostics import array_ess, rank_scores
 from bayesterra.drawn import Drawn, read_drawn
 from bayesterra.errors import StudyError
 from bayesterra.messages import did_you_mean
-from bayesterra.parameters import NOISE_PREFIX, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.priors import Source
 from bayesterra.schema import read_toml
 from bayesterra.tabulated import Tabulated
@@ -209,7 +209,7 @@ def _law(
     here: str, there: str, draws: FloatArray, stated: tuple[float, float] | None, size: float, text: str
 ) -> Tabulated:
     """The law of one parameter, within its physical range and that of the earlier prior."""
-    physical = (0.0, np.inf) if here.startswith(NOISE_PREFIX) else PHYSICAL.get(here, (-np.inf, np.inf))
+    physical = (0.0, np.inf) if here.startswith(SIZES) else PHYSICAL.get(here, (-np.inf, np.inf))
     low, high = (-np.inf, np.inf) if stated is None else stated
     steps = np.arange(1, int(HIGHEST / STEP) + 1) * STEP
     beyond = steps[ndtr(-steps) * size >= BEYOND]

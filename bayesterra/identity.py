@@ -15,6 +15,7 @@ import numpy as np
 
 from bayesterra import models
 from bayesterra.data import Observations
+from bayesterra.model_errors import described as errors_described
 from bayesterra.parameters import CHANNELS
 from bayesterra.sharing import described
 from bayesterra.study import Study
@@ -40,6 +41,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **{f"noise of {name}": _without_source(noise) for name, noise in study.noise.items()},
         **{f"prior of {name}": _without_source(entry) for name, entry in study.prior.entries.items()},
         **{f"prior correlation of {pair}": value for pair, value in study.prior.correlation.items()},
+        **({"discrepancy, ripple and slip errors": errors_described(study.errors)} if study.errors else {}),
         **({"pooling": described(study.pooling)} if study.pooling is not None else {}),
         **_options("least_squares", asdict(study.least_squares)),
         "{} rows of measurements": len(study.observations),

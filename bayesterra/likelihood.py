@@ -48,6 +48,11 @@ class Likelihood:
         """What the log likelihood of a row is the sum of."""
         return self.channels
 
+    @property
+    def rows_apart(self) -> bool:
+        """Whether rows are independent given the parameters, so that the log likelihood sums its terms."""
+        return True
+
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer."""
         return self.forward(soil).status
@@ -62,13 +67,38 @@ class Likelihood:
         """Log likelihood (n,) of soil arrays (n, 9 or 12); −inf where the model has no answer."""
         return self.log_density(self.forward(soil), noise_values)
 
+    def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (n,), and log density (n, m) of every row's readings given those of all others.
+
+        Rows are independent here, so the one is the sum of the other; in :mod:`bayesterra.joint_rows` not.
+        """
+        rows = self.log_terms(soil, noise_values).sum(axis=2)
+        return np.asarray(rows.sum(axis=1)), np.asarray(rows)
+
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""
         return self.forward(soil, every_row=True)
 
-    def imagined(self, soil: FloatArray, rng: np.random.Generator) -> Outcomes:
+    def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
         """Outcomes row by row before any reading; as :meth:`explained` where the load is known."""
         return self.forward(soil, every_row=True)
+
+    def beyond(
+        self,
+        soil: FloatArray,
+        noise_values: FloatArray,
+        wheel: str | None,
+        slip: FloatArray,
+        rng: np.random.Generator,
+    ) -> FloatArray:
+        """What outcomes of a wheel at slips (g,) have beside the model's, (n, g, channels): nothing here."""
+        return np.zeros((len(soil), len(slip), len(self.channels)))
+
+    def fresh(
+        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator
+    ) -> FloatArray:
+        """What new readings at the rows of ``forward`` have beside outcomes and noise: nothing here."""
+        return np.zeros((len(soil), len(forward.conditions.slip), len(self.channels)))
 
     @cached_property
     def measured(self) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import LinearConstraint, minimize
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.parameters import SIZES
 from bayesterra.posteriors import Posterior
 
 STARTS = 8
@@ -44,7 +44,7 @@ def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping
     draws : posterior draws (n, d); the densest of them are starting points, their spread sets the scales.
     guesses : further starting points, soil parameters by name.
     """
-    soil = np.array([not name.startswith(NOISE_PREFIX) for name in posterior.names])
+    soil = np.array([not name.startswith(SIZES) for name in posterior.names])
     held = np.where(soil, draws, np.median(draws, axis=0))
     density = posterior.log_density(held)
     starts = held[np.argsort(-density, kind="stable")[_spaced(len(held))]]

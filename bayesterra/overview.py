@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.arrays import FloatArray
+from bayesterra.model_errors import Discrepancy, Ripple, SlipError
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.posteriors import draw_cut_prior, posterior
@@ -69,12 +70,29 @@ def _general(study: Study) -> Table:
             f"r {wheel.radius * 1e3:g} mm, b {wheel.width * 1e3:g} mm, h {wheel.lug_height * 1e3:g} mm,"
             f" {wheel.lug_count} lugs, r_s {float(wheel.shearing_radius()) * 1e3:.5g} mm",
         )
+    for one in study.errors:
+        table.add_row(*_error(one))
     described = (study.kind, study.soil, study.date, study.source)
     table.add_row("data", " · ".join(part for part in described if part))
     for name, value in (("published", study.published), ("truth", study.truth)):
         if value is not None:
             table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
     return table
+
+
+def _error(one: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
+    """A discrepancy, a ripple or the errors of slip in a line."""
+    channel = CHANNELS["slip" if isinstance(one, SlipError) else one.channel]
+    unit = channel.unit.removesuffix("-")
+    size = "estimated" if one.size.sd is None else f"{one.size.sd / channel.scale:g} {unit}".strip()
+    if isinstance(one, Discrepancy):
+        kind = "" if one.kernel == "smooth" else f" ({one.kernel})"
+        shape = f"a curve per wheel over slips of {one.length:g}{kind}"
+        return "discrepancy", f"{channel.name}: sd {size}, {shape}"
+    if isinstance(one, Ripple):
+        crests = "" if np.isinf(one.period) else f", crests {one.period:g} rows apart"
+        return "ripple", f"{channel.name}: sd {size}, memory of {one.memory:g} rows{crests}"
+    return "slip", f"read with an error of sd {size}"
 
 
 def _measurements(study: Study) -> Table:

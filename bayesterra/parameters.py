@@ -98,7 +98,10 @@ SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
 LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
-NOISE_PREFIX = "noise_"
+NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
+SLIP_ERROR = "slip_error"
+SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
+"""How names of estimated standard deviations begin: for ``str.startswith``."""
 
 _MODULI = (
     Parameter("kc", "k_c", r"k_c", "kPa m/m^N", 1e3, "Pa m", "cohesive modulus, K_s = k_c/b + k_φ"),
@@ -111,16 +114,30 @@ _OFFSET = Parameter(
 )
 
 
-def _noise(channel: Channel) -> Parameter:
+_SIZES = {
+    NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
+    DISCREPANCY_PREFIX: ("δ", r"\delta", "standard deviation of the model's error in {}"),
+    RIPPLE_PREFIX: ("ρ", r"\rho", "standard deviation of the ripple of the {} readings"),
+}
+"""Letter, LaTeX and description of the estimated standard deviations of a channel, by how names begin."""
+
+
+def _size(prefix: str, channel: Channel) -> Parameter:
+    letter, latex, description = _SIZES[prefix]
     return Parameter(
-        NOISE_PREFIX + channel.name,
-        f"σ({channel.symbol})",
-        rf"\sigma_{{{channel.latex}}}",
+        prefix + channel.name,
+        f"{letter}({channel.symbol})",
+        rf"{latex}_{{{channel.latex}}}",
         channel.unit,
         channel.scale,
         channel.dimension,
-        f"standard deviation of the {channel.description} readings",
+        description.format(channel.description),
     )
+
+
+_SLIP_ERROR = Parameter(
+    SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"
+)
 
 
 PARAMETERS: dict[str, Parameter] = {
@@ -130,7 +147,8 @@ PARAMETERS: dict[str, Parameter] = {
         *_MODULI,
         *_SOIL[1:],
         *_LOAD_EFFECT,
-        *(_noise(CHANNELS[name]) for name in OUTCOMES),
+        *(_size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES),
+        _SLIP_ERROR,
         _OFFSET,
     )
 }

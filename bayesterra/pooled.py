@@ -291,7 +291,7 @@ def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     parts, rows = [], []
     for own, (_, density) in zip(L, joint.groups.items(), strict=True):
         x = joint.of_group(D, own)
-        parts.append(row_terms(density, x, np.ones(len(x), dtype=bool)))
+        parts.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
         rows += list(density.likelihood.observations.rows)
     values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
     return xr.Dataset({"row": (("chain", "draw", "used_row"), values)}, coords={"used_row": rows})

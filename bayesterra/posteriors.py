@@ -14,10 +14,11 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.data import Observations
 from bayesterra.errors import SupportError
 from bayesterra.forward import soil_at
+from bayesterra.joint_rows import JointRows
 from bayesterra.latent import LatentLoad
 from bayesterra.likelihood import Forward, Likelihood, Outcomes
 from bayesterra.models import Status
-from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.parameters import NOISE_PREFIX, SIZES
 from bayesterra.priors import Prior
 from bayesterra.study import Study
 
@@ -80,7 +81,7 @@ class Posterior:
 
     @cached_property
     def _noise_columns(self) -> list[int]:
-        return [i for i, name in enumerate(self.names) if name.startswith(NOISE_PREFIX)]
+        return [i for i, name in enumerate(self.names) if name.startswith(SIZES)]
 
     def noise_values(self, x: FloatArray, channels: tuple[str, ...] | None = None) -> FloatArray:
         """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d), of some channels or all."""
@@ -94,8 +95,15 @@ class Posterior:
         return self.likelihood.forward(self.prior.soil_values(x))
 
     def log_terms(self, x: FloatArray) -> FloatArray:
-        """Log likelihood (n, rows, terms) of every row in the fit; see ``likelihood.terms``."""
+        """Log likelihood (n, rows, terms) of every row in the fit; see ``likelihood.terms``.
+
+        Where rows hang together it is given all other rows, and the sum is not the log likelihood.
+        """
         return self.likelihood.log_terms(self.prior.soil_values(x), self.noise_values(x))
+
+    def log_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (n,), and log density (n, rows) of every row given all other rows."""
+        return self.likelihood.log_rows(self.prior.soil_values(x), self.noise_values(x))
 
     def explained(self, x: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
@@ -211,6 +219,8 @@ def likelihood_of(study: Study, rows: Observations) -> Likelihood:
     """The likelihood of a study for some or all of its rows."""
     forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
     noise = tuple(study.noise.values())
+    if study.errors:
+        return JointRows(forward, rows, noise, study.errors)
     if study.load_range is None:
         return Likelihood(forward, rows, noise)
     return LatentLoad(forward, rows, noise, study.load_range)

@@ -18,6 +18,7 @@ from bayesterra.laws import Law
 from bayesterra.likelihood import Likelihood
 from bayesterra.messages import did_you_mean
 from bayesterra.models import Conditions, Wheel
+from bayesterra.posteriors import posterior
 from bayesterra.prediction import PREDICTED, Prediction
 from bayesterra.results import Result
 from bayesterra.study import Study
@@ -59,7 +60,9 @@ def predict(
     forward = Forward(study.model, "load", Conditions.of(driven, at), np.full(len(at), carried))
     soil = study.prior.soil_values(draws)
     parts = [forward.row(i)(soil) for i in range(len(at))]
+    rng = default_rng(seed)
     outcomes = np.concatenate([part.values for part in parts], axis=1)
+    outcomes = outcomes + _discrepancy(study, forward, driven, draws, rng)
     rows = study.observations.used().slip
     return Prediction(
         title=study.title,
@@ -68,7 +71,7 @@ def predict(
         load=carried,
         slip=at,
         modelled=_with_efficiency(outcomes, forward.conditions),
-        readings=_with_noise(study, forward, outcomes, draws, default_rng(seed)),
+        readings=_with_noise(study, forward, outcomes, draws, rng),
         reasons=np.column_stack([part.status for part in parts]),
         index=index,
         driven=(float(rows.min()), float(rows.max())),
@@ -162,6 +165,23 @@ def _with_efficiency(outcomes: FloatArray, conditions: Conditions) -> FloatArray
     return np.concatenate([outcomes, efficiency[:, :, None]], axis=2)
 
 
+def _discrepancy(
+    study: Study, forward: Forward, driven: Wheel, draws: FloatArray, rng: Generator
+) -> FloatArray:
+    """The model's own error (n, k, 3): as the readings of the same wheel tell it, else as stated before."""
+    slip, found = forward.conditions.slip, np.zeros((len(draws), len(forward.conditions.slip), 3))
+    if not study.errors.discrepancy:
+        return found
+    target = posterior(study)
+    name = next((name for name, wheel in study.wheels.items() if wheel == driven), None)
+    values = target.noise_values(draws)
+    curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
+    for column, channel in enumerate(target.likelihood.channels):
+        if channel in forward.outcomes:
+            found[:, :, forward.outcomes.index(channel)] = curve[:, :, column]
+    return found
+
+
 def _with_noise(
     study: Study, forward: Forward, outcomes: FloatArray, draws: FloatArray, rng: Generator
 ) -> FloatArray:
@@ -178,9 +198,25 @@ def _with_noise(
     read.values[:, :, 0] += offset_of(study.prior.soil_values(draws))
     columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
     drawn = Likelihood(forward, blank, noise).draw(read, draws[:, columns], rng)
+    fresh = _fresh(study, forward, draws, rng)
     for column, entry in enumerate(noise):
-        readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column]
+        more = fresh[:, :, forward.outcomes.index(entry.channel)]
+        readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column] + more
     return readings
+
+
+def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> FloatArray:
+    """Ripple and effect of slip errors (n, k, 3) of readings of another sweep."""
+    found = np.zeros((len(draws), len(forward.conditions.slip), 3))
+    if study.errors:
+        target = posterior(study)
+        channels = tuple(name for name in target.likelihood.channels if name in forward.outcomes)
+        values, soil = target.noise_values(draws), study.prior.soil_values(draws)
+        drawn = target.likelihood.fresh(forward, soil, values, rng)
+        for channel in channels:
+            column = target.likelihood.channels.index(channel)
+            found[:, :, forward.outcomes.index(channel)] = drawn[:, :, column]
+    return found
 
 
 def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:

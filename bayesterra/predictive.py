@@ -42,12 +42,12 @@ def predict_rows(
 
     Rows are modelled one by one, so that a row which a soil cannot answer takes no other with it. A latent
     load is drawn given the parameter set and the row's readings, or from its prior where these predictions
-    are made ``before`` the readings.
+    are made ``before`` the readings; so are discrepancy, ripple and slip errors, given the rows in the fit.
     """
     likelihood = likelihood_of(study, study.observations)
     noise = posterior.noise_values(draws)
     soil = posterior.prior.soil_values(draws)
-    outcomes = likelihood.imagined(soil, rng) if before else likelihood.explained(soil, noise, rng)
+    outcomes = likelihood.imagined(soil, noise, rng) if before else likelihood.explained(soil, noise, rng)
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
     )
@@ -108,21 +108,28 @@ def predict_curves(
     """Model every wheel over the slips it was driven at, at its median load.
 
     In the sinkage drive the measured sinkages are joined by straight lines over slip. Sinkages are as read,
-    with the zero error of the readings.
+    with the zero error of the readings. A discrepancy, drawn given the readings, is part of what is modelled;
+    ripple and slip errors are those of another sweep.
     """
     return tuple(_curves(study, posterior, draws, wheel, rng) for wheel in study.wheels)
 
 
 def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, rng: Generator) -> Curves:
-    forward = curve_forward(study, wheel)
-    outcomes = forward(posterior.prior.soil_values(draws), every_row=True)
+    forward, whole = curve_forward(study, wheel), posterior.likelihood
+    soil, values = posterior.prior.soil_values(draws), posterior.noise_values(draws)
+    outcomes = forward(soil, every_row=True)
+    curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)
+    fresh = whole.fresh(forward, soil, values, rng)
     readings = np.full(outcomes.values.shape, np.nan)
+    known = [noise for noise in whole.noise if noise.channel in forward.outcomes]
+    places = [(forward.outcomes.index(one.channel), whole.channels.index(one.channel)) for one in known]
+    for to, column in places:
+        outcomes.values[:, :, to] += curve[:, :, column]
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
-    known = [noise for noise in posterior.likelihood.noise if noise.channel in forward.outcomes]
     likelihood = Likelihood(forward, blank, known)
     drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
-    for column, name in enumerate(likelihood.channels):
-        readings[:, :, forward.outcomes.index(name)] = drawn[:, :, column]
+    for i, (to, column) in enumerate(places):
+        readings[:, :, to] = drawn[:, :, i] + fresh[:, :, column]
     return Curves(wheel, forward.conditions.slip, forward.outcomes, outcomes.values, readings, forward.given)
 
 

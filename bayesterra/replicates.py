@@ -17,6 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.joint_rows import DOUBLES, JointRows, TableLaw
 from bayesterra.likelihood import Likelihood, Outcomes
 from bayesterra.posteriors import Posterior
 from bayesterra.sampling.importance import (
@@ -42,11 +43,14 @@ class Modelled:
     ----------
     mean, scale : modelled readings and their noise (n, m, channels).
     slope : growth of ``mean`` with a latent load (n, m, channels), per N; None where the load is known.
+    joint : law of the whole table where rows hang together; ``mean`` then holds discrepancy, ripple and
+        slip errors as they were drawn.
     """
 
     mean: FloatArray
     scale: FloatArray
     slope: FloatArray | None
+    joint: TableLaw | None = None
 
     @classmethod
     def of(cls, posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> Modelled:
@@ -54,15 +58,18 @@ class Modelled:
         likelihood = posterior.likelihood
         mean = likelihood.predicted(outcomes)
         scale = likelihood.scales(mean, posterior.noise_values(x))
-        return cls(mean, scale, _slope(posterior, x, outcomes))
+        return cls(mean, scale, _slope(posterior, x, outcomes), _joint(posterior, x))
 
     def take(self, chosen: IntArray) -> Modelled:
         """Those of the sets, also repeatedly."""
         slope = None if self.slope is None else self.slope[chosen]
-        return Modelled(self.mean[chosen], self.scale[chosen], slope)
+        joint = None if self.joint is None else self.joint.take(chosen)
+        return Modelled(self.mean[chosen], self.scale[chosen], slope, joint)
 
     def log_likelihood(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings (m, channels), NaN where there is none, but for a constant."""
+        if self.joint is not None:
+            return self.joint.log_density(readings)
         z = (readings - self.mean) / self.scale
         known = ~np.isnan(readings)
         total = -np.log(self.scale).sum(axis=(1, 2), where=known)
@@ -79,7 +86,9 @@ class Modelled:
         return (b**2).sum(axis=2), (b * np.where(known, z, 0.0)).sum(axis=2)
 
     def explaining(self, readings: FloatArray, rng: Generator) -> Modelled:
-        """The same with every latent load drawn as these readings (m, channels) tell it."""
+        """The same with every latent quantity drawn as these readings (m, channels) tell it."""
+        if self.joint is not None:
+            return replace(self, mean=self.joint.mean + self.joint.draw(readings, rng).at_rows)
         if self.slope is None:
             return self
         curvature, pull = self._along((readings - self.mean) / self.scale, ~np.isnan(readings))
@@ -97,9 +106,18 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
     return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
 
 
+def _joint(posterior: Posterior, x: FloatArray) -> TableLaw | None:
+    likelihood, soil = posterior.likelihood, posterior.prior.soil_values(x)
+    if not isinstance(likelihood, JointRows):
+        return None
+    return likelihood.law(soil, likelihood.forward(soil), posterior.noise_values(x))
+
+
 def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Residuals (n, m, channels) as normal scores under the law of the noise, NaN without a reading."""
+    """Readings (n, m, channels) as normal scores under their law given all other rows, NaN without one."""
     likelihood = posterior.likelihood
+    if isinstance(likelihood, JointRows):
+        return likelihood.scores(posterior.prior.soil_values(x), posterior.noise_values(x))
     predicted = likelihood.predicted(posterior.outcomes(x))
     z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
     return np.stack([noise.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2)
@@ -139,6 +157,8 @@ class _Pool:
 
     @classmethod
     def of(cls, near: Surroundings, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
+        if isinstance(near.posterior.likelihood, JointRows):  # its matrices must find room
+            n = min(n, int(DOUBLES / max(1, near.posterior.likelihood.layout.doubles)))
         sets = near.propose(mixture, n, rng)
         outcomes = near.posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)

@@ -104,7 +104,9 @@ def draws_tree(
     """
     shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
     pointwise = posterior.log_terms(flat)
-    log_density = posterior.log_prior(flat) + pointwise.sum(axis=(1, 2))
+    apart = posterior.likelihood.rows_apart
+    total = pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0]
+    log_density = posterior.log_prior(flat) + total
     laws = posterior.prior.laws
     groups = {
         "posterior": parameter_dataset(posterior.names, chains),

@@ -35,6 +35,7 @@ from pydantic_core import ArgsKwargs, ErrorDetails
 from bayesterra import entries
 from bayesterra.errors import StudyError
 from bayesterra.messages import checked_name, checked_text, did_you_mean, suggestion
+from bayesterra.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
 from bayesterra.noise import Noise
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.prior_sets import PRIOR_SETS
@@ -63,6 +64,18 @@ def _parameters(known: tuple[str, ...], value: object, info: ValidationInfo) -> 
 def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
     items = entries.table(value, "noise").items()
     return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
+
+
+def _discrepancy(value: object, info: ValidationInfo) -> dict[str, Discrepancy]:
+    return discrepancies(value, bare=_bare(info))
+
+
+def _ripple(value: object, info: ValidationInfo) -> dict[str, Ripple]:
+    return ripples(value, bare=_bare(info))
+
+
+def _slip(value: object, info: ValidationInfo) -> SlipError | None:
+    return slip_error(value, bare=_bare(info))
 
 
 def _priors(value: object, info: ValidationInfo) -> StatedPriors:
@@ -287,6 +300,9 @@ class StudyContent(Table):
     wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
+    discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(_discrepancy)] = Field(default_factory=dict)
+    ripple: Annotated[dict[str, Ripple], PlainValidator(_ripple)] = Field(default_factory=dict)
+    slip: Annotated[SlipError | None, PlainValidator(_slip)] = None
     priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
     published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None

@@ -91,11 +91,15 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     values = true_values(study, truth).values
     rows = study.observations
     likelihood = likelihood_of(study, rows)
-    outcomes = likelihood.forward(study.prior.soil_of(values))
+    soil, rng = study.prior.soil_of(values), np.random.default_rng(seed)
+    outcomes = likelihood.forward(soil)
     if outcomes.status[0]:
         raise SupportError(f"nothing can be simulated with these values: {REASONS[int(outcomes.status[0])]}")
-    noise = np.array([[values[n.parameter] for n in study.noise.values() if n.parameter]])
-    drawn = likelihood.draw(outcomes, noise, np.random.default_rng(seed))[0]
+    estimated = [n.parameter for n in study.noise.values() if n.parameter]
+    noise = np.array([[values[name] for name in (*estimated, *study.errors.laws)]])
+    if study.errors:
+        outcomes = likelihood.imagined(soil, noise, rng)
+    drawn = likelihood.draw(outcomes, noise, rng)[0]
     made = {name: drawn[:, i] for i, name in enumerate(study.noise)}
     return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
 

@@ -17,6 +17,8 @@ from bayesterra import assembly, schema
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.data import Observations, observations, read_table
 from bayesterra.messages import errors_in
+from bayesterra.model_errors import ModelErrors, check_groups
+from bayesterra.model_errors import described as errors_described
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.noise import Noise
 from bayesterra.priors import Entry, Prior
@@ -46,8 +48,9 @@ class Study:
     path : the study file, where there is one.
     prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
     **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
-        ``noise``, ``priors``, ``least_squares``, ``published``, ``truth`` and ``sampling`` as in a study
-        file. Numbers are SI values, text has its unit; models, laws and noises may be given as objects.
+        ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``,
+        ``truth`` and ``sampling`` as in a study file. Numbers are SI values, text has its unit; models, laws
+        and noises may be given as objects.
 
     Attributes
     ----------
@@ -55,6 +58,7 @@ class Study:
         drive ``load`` the load of every row, with ``sinkage`` the sinkage.
     load_range : N, the flat prior of every row's load with drive ``both``; else None.
     noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
+    errors : discrepancy and ripple of the measured outcomes, and errors of the slip readings.
     prior : laws and fixed values of soil parameters and estimated noise.
     taken : joint laws that the prior holds from earlier results, and how well they stand for those.
     pooling : the role of every free parameter where there is a [pooling] table; else None.
@@ -77,6 +81,7 @@ class Study:
     wheels: Mapping[str, Wheel]
     observations: Observations
     noise: Mapping[str, Noise]
+    errors: ModelErrors
     prior: Prior
     taken: tuple[Taken, ...]
     least_squares: LeastSquaresOptions
@@ -158,6 +163,8 @@ class Study:
             "least_squares": asdict(self.least_squares),
             **({"correlation": self.prior.correlation} if self.prior.correlation else {}),
         }
+        if self.errors:
+            content["errors"] = errors_described(self.errors)
         if self.pooling is not None:
             content["pooling"] = described(self.pooling)
         named = (f.name for f in fields(Observations) if f.name not in ("notes", "labels"))
@@ -210,14 +217,19 @@ def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) ->
     rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
     model, model_notes = assembly.wheel_soil_model(given.model, given.model_options, rows)
     noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
+    errors = ModelErrors(given.discrepancy, given.ripple, given.slip)
+    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, given.drive)
     loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
-    prior = assembly.full_prior(soil, noise, wheels)
+    prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
-    notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *load_notes]
+    if pooling is not None:
+        check_groups(errors, pooling.by)
+    notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
+    notes += load_notes
     return {
         **{name: getattr(given, name) for name in _KEPT},
         **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
-        **{"observations": rows, "noise": noise, "prior": prior, "load_range": loads},
+        **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
         "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling)),

@@ -57,6 +57,17 @@ sinkage = "1 mm"                # or { sd = "1 mm", dof = 4 }: Student-t, as sin
 drawbar_pull = { estimate = { dist = "halfnorm", scale = "2 N", lower = "0.2 N" } }
 resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
 
+[discrepancy]                   # how far the model itself may be off: a smooth curve over slip, one for each
+                                # wheel and channel; sd at any slip, length in slip over which it changes
+# sinkage = { sd = "1 mm", length = 0.3 }
+# drawbar_pull = { sd = { estimate = { dist = "halfnorm", scale = "2 N" } }, length = 0.3 }
+
+[ripple]                        # readings of one sweep (column 'run', else wheel) hang together over some rows
+# drawbar_pull = { sd = "1 N", memory = 3 }   # period = 6: crests six rows apart
+
+[slip]
+# sd = 0.01                     # error of the slip readings; left out: slips are exact
+
 [priors]
 set = "paper-box"               # flat within the paper's bounds; or "planetary": informative, from the Moon,
                                 # Mars and dry sands. The entries below replace single parameters

@@ -14,6 +14,7 @@ import pandas as pd
 from bayesterra.csvfiles import csv_text
 from bayesterra.data import Observations
 from bayesterra.folders import write_text
+from bayesterra.model_errors import Discrepancy, ModelErrors, Ripple, Size
 from bayesterra.models import M2L, Wheel
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
@@ -80,6 +81,7 @@ def _lines(
         yield from toml_table(f"wheels.{_key(name)}", _wheel(wheel))
     yield from toml_table("model_options", _model_options(study))
     yield from toml_table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
+    yield from _errors(study.errors)
     entries = study.prior.entries
     priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
     yield from toml_table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
@@ -137,6 +139,31 @@ def _noise(noise: Noise) -> object:
         return {"fraction": noise.fraction, "floor": text(noise.floor, dimension), **tails}
     sd = text(noise.sd or 0.0, dimension)
     return {"sd": sd, **tails} if tails else sd
+
+
+def _errors(errors: ModelErrors) -> Iterator[str]:
+    """The tables of discrepancy, ripple and slip errors, as far as there are any."""
+    curves = {name: _discrepancy(one) for name, one in errors.discrepancy.items()}
+    yield from toml_table("discrepancy", curves)
+    yield from toml_table("ripple", {name: _ripple(one) for name, one in errors.ripple.items()})
+    if errors.slip is not None:
+        yield from toml_table("slip", {"sd": _size(errors.slip.size, "")})
+
+
+def _discrepancy(one: Discrepancy) -> dict[str, object]:
+    size = _size(one.size, CHANNELS[one.channel].dimension)
+    return {"sd": size, "length": one.length, "kernel": one.kernel}
+
+
+def _ripple(one: Ripple) -> dict[str, object]:
+    size, repeats = _size(one.size, CHANNELS[one.channel].dimension), np.isfinite(one.period)
+    return {"sd": size, "memory": one.memory, **({"period": one.period} if repeats else {})}
+
+
+def _size(size: Size, dimension: str) -> object:
+    if size.law is not None:
+        return {"estimate": law_entry(size.law, dimension)}
+    return text(size.sd or 0.0, dimension) if dimension else size.sd
 
 
 def _prior(name: str, entry: Entry) -> object:

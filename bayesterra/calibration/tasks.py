@@ -97,12 +97,13 @@ def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
     target, likelihood = posterior(study), posterior(study).likelihood
     for _ in range(_ATTEMPTS):
         truth = draw_cut_prior(target, 1, rng, batch=_BATCH).x
-        outcomes = likelihood.imagined(target.prior.soil_values(truth), rng)
+        noise = target.noise_values(truth)
+        outcomes = likelihood.imagined(target.prior.soil_values(truth), noise, rng)
         if not outcomes.status[0]:
             break
     else:
         raise SupportError(f"none of {_ATTEMPTS} soils of the prior carries loads of the whole load range")
-    drawn = likelihood.draw(outcomes, target.noise_values(truth), rng)[0]
+    drawn = likelihood.draw(outcomes, noise, rng)[0]
     drawn[np.isnan(likelihood.measured)] = np.nan
     rows, readings = study.observations, {}
     for i, name in enumerate(likelihood.channels):

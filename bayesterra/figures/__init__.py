@@ -14,6 +14,7 @@ from bayesterra.figures.forecast import prediction, predictions
 from bayesterra.figures.groups import group_strip
 from bayesterra.figures.holdout import all_left_out, bands_without, left_out
 from bayesterra.figures.information import combinations, contraction
+from bayesterra.figures.missed import discrepancy
 from bayesterra.figures.posterior import corner, correlations
 from bayesterra.figures.profiles import profile_panels
 from bayesterra.figures.rover import rover_outlook
@@ -33,6 +34,7 @@ __all__ = [
     "corner",
     "correlations",
     "coupling_map",
+    "discrepancy",
     "gain_over_slip",
     "group_coupling",
     "group_strip",

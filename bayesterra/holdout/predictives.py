@@ -11,6 +11,7 @@ from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.data import Observations
 from bayesterra.forward import known_loads
 from bayesterra.holdout.mixtures import Mixture
+from bayesterra.joint_rows import JointRows
 from bayesterra.posteriors import Posterior, likelihood_of
 from bayesterra.study import Study
 
@@ -69,8 +70,11 @@ def predictives(
     """Predict the rows in ``left`` (m,) by draws (n, d) of a posterior that does not know their readings.
 
     The slip of a left-out row is known, and its load; with the drive ``both`` its normal force as it was
-    read: each draw's load then comes from the flat prior of loads and the law of that one reading.
+    read: each draw's load then comes from the flat prior of loads and the law of that one reading. Where rows
+    hang together, the readings of the rows in use that are not left out count as well.
     """
+    if study.errors:
+        return _beside_others(study, posterior, draws, left)
     likelihood = likelihood_of(study, blinded(study, left))
     noise = posterior.noise_values(draws)
     outcomes = likelihood.explained(posterior.prior.soil_values(draws), noise, rng)
@@ -80,6 +84,19 @@ def predictives(
     columns = [likelihood.channels.index(name) for name in names]
     dof = tuple(study.noise[name].dof for name in names)
     return Predictives(names, centre[:, :, columns], scale[:, :, columns], dof)
+
+
+def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray) -> Predictives:
+    """The laws where what is left out hangs together with what is not."""
+    rows = study.observations
+    rows = replace(rows, use=frozen(rows.use & ~left, np.bool_))
+    likelihood = likelihood_of(study, rows)
+    assert isinstance(likelihood, JointRows)  # noqa: S101
+    noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
+    centre, scale = likelihood.ahead(soil, noise, left)
+    names = scored_channels(study)
+    columns = [likelihood.channels.index(name) for name in names]
+    return Predictives(names, centre[:, :, columns], scale[:, :, columns], (np.inf,) * len(names))
 
 
 def blinded(study: Study, left: BoolArray) -> Observations:

@@ -12,7 +12,7 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.identifiability._directions import NEGLIGIBLE, echelon, gathered
 from bayesterra.identifiability.fisher import without_load
 from bayesterra.identifiability.sensitivities import known_inputs, read_where, sensitivities
-from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.parameters import SIZES
 from bayesterra.posteriors import Posterior
 
 RANK_TOLERANCE = 1e-10
@@ -115,7 +115,7 @@ def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks
 
 def soil_columns(posterior: Posterior) -> list[int]:
     """Free parameters that are no noise."""
-    return [i for i, name in enumerate(posterior.names) if not name.startswith(NOISE_PREFIX)]
+    return [i for i, name in enumerate(posterior.names) if not name.startswith(SIZES)]
 
 
 def _lengths(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 The curvature is Fisher's information of the readings (for Gaussian noise the Gauss–Newton matrix), from the
 models' exact derivatives. A latent load is a nuisance to each row, projected out of its information; the
-gradient is then taken by differences.
+gradient is then taken by differences, as it is where rows hang together.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability._chart import Chart
 from bayesterra.identifiability.fisher import score_and_information
+from bayesterra.joint_rows import JointRows
 from bayesterra.latent import LatentLoad
 from bayesterra.posteriors import Posterior
 
@@ -65,7 +66,7 @@ class Target:
         score, information = (np.nan_to_num(found) for found in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
-        if isinstance(self.posterior.likelihood, LatentLoad):
+        if isinstance(self.posterior.likelihood, LatentLoad | JointRows):
             sizes = LATENT_STEP / np.sqrt(np.einsum("nii->ni", information) + 1.0)
             slope = self._differences(y, sizes)
         else:

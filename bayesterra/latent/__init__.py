@@ -64,7 +64,7 @@ class LatentLoad(Likelihood):
         """Outcomes at loads drawn given soil, noise and the readings of each row."""
         return replace(self.forward, given=self.loads(soil, noise_values, rng))(soil, every_row=True)
 
-    def imagined(self, soil: FloatArray, rng: Generator) -> Outcomes:
+    def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn from their flat prior."""
         loads = rng.uniform(*self.load_range, size=(len(soil), len(self.observations)))
         return replace(self.forward, given=loads)(soil, every_row=True)

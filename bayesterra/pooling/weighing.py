@@ -119,9 +119,10 @@ def _integrated(
     drivers, _ = family.drivers_to_physical(repeated)
     population, own = family._prior(drivers, group, L)
     posterior = list(family.joint.groups.values())[group]
-    terms = row_terms(posterior, family.joint.of_group(drivers, own), np.isfinite(population))
+    sets = family.joint.of_group(drivers, own)
+    likelihood, terms = row_terms(posterior, sets, np.isfinite(population))
     weights = np.where(np.isfinite(terms).all(axis=1), population - log_law, -np.inf)
-    total = weights + np.where(np.isfinite(weights), terms.sum(axis=1), 0.0)
+    total = weights + np.where(np.isfinite(weights), likelihood, 0.0)
 
     def mean(level: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore"):
@@ -131,14 +132,18 @@ def _integrated(
     return mean(total), np.array([mean(total - known[:, i]) for i in range(terms.shape[1])])
 
 
-def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> FloatArray:
-    """Log density of every row's readings (n, rows), −inf outside the support and off ``candidates``."""
+def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Log likelihood (n,), and log density (n, rows) of every row's readings given all others.
+
+    Both are −inf outside the support and off ``candidates``.
+    """
+    total = np.full(len(x), -np.inf)
     terms = np.full((len(x), len(posterior.likelihood.observations)), -np.inf)
     inside = np.flatnonzero(candidates)
     inside = inside[np.isfinite(posterior.log_prior(x[inside]))]
     if inside.size:
-        terms[inside] = posterior.log_terms(x[inside]).sum(axis=2)
-    return terms
+        total[inside], terms[inside] = posterior.log_rows(x[inside])
+    return total, terms
 
 
 def weigh_plain(
@@ -160,9 +165,9 @@ def weigh_plain(
     shape = (len(proposals), each)
     levels, rows = [], []
     for name in groups:
-        terms = row_terms(joint.groups[name], x, known)
+        likelihood, terms = row_terms(joint.groups[name], x, known)
         inside = np.asarray(np.isfinite(terms).all(axis=1))
-        total = np.where(inside, terms.sum(axis=1), -np.inf)
+        total = np.where(inside, likelihood, -np.inf)
         levels.append(total.reshape(shape))
         parts = [
             np.where(inside, total - term, -np.inf).reshape(shape)

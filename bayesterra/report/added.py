@@ -7,10 +7,12 @@ from itertools import combinations
 import numpy as np
 from markupsafe import Markup
 
+from bayesterra.adequacy import spread_draws
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import hdi
 from bayesterra.figures.rows import Row, summary_rows
 from bayesterra.identifiability.divergence import divergence
+from bayesterra.posteriors import posterior
 from bayesterra.report.blocks import Block, Cell, Section, Table, Text
 from bayesterra.report.numbers import NOTHING, interval, number, resolution, rounded, with_error
 from bayesterra.report.symbols import listed, symbol, symbols, unit
@@ -65,6 +67,8 @@ def _total(result: Result) -> str:
     if not found["reliable"]:
         return "an amount of information that this run does not know well"
     likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms.data_vars.values())
+    if result.study.errors:  # a row's term is given all other rows
+        likelihood = posterior(result.study).log_prior_and_likelihood(spread_draws(result))[1]
     mean, error = float(np.mean(likelihood)), float(np.std(likelihood) / np.sqrt(np.size(likelihood)))
     gain = (mean - found["log_z"] + found["log_share"]) / BIT
     spread = float(np.sqrt(error**2 + found["error"] ** 2 + found["log_share_error"] ** 2)) / BIT

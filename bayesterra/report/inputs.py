@@ -10,6 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.figures.rows import summary_rows
+from bayesterra.model_errors import Size
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.priors import Entry, Law, Tie
@@ -44,7 +45,7 @@ def data_section(result: Result) -> Section:
 def conditions(study: Study) -> tuple[Block, ...]:
     """Rows, wheels, model and notes."""
     notes = [Text(Markup("Note: {}").format(note)) for note in study.notes]
-    return (_readings(study), _wheels(study), Text(_model(study)), *notes)
+    return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
 
 
 def _readings(study: Study) -> Table:
@@ -119,6 +120,39 @@ def _model(study: Study) -> Markup:
                   "{} noise of the standard deviation in the last line of the table.").format(
         study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive], _law_of_noise(study)
     )  # fmt: skip
+
+
+def _errors(study: Study) -> tuple[Text, ...]:
+    """Discrepancy, ripple and slip errors in words, where there are any."""
+    errors, parts = study.errors, []
+    if errors.discrepancy:
+        kinds = listed(
+            Markup("{} (sd {}, over slips of {:g}{})").format(
+                symbol(one.channel), _size(one.channel, one.size), one.length,
+                "" if one.kernel == "smooth" else ", Matérn 5/2",
+            )
+            for one in errors.discrepancy.values()
+        )  # fmt: skip
+        text = Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.")
+        parts.append(text.format(kinds))
+    if errors.ripple:
+        kinds = listed(
+            Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
+                symbol(one.channel), _size(one.channel, one.size), one.memory,
+                "" if math.isinf(one.period) else f", crests {one.period:g} rows apart",
+            )
+            for one in errors.ripple.values()
+        )  # fmt: skip
+        parts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
+    if errors.slip is not None:
+        parts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
+    return (Text(Markup(" ").join(parts)),) if parts else ()
+
+
+def _size(channel: str, size: Size) -> Markup:
+    if size.law is not None:
+        return Markup("estimated")
+    return amount(channel, given((size.sd or 0.0) / CHANNELS[channel].scale))
 
 
 def _law_of_noise(study: Study) -> str:

@@ -14,6 +14,7 @@ from bayesterra.report.closing import methods_section, prior_section, reproduce_
 from bayesterra.report.determined import identifiability_section
 from bayesterra.report.driving import Driving, driving
 from bayesterra.report.inputs import data_section
+from bayesterra.report.missed import missed_sections
 from bayesterra.report.outputs import posterior_section, predictive_section, sampling_section
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
@@ -64,6 +65,7 @@ def page(result: Result) -> Page:
             sampling_section(result),
             posterior_section(result),
             *added_sections(result),
+            *missed_sections(result),
             predictive_section(result),
             cross_validation_section(result),
             identifiability_section(result),

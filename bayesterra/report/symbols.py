@@ -36,9 +36,9 @@ def symbol(name: str) -> Markup:
     if name in DERIVED:
         return Markup("").join(_part(part) for part in re.split(r"(\bF_DP\b)", DERIVED[name].symbol))
     text = QUANTITIES[name].symbol
-    inner = re.fullmatch(r"σ\((.*)\)", text)
+    inner = re.fullmatch(r"([σδρ])\((.*)\)", text)
     if inner:
-        return Markup("<i>σ</i>({})").format(letters(inner[1]))
+        return Markup("<i>{}</i>({})").format(inner[1], letters(inner[2]))
     return letters(text)
 
 

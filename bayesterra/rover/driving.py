@@ -47,6 +47,10 @@ def drive_rover(
     StudyError : a slope or tow force outside these ranges.
     """
     study = result.study
+    if study.errors.discrepancy:
+        raise StudyError(
+            "a rover is driven by the model alone: leave [discrepancy] out, or predict wheels one by one"
+        )
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
     alphas, pulls = checked_slopes(slopes), checked_tows(tows)

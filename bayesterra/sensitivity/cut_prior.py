@@ -20,7 +20,7 @@ from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError
 from bayesterra.forward import Forward
 from bayesterra.models import Conditions
-from bayesterra.parameters import CHANNELS, MODULI, NOISE_PREFIX, PARAMETERS
+from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
 from bayesterra.posteriors import INSIDE, Posterior
 from bayesterra.sensitivity.groups import Setting
 from bayesterra.sensitivity.problems import Problem
@@ -95,7 +95,7 @@ def _inputs(posterior: Posterior, joined: list[set[int]]) -> Inputs:
 
 def _soil_columns(posterior: Posterior) -> list[int]:
     """Columns of x that an output can depend on."""
-    return [i for i, name in enumerate(posterior.names) if not name.startswith(NOISE_PREFIX)]
+    return [i for i, name in enumerate(posterior.names) if not name.startswith(SIZES)]
 
 
 def single_inputs(posterior: Posterior) -> Inputs:

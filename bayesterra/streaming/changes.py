@@ -30,7 +30,7 @@ from scipy.special import logsumexp
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.coordinates import Coordinates
 from bayesterra.likelihood import Likelihood
-from bayesterra.parameters import NOISE_PREFIX, OFFSET
+from bayesterra.parameters import OFFSET, SIZES
 from bayesterra.posteriors import Posterior
 from bayesterra.streaming.cloud import Cloud
 
@@ -126,7 +126,7 @@ class Basis:
 
     def changeable(self) -> FloatArray:
         """Variance (d,) of a change in every coordinate: noise and the zero of the sinkage do not change."""
-        fixed = [name.startswith(NOISE_PREFIX) or name == OFFSET for name in self.posterior.names]
+        fixed = [name.startswith(SIZES) or name == OFFSET for name in self.posterior.names]
         return np.where(fixed, 0.0, CHANGE**2)
 
     def opened(self, candidates: Candidates, row: int, cloud: Cloud) -> Candidates:

@@ -63,7 +63,7 @@ def forecast(cloud: Cloud, known: Posterior, newest: Likelihood, rng: Generator)
     newest : likelihood of the row.
     """
     soil, noise = known.prior.soil_values(cloud.x), known.noise_values(cloud.x)
-    outcomes = newest.imagined(soil, rng)
+    outcomes = newest.imagined(soil, noise, rng)
     readings = newest.draw(outcomes, noise, rng)[:, 0]
     predicted = newest.predicted(outcomes)
     answered = np.isfinite(readings).all(axis=1)

@@ -66,6 +66,7 @@ class Stream:
         sinkage_reference: str = "rim",
     ) -> None:
         study = known.study if isinstance(known, Result) else known
+        study.errors.refuse("following row by row")
         if not study.prior.names:
             raise StudyError("every parameter is fixed: there is nothing to learn")
         if particles < FEWEST:
