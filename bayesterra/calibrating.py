@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from math import isfinite
@@ -118,7 +117,7 @@ def calibrate_study(
         out, _made_with(job), mark=MARK, tasks="replications", resume=resume, overwrite=overwrite
     )
     with opened as (part, store, status):
-        with calibration_bar(show=not quiet and sys.stderr.isatty()) as show:
+        with calibration_bar(show=not quiet) as show:
 
             def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
                 store.add({outcome.task: asdict(outcome) for outcome in outcomes})

@@ -14,6 +14,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from bayesterra.calibration import Progress as CalibrationProgress
+from bayesterra.design.judging import Progress as DesignProgress
 from bayesterra.figures.rows import Found, found_rows
 from bayesterra.parameters import PARAMETERS
 from bayesterra.prior_only import PriorResult
@@ -42,25 +43,54 @@ def note(sentence: str) -> None:
 
 @contextmanager
 def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], None]]:
-    """A bar of finished replications on standard error; without ``show`` a silent one."""
-    columns = (TextColumn("calibrating"), BarColumn(), TextColumn("{task.fields[figures]}"))
-    with Bar(*columns, console=Console(stderr=True), disable=not show, transient=True) as bar:
-        task = bar.add_task("", total=1.0, figures="")
+    """A bar of finished replications; see :func:`task_bar`."""
+    with task_bar("calibrating", "replications", show=show) as bar:
 
         def update(progress: CalibrationProgress) -> None:
-            left = progress.seconds_left
-            parts = (
-                f"{progress.done} of {progress.of} replications",
-                f", {progress.unsettled} not converged" if progress.unsettled else "",
-                ""
-                if left is None
-                else f", {left / 60:.0f} min left"
-                if left > 90
-                else f", {left:.0f} s left",
-            )
-            bar.update(task, completed=progress.done / progress.of, figures="".join(parts))
+            remark = f", {progress.unsettled} not converged" if progress.unsettled else ""
+            bar("calibrating", progress.done, progress.of, progress.seconds_left, remark)
 
         yield update
+
+
+@contextmanager
+def design_bar(*, show: bool) -> Iterator[Callable[[DesignProgress], None]]:
+    """A bar of judged candidates, from drive to drive; see :func:`task_bar`."""
+    with task_bar("judging", "candidates", show=show) as bar:
+
+        def update(progress: DesignProgress) -> None:
+            stage = f"judging for drive {progress.drive}"
+            bar(stage, progress.done, progress.of, progress.seconds_left, "")
+
+        yield update
+
+
+@contextmanager
+def task_bar(
+    stage: str, tasks: str, *, show: bool
+) -> Iterator[Callable[[str, int, int, float | None, str], None]]:
+    """A bar of finished tasks and the time left on standard error, on a terminal and with ``show`` only.
+
+    It is told the stage, how many tasks of how many are done, the seconds left, and a remark.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"))
+    silent = not (show and console.is_terminal)
+    with Bar(*columns, console=console, disable=silent, transient=True) as bar:
+        task = bar.add_task(stage, total=1.0, figures="")
+
+        def update(stage: str, done: int, of: int, left: float | None, remark: str) -> None:
+            figures = f"{done} of {of} {tasks}{remark}{_in_words(left)}"
+            bar.update(task, description=stage, completed=done / of, figures=figures)
+
+        yield update
+
+
+def _in_words(left: float | None) -> str:
+    """The time left."""
+    if left is None:
+        return ""
+    return f", {left / 60:.0f} min left" if left > 90 else f", {left:.0f} s left"
 
 
 @contextmanager
@@ -72,16 +102,6 @@ def stages(*, show: bool) -> Iterator[Callable[[str], None]]:
         return
     with console.status("") as status:
         yield status.update
-
-
-@contextmanager
-def design_bar() -> Iterator[Callable[[int], None]]:
-    """A count of judged candidates on standard error, on a terminal only."""
-    console = Console(stderr=True)
-    columns = (TextColumn("judging"), BarColumn(), TextColumn("{task.completed} candidates"))
-    with Bar(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda judged: bar.advance(task, judged)
 
 
 def _figures(progress: Progress) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
-from dataclasses import fields
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -15,19 +17,24 @@ from numpy.random import default_rng
 
 from bayesterra import report
 from bayesterra.checksums import check_sums
-from bayesterra.design.candidates import Wishes, candidates, parameters_of_interest
+from bayesterra.design.candidates import Candidate, Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
+from bayesterra.design.gain import Estimate
+from bayesterra.design.judging import Progress, Report, as_content, from_content
 from bayesterra.design.readings import Situation
 from bayesterra.drawn import is_result
+from bayesterra.engines import Engine
 from bayesterra.errors import StudyError
 from bayesterra.figures.design import gain_over_slip_png
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.messages import did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
+from bayesterra.record import PACKAGES
 from bayesterra.results import Result
 from bayesterra.study import STUDY_FILE, Study, load_study
+from bayesterra.taskfolders import task_folder
 from bayesterra.workflow import load_single
 
 MARK = "design.json"
@@ -54,12 +61,15 @@ class Recommendation(Design):
         ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
         """
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            write_text(part / "design.csv", self.table.to_csv(index=False, float_format="%.6g"))
-            write_text(part / "plan.csv", self.plan.to_csv(index=False, float_format="%.6g"))
-            (part / "design.png").write_bytes(gain_over_slip_png(self))
-            write_text(part / "report.html", report.design_html(self))
-            write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
+            self._write(part)
         return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
+        write_text(part / "design.csv", self.table.to_csv(index=False, float_format="%.6g"))
+        write_text(part / "plan.csv", self.plan.to_csv(index=False, float_format="%.6g"))
+        write_bytes(part / "design.png", gain_over_slip_png(self))
+        write_text(part / "report.html", report.design_html(self))
+        write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
 
     def _record(self) -> dict[str, Any]:
         study = self.situation.study
@@ -90,6 +100,82 @@ def situation_of(known: Result | Study, seed: int = 1) -> Situation:
     return Situation(known, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
 
 
+@dataclass(frozen=True)
+class Question:
+    """What a design is asked, complete.
+
+    Attributes
+    ----------
+    situation, found : what is known before, and the candidates.
+    about, number, by, seed : see :func:`recommend`.
+    """
+
+    situation: Situation
+    found: tuple[Candidate, ...]
+    about: tuple[str, ...]
+    number: int
+    by: str
+    seed: int
+
+    def answered(
+        self,
+        engine: Engine | None,
+        report: Report,
+        finished: Mapping[int, Estimate] = MappingProxyType({}),
+    ) -> Recommendation:
+        """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
+        design = choose(
+            self.situation, self.found, self.about, number=self.number, by=self.by, seed=self.seed,
+            engine=engine, finished=finished, report=report,
+        )  # fmt: skip
+        return Recommendation.of(design)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What must be the same for judged candidates to belong together, by names fit for a message."""
+        study, prints = self.situation.study, self.situation.study.fingerprint
+        candidates = [
+            (one.wheel, one.wheels, one.slip.tolist(), one.load.tolist(), one.noise) for one in self.found
+        ]
+        return {
+            "seed": self.seed,
+            "about": list(self.about),
+            "number": self.number,
+            "by": self.by,
+            "source": self.situation.source,
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+            "study": prints["study"],
+            "table of measurements": prints["data"],
+            "set of draws": sha256(np.ascontiguousarray(self.situation.draws).tobytes()).hexdigest(),
+            "list of candidates": sha256(repr((candidates, study.drive)).encode()).hexdigest(),
+        }
+
+
+def asked(
+    known: Result | Study,
+    *,
+    about: Sequence[str] = (),
+    slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (),
+    wheels: Sequence[str | Wheel] = (),
+    channels: Sequence[str] = (),
+    number: int = 1,
+    by: str = "information",
+    seed: int = 1,
+) -> Question:
+    """Put a question together, and find mistakes before any work; see :func:`recommend`."""
+    if by not in CRITERIA:
+        raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
+    if not 1 <= number <= MOST:
+        raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
+    study = known.study if isinstance(known, Result) else known
+    names = parameters_of_interest(study, about)
+    wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
+    found = candidates(study, wishes)
+    return Question(situation_of(known, seed), tuple(found), tuple(names), number, by, seed)
+
+
 def recommend(
     known: Result | Study,
     *,
@@ -101,7 +187,8 @@ def recommend(
     number: int = 1,
     by: str = "information",
     seed: int = 1,
-    report: Callable[[int], None] = lambda judged: None,
+    engine: Engine | None = None,
+    progress: Callable[[Progress], None] = lambda update: None,
 ) -> Recommendation:
     """Rank drives by the information that their readings are expected to give.
 
@@ -115,22 +202,20 @@ def recommend(
     channels : sensors to add, with their noise: ``"resistance_moment=0.15 N m"``.
     number : drives to choose together.
     by : ``information`` about the parameters of interest together, or the ``sd`` of each.
-    seed : same seed, same ranking.
+    seed : same seed, same ranking, whatever the engine.
+    engine : judges the candidates: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
+    progress : called as candidates are judged.
 
     Raises
     ------
     StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
     """
-    if by not in CRITERIA:
-        raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
-    if not 1 <= number <= MOST:
-        raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
-    study = known.study if isinstance(known, Result) else known
-    names = parameters_of_interest(study, about)
-    wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
-    found = candidates(study, wishes)
-    situation = situation_of(known, seed)
-    return Recommendation.of(choose(situation, found, names, number=number, by=by, seed=seed, report=report))
+    question = asked(
+        known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
+        seed=seed,
+    )  # fmt: skip
+    return question.answered(engine, lambda found, update: progress(update))
 
 
 def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
@@ -153,15 +238,25 @@ def _prior_only(folder: Path) -> bool:
 
 
 def design_into(
-    path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any
+    path: Path,
+    out: Path,
+    *,
+    engine: Engine | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    quiet: bool = False,
+    watch: Callable[[Progress], None] = lambda update: None,
+    **wishes: Any,
 ) -> Recommendation:
     """Recommend the next drive for a result folder or a study, and write the folder ``out``.
 
-    ``asked``: keywords of :func:`recommend`.
+    Every judged candidate is saved at once in ``<out>.part``; ``resume`` goes on from there. ``wishes``:
+    keywords of :func:`asked`. ``watch`` is called as candidates are judged.
 
     Raises
     ------
-    ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written.
+    ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written; or there is an
+        unfinished design, of something else or without ``resume``.
     StudyError : as :func:`recommend`.
     """
     from bayesterra.console import design_bar, note
@@ -170,7 +265,32 @@ def design_into(
     known = known_in(path)
     if isinstance(known, Result) and not known.converged:
         note(f"the sampling of '{path}' has not converged: gains from its draws may be wrong")
-    with nullcontext(lambda judged: None) if quiet else design_bar() as show:
-        found = recommend(known, **asked, report=show)
-    found.save(out, overwrite=overwrite)
-    return found
+    question = asked(known, **wishes)
+    opened = task_folder(
+        out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite
+    )
+    with opened as (part, store, status):
+        with design_bar(show=not quiet) as show:
+
+            def update(found: Mapping[int, Estimate], progress: Progress) -> None:
+                store.add({task: as_content(one) for task, one in found.items()})
+                status.note(_status(progress))
+                show(progress)
+                watch(progress)
+
+            finished = {task: from_content(content) for task, content in store.tasks().items()}
+            made = question.answered(engine, update, finished)
+        made._write(part)
+    return made
+
+
+def _status(progress: Progress) -> dict[str, object]:
+    """What a poller of ``status.json`` sees."""
+    return {
+        "stage": f"judging for drive {progress.drive}",
+        "done": progress.done / progress.of,
+        "candidates": progress.done,
+        "of": progress.of,
+        "judged": progress.judged,
+        "seconds_left": progress.seconds_left,
+    }

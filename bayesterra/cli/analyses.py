@@ -119,13 +119,19 @@ def design(
         Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-design.")
     ] = None,
     seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what an interrupted design left in FOLDER.part.")
+    ] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older design of that name.")
+        bool, typer.Option("--overwrite", help="Replace an older design of that name, and begin anew.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the ranking.")] = False,
 ) -> None:
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.designing import design_into
+    from bayesterra.engines import chosen
     from bayesterra.followup import slips_of
     from bayesterra.listing.designs import print_design
 
@@ -133,7 +139,10 @@ def design(
     folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
     asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
-    found = design_into(known, folder, overwrite=overwrite, quiet=quiet, **asked)
+    with chosen(workers, scheduler) as engine:
+        found = design_into(
+            known, folder, engine=engine, resume=resume, overwrite=overwrite, quiet=quiet, **asked
+        )
     print_design(found, folder)
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
-from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.design.candidates import Candidate
-from bayesterra.design.gain import Estimate, estimate, jackknife, normal_estimate
-from bayesterra.design.pairs import Interest, Pairs, pairs
-from bayesterra.design.readings import Reading, Situation, readings_of
+from bayesterra.design.gain import Estimate, jackknife
+from bayesterra.design.judging import METHODS, Grid, Judge, Report
+from bayesterra.design.pairs import Interest
+from bayesterra.design.readings import Situation
+from bayesterra.engines import Engine, in_process
 from bayesterra.errors import StudyError
 from bayesterra.parameters import PARAMETERS
 
@@ -163,28 +165,15 @@ def described(candidate: Candidate) -> dict[str, object]:
 
 
 @dataclass(frozen=True)
-class _Judge:
-    """Judges candidates by the same draws and, for the same place in the plan, the same standard noise."""
+class _Choice:
+    """Ranks candidates, and exchanges them."""
 
-    readings: Sequence[tuple[Reading, ...]]
-    interest: Interest
+    judge: Judge
     by: str
-    seed: int
-    report: Callable[[int], None]
-
-    def pairs(self, index: int, place: int) -> Pairs:
-        """Readings of a candidate in some place of the plan."""
-        return pairs(self.readings[index], self.interest, default_rng((self.seed, place)))
-
-    def together(self, picks: Sequence[int | None]) -> Pairs | None:
-        """Readings of some rows, each in its place."""
-        found = [self.pairs(index, place) for place, index in enumerate(picks) if index is not None]
-        return sum(found[1:], found[0]) if found else None
 
     def rank(self, picks: Sequence[int | None], place: int) -> Ranking:
         """Every candidate in one place, beside the rows in the others."""
-        beside = self.together([None if i == place else index for i, index in enumerate(picks)])
-        found = self._estimates(estimate, beside, place)
+        found = self.judge.estimates("mixture", picks, place)
         known = [one.effective for one in found if np.isfinite(one.values[0])]
         if not known:
             raise StudyError(
@@ -192,20 +181,10 @@ class _Judge:
             )
         if min(known) >= EFFECTIVE:
             return self._ranking(found, "mixture")
-        return self._ranking(self._estimates(normal_estimate, beside, place), "regression")
-
-    def _estimates(
-        self, how: Callable[[Pairs, Interest], Estimate], beside: Pairs | None, place: int
-    ) -> tuple[Estimate, ...]:
-        found = []
-        for index in range(len(self.readings)):
-            one = self.pairs(index, place)
-            found.append(how(one if beside is None else beside + one, self.interest))
-            self.report(1)
-        return tuple(found)
+        return self._ranking(self.judge.estimates("regression", picks, place), "regression")
 
     def _ranking(self, found: tuple[Estimate, ...], method: str) -> Ranking:
-        before = self.interest.values.std(axis=0, ddof=1)
+        before = self.judge.grid.interest.values.std(axis=0, ddof=1)
         scores = [score(one, self.by, before) for one in found]
         return Ranking(found, method, np.array(scores))
 
@@ -235,7 +214,9 @@ def choose(
     number: int = 1,
     by: str = "information",
     seed: int = 1,
-    report: Callable[[int], None] = lambda judged: None,
+    engine: Engine | None = None,
+    finished: Mapping[int, Estimate] = MappingProxyType({}),
+    report: Report = lambda found, progress: None,
 ) -> Design:
     """Rank candidates by what they tell about some parameters, and choose several rows to drive together.
 
@@ -246,7 +227,9 @@ def choose(
     number : rows to choose; the same drive may be chosen again.
     by : ``information`` or ``sd``, see ``CRITERIA``.
     seed : of the readings that are drawn.
-    report : called with the number of candidates just judged.
+    engine : judges the candidates; by default this process.
+    finished : what was judged before, by the numbers that ``report`` was told.
+    report : called with new estimates by number, and the progress.
 
     Raises
     ------
@@ -254,18 +237,17 @@ def choose(
     """
     names = situation.posterior.names
     interest = Interest(situation.draws, tuple(names.index(name) for name in about))
-    readings = [readings_of(situation, candidate) for candidate in candidates]
-    judge = _Judge(readings, interest, by, seed, report)
-    ranking = last = judge.rank((), 0)
+    grid = Grid(situation, tuple(candidates), interest, seed)
+    choice = _Choice(Judge(grid, engine or in_process(), finished, report), by)
+    ranking = last = choice.rank((), 0)
     picks = [ranking.best]
     for place in range(1, number):
-        last = judge.rank(picks, place)
+        last = choice.rank(picks, place)
         picks.append(last.best)
-    picks = judge.exchanged(picks)
-    how = estimate if last.method == "mixture" else normal_estimate
-    joint = [judge.together(picks[: i + 1]) for i in range(number)]
+    picks = choice.exchanged(picks)
+    joint = [grid.together(picks[: i + 1]) for i in range(number)]
     return Design(
         situation, tuple(about), tuple(candidates), by, ranking, tuple(picks),
-        tuple(how(one, interest) for one in joint if one is not None),
+        tuple(METHODS[last.method](one, interest) for one in joint if one is not None),
         last.method, interest.values.std(axis=0, ddof=1), seed,
     )  # fmt: skip

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -31,6 +32,10 @@ class Interest:
 
     draws: FloatArray
     columns: tuple[int, ...]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what can be computed again, which is large."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     def whole(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 from bayesterra.errors import EngineError
 
+N = TypeVar("N")
 T = TypeVar("T")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """Environment variables that hold libraries to some threads."""
@@ -52,7 +54,7 @@ class Engine(Protocol):
     @property
     def starting(self) -> bool: ...  # noqa: D102
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Return the task as it is best handed over many times; see :func:`packed`."""
 
     def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
@@ -115,14 +117,14 @@ class Packed:
     key: str
     content: bytes = field(compare=False, repr=False)
 
-    def __call__(self, number: int) -> Any:
+    def __call__(self, number: Any) -> Any:
         """Run the task in a worker, on one thread."""
         task = _unpacked(self)
         hold_to_one_thread()
         return task(number)
 
 
-def packed(task: Callable[[int], T], dumps: Callable[[Any], bytes] = pickle.dumps) -> Callable[[int], T]:
+def packed(task: Callable[[N], T], dumps: Callable[[Any], bytes] = pickle.dumps) -> Callable[[N], T]:
     """Pickle a task once.
 
     Raises
@@ -140,17 +142,17 @@ def packed(task: Callable[[int], T], dumps: Callable[[Any], bytes] = pickle.dump
 
 
 @lru_cache(maxsize=2)
-def _unpacked(parcel: Packed) -> Callable[[int], Any]:
-    found: Callable[[int], Any] = pickle.loads(parcel.content)  # noqa: S301  (our own, from the main process)
+def _unpacked(parcel: Packed) -> Callable[[Any], Any]:
+    found: Callable[[Any], Any] = pickle.loads(parcel.content)  # noqa: S301  (our own, from the main process)
     return found
 
 
 @cache
 def hold_to_one_thread() -> None:
     """Hold the linear algebra and numba of this process to one thread, loaded libraries and later ones."""
-    import numba
     from threadpoolctl import threadpool_limits
 
     os.environ.update(dict.fromkeys(THREADS, "1"))
     threadpool_limits(1)
-    numba.set_num_threads(1)
+    if "numba" in sys.modules:  # it is, where models are computed; importing it would take half a second
+        sys.modules["numba"].set_num_threads(1)

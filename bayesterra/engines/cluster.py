@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from bayesterra.engines.base import Closing, Engine, WorkerDied, packed
 from bayesterra.errors import EngineError
 
+N = TypeVar("N")
 T = TypeVar("T")
 
 TIMEOUT = 10.0
@@ -72,7 +73,7 @@ class DaskCluster(Closing):
             self._asked = now
         return self._threads
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Pickle the task once, functions of a script by what they do."""
         from cloudpickle import dumps
 

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, TypeVar
 
-from bayesterra.engines.base import Closing, Engine, WorkerDied, hold_to_one_thread, packed
+from bayesterra.engines.base import THREADS, Closing, Engine, WorkerDied, packed
 from bayesterra.errors import EngineError
 
+N = TypeVar("N")
 T = TypeVar("T")
 
 
@@ -32,7 +33,7 @@ class InProcess(Closing):
     elsewhere = False
     starting = False
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Return the task itself."""
         return task
 
@@ -74,7 +75,7 @@ class LocalPool(Closing):
         """Whether no process was started yet."""
         return not any(self._executors)
 
-    def packed(self, task: Callable[[int], T]) -> Callable[[int], T]:
+    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
         """Pickle the task once; see :func:`bayesterra.engines.base.packed`."""
         return packed(task)
 
@@ -149,7 +150,7 @@ def _start() -> None:
     """In a new worker: leave Ctrl-C to the main process, end with it however it ends, and use one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    hold_to_one_thread()
+    os.environ.update(dict.fromkeys(THREADS, "1"))
 
 
 def _end_with_parent() -> None:

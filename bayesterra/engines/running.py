@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from typing import TypeVar
@@ -17,13 +17,14 @@ from bayesterra.engines.cluster import dask_cluster
 from bayesterra.engines.local import in_process, local_pool, usable_processors
 from bayesterra.errors import EngineError
 
+N = TypeVar("N", bound=Hashable)
 T = TypeVar("T")
 
 ATTEMPTS = 3
 """Workers that may die at one task before it is given up."""
 AHEAD = 2
 """Tasks handed over per worker, the one at work included: an interrupted run has little to wait for."""
-PATIENCE = 2.0
+PATIENCE = 4.0
 """Seconds for which short tasks are computed here, before workers are started for the rest: about what
 starting them costs."""
 GLANCE = 1.0
@@ -46,16 +47,16 @@ def chosen(workers: int | None, scheduler: str | None) -> Engine:
 
 
 def completed(
-    task: Callable[[int], T], numbers: Iterable[int], engine: Engine, *, short: bool = False
-) -> Iterator[tuple[int, T]]:
-    """Run a task for every number; yields (number, outcome) as they end, in any order. See :func:`ended`."""
+    task: Callable[[N], T], numbers: Iterable[N], engine: Engine, *, short: bool = False
+) -> Iterator[tuple[N, T]]:
+    """Run a task for every number; yields (number, outcome) as they end, in any order; see :func:`ended`."""
     for batch in ended(task, numbers, engine, short=short):
         yield from batch
 
 
 def ended(
-    task: Callable[[int], T], numbers: Iterable[int], engine: Engine, *, short: bool = False
-) -> Iterator[list[tuple[int, T]]]:
+    task: Callable[[N], T], numbers: Iterable[N], engine: Engine, *, short: bool = False
+) -> Iterator[list[tuple[N, T]]]:
     """Run a task for every number; yields all (number, outcome) that have ended since the last time.
 
     Linear algebra is held to one thread everywhere, so outcomes are the same on all engines. Tasks whose
@@ -64,6 +65,7 @@ def ended(
     Parameters
     ----------
     task : picklable for engines with other processes; what it raises is raised here.
+    numbers : of the tasks, or whatever tells them apart and is quick to hand over.
     short : tasks may all be over before workers have started. The first are then computed here, and
         workers are started only if some are left after ``PATIENCE`` seconds.
 
@@ -82,8 +84,8 @@ def ended(
 
 
 def _here(
-    task: Callable[[int], T], todo: Iterator[int], seconds: float = math.inf
-) -> Iterator[list[tuple[int, T]]]:
+    task: Callable[[N], T], todo: Iterator[N], seconds: float = math.inf
+) -> Iterator[list[tuple[N, T]]]:
     """Run tasks in this process, begin none after some seconds."""
     end = time.monotonic() + seconds
     with threadpool_limits(1):
@@ -93,19 +95,17 @@ def _here(
                 return
 
 
-def _elsewhere(
-    task: Callable[[int], T], todo: Iterator[int], engine: Engine
-) -> Iterator[list[tuple[int, T]]]:
+def _elsewhere(task: Callable[[N], T], todo: Iterator[N], engine: Engine) -> Iterator[list[tuple[N, T]]]:
     """Keep the workers busy, and hand over what they send."""
-    waiting: dict[Future[T], int] = {}
-    deaths: Counter[int] = Counter()
+    waiting: dict[Future[T], N] = {}
+    deaths: Counter[N] = Counter()
     try:
         while True:
             for number in islice(todo, max(AHEAD * engine.workers - len(waiting), 0)):
                 waiting[engine.submit(task, number)] = number
             if not waiting:
                 return
-            found: list[tuple[int, T]] = []
+            found: list[tuple[N, T]] = []
             failure: Exception | None = None
             for future in _done(waiting, engine):
                 number = waiting.pop(future)
@@ -128,7 +128,7 @@ def _elsewhere(
             future.cancel()
 
 
-def _done(waiting: dict[Future[T], int], engine: Engine) -> list[Future[T]]:
+def _done(waiting: dict[Future[T], N], engine: Engine) -> list[Future[T]]:
     """Wait until some have ended; in the order in which they were submitted."""
     while True:
         done = wait(waiting, timeout=GLANCE, return_when=FIRST_COMPLETED).done
@@ -137,7 +137,7 @@ def _done(waiting: dict[Future[T], int], engine: Engine) -> list[Future[T]]:
         engine.check()
 
 
-def _given_up(number: int) -> EngineError:
+def _given_up(number: object) -> EngineError:
     return EngineError(
         f"task {number}: every worker that took it died (was memory short? does a script lack its"
         ' if __name__ == "__main__"?); finished tasks are kept'

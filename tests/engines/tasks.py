@@ -10,10 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.calibration import Fitted
 from bayesterra.engines import Engine, completed
-from bayesterra.posteriors import posterior
-from bayesterra.study import Study
 
 
 @dataclass(frozen=True)
@@ -65,14 +62,3 @@ def run(task: Sums, engine: Engine, note: Callable[[int], None], numbers: range)
     """Compute, and note every number as its outcome comes."""
     for number, _ in completed(task, numbers, engine):
         note(number)
-
-
-def on_a_grid(study: Study, seed: SeedSequence) -> Fitted:
-    """Independent draws of the only free parameter from its posterior on a grid; not at once."""
-    time.sleep(0.05)
-    (law,) = study.prior.laws.values()
-    edges = np.linspace(*law.range, 301)
-    density = posterior(study).log_density(0.5 * (edges[1:] + edges[:-1])[:, None])
-    below = np.cumsum(np.exp(density - density.max()))
-    u = default_rng(seed).random(500)
-    return Fitted(np.interp(u, np.append(0.0, below / below[-1]), edges)[:, None], 500.0, 1.0, True)

@@ -17,7 +17,8 @@ from bayesterra.errors import EngineError
 from bayesterra.study import Study
 
 from .conftest import ROOT, Cluster
-from .tasks import Deadly, Failing, Sums, on_a_grid, run
+from .fits import on_a_grid
+from .tasks import Deadly, Failing, Sums, run
 
 pytestmark = [
     pytest.mark.usefixtures("importable"),
