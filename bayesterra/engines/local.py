@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import connection, get_context, parent_process
 from typing import Any, TypeVar
 
 from bayesterra.engines.base import THREADS, Closing, Engine, WorkerDied, packed
@@ -146,9 +147,18 @@ def local_pool(workers: int | None = None) -> Engine:
 
 
 def _start() -> None:
-    """In a new worker: leave Ctrl-C to the main process, and use one thread."""
+    """In a new worker: leave Ctrl-C to the main process, end with it however it ends, and use one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ.update(dict.fromkeys(THREADS, "1"))
+
+
+def _end_with_parent() -> None:
+    """Wait until the process that started this one is gone, then go too: a killed one cannot ask for it."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Files that are damaged after they were written: what is read from them, and what a resumption makes of it."""
+"""Files that are damaged after they were written: what is read from them, and what resuming makes of them."""
 
 from __future__ import annotations
 

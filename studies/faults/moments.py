@@ -68,27 +68,27 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
         kept=lambda folder: kept_segments(folder / "out"),
     )
     over = Saving(
-        old("r1"),
+        old("r2"),
         _into("run", study, "--quiet", "--overwrite"),
         stays=True,
         code=3,
         again=_into("run", study, "--quiet", "--overwrite", "--resume"),
     )
     return {
-        "run": Disturbed(run, {KILL: 80, STOP: 8, INTERRUPT: 8}),
-        "run, and its resumption": Disturbed(run, {KILL: 20}, twice=True),
-        "run over an old result": Disturbed(over, {KILL: 30}),
+        "run": Disturbed(run, {KILL: 40, STOP: 5, INTERRUPT: 5}),
+        "run, and its resumption": Disturbed(run, {KILL: 15}, twice=True),
+        "run over an old result": Disturbed(over, {KILL: 20}),
         "calibrate": Disturbed(
             Saving(nothing, _into(*calibrate), kept=partial(kept_replications, job)),
-            {KILL: 60, STOP: 8, INTERRUPT: 8},
+            {KILL: 60, STOP: 5, INTERRUPT: 5},
         ),
         "calibrate with two workers": Disturbed(
-            Saving(nothing, two_workers, kept=partial(kept_replications, job)), {KILL: 10, STOP: 2}
+            Saving(nothing, two_workers, kept=partial(kept_replications, job)), {KILL: 6, STOP: 2}
         ),
         "follow over an old stream": Disturbed(
-            Saving(old("stream"), _into(*follow), stays=True), {KILL: 40}
+            Saving(old("stream"), _into(*follow), stays=True), {KILL: 30, STOP: 3}
         ),
-        "design over an old one": Disturbed(Saving(old("design"), _into(*design), stays=True), {KILL: 30}),
+        "design over an old one": Disturbed(Saving(old("design"), _into(*design), stays=True), {KILL: 20}),
         "a store of tasks": Disturbed(
             Saving(nothing, _tasks, kept=_kept_tasks, out=False), {KILL: 300}, twice=True
         ),

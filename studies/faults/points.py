@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
-import sysconfig
-import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,18 +33,7 @@ KINDS = {
     "disk full from a call on": 3,
     "input/output error at a call": 4,
 }
-LIBRARY = "failing.so"
 TASKS = 6
-
-
-def built() -> Path | None:
-    """Compile ``failing.c``; None where there is no C compiler for it."""
-    compiler, target = shutil.which("cc"), Path(tempfile.mkdtemp()) / LIBRARY
-    if compiler is None or not sysconfig.get_platform().startswith("linux"):
-        return None
-    source = Path(__file__).with_name("failing.c")
-    subprocess.run([compiler, "-O1", "-shared", "-fPIC", source, "-o", target, "-ldl"], check=True)
-    return target
 
 
 def make_saving_quick() -> None:

@@ -84,6 +84,14 @@ def on_a_grid(study: Any, seed: SeedSequence) -> Fitted:
     )
 
 
+def make_results(made: Path) -> None:
+    """Make two results of the quick study, ``r1`` and ``r2``, of different seeds."""
+    study = quick_study(made / "study")
+    for seed in (1, 2):
+        work = command("run", study, "--out", made / f"r{seed}", "--seed", seed, "--quiet")
+        assert Process.begun(work, made / "notes").code() in (0, 3)
+
+
 def make_quick() -> None:
     """Short rounds, a small adaptation, few draws, and little but files after the sampling."""
     small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
@@ -164,7 +172,7 @@ class Process:
     def orphans(self, patience: float = 20.0) -> list[int]:
         """Processes of its session that are still there after it has ended, and some time on top."""
         end = time.monotonic() + patience
-        while (left := _session(self.id)) and time.monotonic() < end:
+        while (left := living(self.id)) and time.monotonic() < end:
             time.sleep(0.05)
         return left
 
@@ -197,7 +205,7 @@ def tell_what_is_saved(told: int) -> None:
     type.__setattr__(TaskStore, "add", told_add)
 
 
-def _session(leader: int) -> list[int]:
+def living(leader: int) -> list[int]:
     """Living processes of a session."""
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):

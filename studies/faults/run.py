@@ -1,0 +1,144 @@
+"""Kills, full disks, damaged files and shared folders, thousands of times; every trial must end right.
+
+Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``, ``sharing``,
+``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew. Linux; ``points``
+needs a C compiler; a small file system and files that are not readable need root. About half an hour of a
+processor. ``--out DIR`` writes elsewhere, ``--share 0.1`` makes a tenth of the trials, ``--only`` some.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+
+HERE = Path(__file__).parent
+PARTS = ("points", "moments", "damage", "disks", "sharing", "workers")
+COLUMNS = ("fault", "where", "trial", "moment", "outcome", "detail")
+RIGHT, CLEAR = "right", "clear error"
+MARK = "<!-- table: made by run.py from the stored trials -->\n"
+
+
+def part(name: str, out: Path, share: float, only: tuple[str, ...]) -> None:
+    """Make the trials of one part; in a process of its own, where everything is made quick."""
+    sys.path.insert(0, str(HERE))
+    import damage
+    import disks
+    import moments
+    import points
+    import sharing
+    import trials
+    import workers
+
+    parent = Path("/dev/shm") if Path("/dev/shm").is_dir() else None  # noqa: S108
+    with tempfile.TemporaryDirectory(dir=parent) as folder:
+        work = Path(folder)
+        work.chmod(0o755)
+        made = work / "made"
+        made.mkdir()
+        trials.make_quick()
+        trials.make_results(made)
+        moments.prepare(made)
+        table = trials.Table.opened(out / f"{name}.csv")
+        if name == "points":
+            points.fill(table, work, made, every=max(1, round(1 / share)), only=only)
+        else:
+            modules = {"moments": moments, "damage": damage, "disks": disks, "sharing": sharing}
+            {**modules, "workers": workers}[name].fill(table, work, made, share=share, only=only)
+
+
+def built() -> Path | None:
+    """Compile ``failing.c``; None where there is no C compiler for it."""
+    compiler, target = shutil.which("cc"), Path(tempfile.mkdtemp()) / "failing.so"
+    if compiler is None or not sysconfig.get_platform().startswith("linux"):
+        return None
+    source = HERE / "failing.c"
+    subprocess.run([compiler, "-O1", "-shared", "-fPIC", source, "-o", target, "-ldl"], check=True)
+    return target
+
+
+def started(name: str, arguments: argparse.Namespace) -> int:
+    """Make the trials of one part in a new process; its exit status."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, "--within", name, "--out", str(arguments.out)]
+    command += ["--share", str(arguments.share), *(f"--only={one}" for one in arguments.only)]
+    if name != "points":
+        return subprocess.run(command, env=environment, check=False).returncode
+    library = built()
+    if library is None:
+        print("points: needs Linux and a C compiler; left out")
+        return 0
+    return subprocess.run(command, env={**environment, "LD_PRELOAD": str(library)}, check=False).returncode
+
+
+def trials_of(folder: Path) -> pd.DataFrame:
+    """All stored trials, one row each."""
+    tables = [pd.read_csv(folder / f"{name}.csv", dtype=str, keep_default_na=False).assign(part=name)
+              for name in PARTS if (folder / f"{name}.csv").exists()]  # fmt: skip
+    return pd.concat(tables, ignore_index=True)
+
+
+def counted(trials: pd.DataFrame) -> pd.DataFrame:
+    """One row per fault and place: trials, those that ended right or with a clear error, and all others."""
+    kinds = trials["outcome"].map({RIGHT: RIGHT, CLEAR: CLEAR}).fillna("broken")
+    table = pd.crosstab([trials["fault"], trials["where"]], kinds)
+    table = table.reindex(columns=[RIGHT, CLEAR, "broken"], fill_value=0)
+    order = trials.drop_duplicates(["fault", "where"]).set_index(["fault", "where"]).index
+    return table.loc[order].assign(trials=table.sum(axis=1)).reset_index()
+
+
+def words(table: pd.DataFrame) -> str:
+    """The fault table as Markdown."""
+    lines = [
+        "| fault | at | trials | right | clear error, then right | broken |",
+        "|---|---|---|---|---|---|",
+    ]
+    before = ""
+    for row in table.to_dict("records"):
+        fault = row["fault"] if row["fault"] != before else ""
+        before = row["fault"]
+        numbers = " | ".join(str(row[name]) for name in ("trials", RIGHT, CLEAR, "broken"))
+        lines.append(f"| {fault} | {row['where']} | {numbers} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_readme() -> None:
+    """Put the table of the stored trials into the README."""
+    trials, file = trials_of(HERE), HERE / "README.md"
+    head = file.read_text(encoding="utf-8").partition(MARK)[0]
+    kills = int(trials["fault"].str.startswith("kill").sum())
+    total = f"\n{len(trials)} trials, {kills} of them kills.\n"
+    file.write_text(head + MARK + "\n" + words(counted(trials)) + total, encoding="utf-8")
+
+
+def main() -> int:
+    """Make what is asked for; 1 where a trial has not ended as promised."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", help=", ".join((*PARTS, "table")))
+    parser.add_argument("--out", type=Path, default=HERE)
+    parser.add_argument("--share", type=float, default=1.0)
+    parser.add_argument("--only", action="append", default=[])
+    parser.add_argument("--within", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.within:
+        part(arguments.within, arguments.out, arguments.share, tuple(arguments.only))
+        return 0
+    if unknown := [name for name in arguments.parts if name not in (*PARTS, "table")]:
+        parser.error(f"no such part: {unknown[0]}")
+    for name in arguments.parts or (*PARTS, "table"):
+        if name == "table":
+            write_readme()
+        elif status := started(name, arguments):
+            return status
+    return int(counted(trials_of(arguments.out))["broken"].sum() > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
