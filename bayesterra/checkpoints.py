@@ -12,11 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
+from math import prod
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
+from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
 from numpy.typing import NDArray
 
 from bayesterra.errors import ResultError
@@ -118,11 +120,20 @@ def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
     if sha256(content).hexdigest().encode() != checksum:
         raise ValueError("damaged")
     about, _, arrays = content.partition(b"\n")
-    with ZipFile(BytesIO(arrays)) as packed:  # ours are not packed: a small file cannot hold large arrays
-        if any(one.compress_type != ZIP_STORED or one.file_size > len(arrays) for one in packed.infolist()):
-            raise ValueError("damaged")
+    _check_sizes(arrays)
     with np.load(BytesIO(arrays), allow_pickle=False) as stored:
         return parsed_json(about.decode()), dict(stored)
+
+
+def _check_sizes(arrays: bytes) -> None:
+    """ValueError where arrays are packed, or declared larger than they are: ours are neither."""
+    headers = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
+    with ZipFile(BytesIO(arrays)) as packed:
+        for one in packed.infolist():
+            with packed.open(one) as member:
+                shape, _, kind = headers[read_magic(member)](member)
+            if one.compress_type != ZIP_STORED or prod(shape) * kind.itemsize > len(arrays):
+                raise ValueError("damaged")
 
 
 def _begun(folder: Path) -> Any:

@@ -46,7 +46,10 @@ def _formula_like(text: str) -> bool:
 
 def csv_text(table: pd.DataFrame, float_format: str | None = None) -> str:
     """A table as CSV with a header and without its index; texts are shielded, numbers stay numbers."""
-    text: str = _with_texts(table, shielded).to_csv(index=False, float_format=float_format)
+    safe = _with_texts(table, shielded)
+    text: str = safe.to_csv(index=False, float_format=float_format)
+    if "\r" in text:  # which Python's writer leaves without quotes
+        text = safe.to_csv(index=False, float_format=float_format, quoting=csv.QUOTE_NONNUMERIC)
     return text
 
 

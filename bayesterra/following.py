@@ -187,12 +187,13 @@ def follow(
 
 def rows_of(data: Path | TextIO, stack: ExitStack) -> Iterator[pd.DataFrame]:
     """Tables of one row each, as they come; blank lines do not count, rows with ``use`` 0 are passed over."""
+    name = _named(data)
     if isinstance(data, Path):
         try:
             data = stack.enter_context(data.open(newline="", encoding="utf-8"))
         except OSError as error:
             raise StudyError(f"{data}: cannot be read ({error.strerror})") from error
-    with errors_in(_named(data)):
+    with errors_in(name):
         yield from _one_by_one(rows_of_cells(data))
 
 

@@ -63,10 +63,12 @@ def read_bytes(path: Path, most: int) -> bytes:
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:
         check_ordinary(os.fstat(handle), path, most)
-        content = file.read(most + 1)
-    if len(content) > most:  # it grew meanwhile, or its size was a lie, as in /proc
-        raise _too_large(path, most)
-    return content
+        content = bytearray()
+        while block := file.read(MEGABYTE):  # not all at once: that would reserve what the size only claims
+            content += block
+            if len(content) > most:  # it grew meanwhile, or its size was a lie, as in /proc
+                raise _too_large(path, most)
+    return bytes(content)
 
 
 def check_ordinary(found: os.stat_result, path: Path, most: int) -> None:

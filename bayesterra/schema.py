@@ -7,6 +7,7 @@ unit, and calls from Python, where numbers are SI values (``bare`` in the valida
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -336,7 +337,10 @@ def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool
 def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
     """Read a TOML file of a kind; StudyError where that cannot be done."""
     try:
-        content = tomllib.loads(read_text(path, MOST_TOML))
+        text = read_text(path, MOST_TOML)
+        if any(part.count(".") > LONGEST_KEY for part in re.split(r"[\n=,{}\[\]]", text)):
+            raise StudyError("must be TOML: a key has too many parts")
+        content = tomllib.loads(text)
         check_depth(content)
         return content
     except FileNotFoundError as error:
@@ -351,6 +355,8 @@ def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
         raise StudyError(f"must be TOML: {error}") from error
 
 
+LONGEST_KEY = 500
+"""Dots, at most, between two signs: with many more the time that TOML needs grows as their square."""
 _ADAPTER = TypeAdapter(StudyContent)
 
 
