@@ -5,7 +5,8 @@ processor time. Cases that are in ``fits.csv`` are not run again: delete the tab
 ``--figure`` it only summarises and draws.
 
 Everything is simulated: readings of M1 on the six wheels and soils of Ding et al. 2015, Tables 1 and 10,
-fitted with M2 (part ``model``); readings of M2 itself with planted errors of slip (``slip``) or ripple (``ripple``).
+fitted with M2 (part ``model``); readings of M2 itself with planted errors of slip (``slip``) or with ripple
+(``ripple``).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.joint_rows import STEP, JointRows
 from bayesterra.models import Wheel
 from bayesterra.posteriors import Posterior, posterior
@@ -33,9 +33,15 @@ TABLE = pd.DataFrame(
 NOISE = {"sinkage": 4e-4, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 HELD = {"Ks": 2.5e6, "n0": 0.87, "n1": 1.1, "c": 200.0, "phi": 0.5, "K": 0.0131, "c1": 0.39, "c2": -0.2}
 ESTIMATED = {"estimate": {"dist": "halfnorm", "scale": 2.0}}
-CURVES = {"sinkage": {"sd": 1e-3, "length": 0.3}, "drawbar_pull": {"sd": 2.0, "length": 0.2, "kernel": "matern52"}}
+CURVES = {
+    "sinkage": {"sd": 1e-3, "length": 0.3},
+    "drawbar_pull": {"sd": 2.0, "length": 0.2, "kernel": "matern52"},
+}
 LOOSE = {**CURVES, "drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}
-RIPPLE = {"drawbar_pull": {"sd": 0.8, "memory": 2.0}, "resistance_moment": {"sd": 0.2, "memory": 3.0, "period": 4.0}}
+RIPPLE = {
+    "drawbar_pull": {"sd": 0.8, "memory": 2.0},
+    "resistance_moment": {"sd": 0.2, "memory": 3.0, "period": 4.0},
+}
 CASES: dict[str, dict[str, Any]] = {
     "discrepancy": {"discrepancy": CURVES},
     "estimated discrepancy": {"discrepancy": LOOSE},
@@ -87,10 +93,10 @@ class Written:
     mean: FloatArray
     covariance: FloatArray
     smooth: FloatArray
-    known: FloatArray
+    known: IntArray
     readings: FloatArray
 
-    def given(self, cells: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def given(self, cells: IntArray, others: IntArray) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of readings in some cells given those in others."""
         K, a, b = self.covariance, cells, others
         gain = K[np.ix_(a, b)] @ np.linalg.inv(K[np.ix_(b, b)])
@@ -101,18 +107,18 @@ class Written:
 def written(study: Study, density: Posterior, x: FloatArray) -> Written:
     """The law at one parameter set (d,), for all rows of the study's table."""
     rows, likelihood = study.observations, density.likelihood
-    whole = JointRows(
-        replace(likelihood.forward, **_at(study)), rows, likelihood.noise, study.errors
-    )
+    whole = JointRows(replace(likelihood.forward, **_at(study)), rows, likelihood.noise, study.errors)
     soil, values = density.prior.soil_values(x[None]), dict(zip(density.names, x, strict=True))
     ends = [
-        replace(whole.forward, conditions=replace(whole.forward.conditions, slip=rows.slip + h))(soil).values[0]
+        replace(whole.forward, conditions=replace(whole.forward.conditions, slip=rows.slip + h))(soil).values[
+            0
+        ]
         for h in (-STEP, 0.0, STEP)
     ]
     slopes, mean = (ends[2] - ends[0]) / (2 * STEP), ends[1]
     scale = whole.scales(whole.predicted(whole.forward(soil)), density.noise_values(x[None]))[0]
     channels, errors = whole.channels, study.errors
-    sizes = {id(one): values.get(one.parameter or "", one.size.sd) for one in errors}
+    sizes = {id(one): float(values.get(one.parameter or "", one.size.sd or 0.0)) for one in errors}
     m, k = mean.shape
     smooth = np.zeros((m * k, m * k))
     for i in range(m):
@@ -149,7 +155,7 @@ def _at(study: Study) -> dict[str, Any]:
 Make = Callable[..., Study]
 
 
-@pytest.fixture(params=CASES.values(), ids=CASES)
+@pytest.fixture(params=list(CASES.values()), ids=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Study, Posterior]:
     """A study of each kind with two soil parameters free, and its posterior."""
     study = joined("phi", "n0", **request.param)

@@ -29,7 +29,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 
 
 def by_quadrature(density: Posterior, x: FloatArray, sd: float) -> FloatArray:
-    """Log likelihood (n,) with the true slip of every row integrated out, a normal law around the one read."""
+    """Log likelihood (n,), the true slip of every row integrated out: a normal law around the one read."""
     whole = density.likelihood
     soil, total = density.prior.soil_values(x), np.zeros(len(x))
     for row in range(len(ROWS)):
@@ -45,7 +45,9 @@ def by_quadrature(density: Posterior, x: FloatArray, sd: float) -> FloatArray:
     return total
 
 
-@pytest.mark.parametrize(("sd", "shift", "width"), [(0.005, 0.01, 0.003), (0.01, 0.04, 0.005), (0.02, 0.06, 0.03)])
+@pytest.mark.parametrize(
+    ("sd", "shift", "width"), [(0.005, 0.01, 0.003), (0.01, 0.04, 0.005), (0.02, 0.06, 0.03)]
+)
 def test_the_first_order_gives_the_posterior_of_the_integral(sd: float, shift: float, width: float) -> None:
     """Mean and standard deviation of two parameters from three rows through M2, by weights of the same sets.
 
