@@ -62,7 +62,7 @@ resistance_moment = { fraction = 0.03, floor = "0.1 N m" }
 # sinkage = { sd = "1 mm", length = 0.3 }
 # drawbar_pull = { sd = { estimate = { dist = "halfnorm", scale = "2 N" } }, length = 0.3 }
 
-[ripple]                        # readings of one sweep (column 'run', else wheel) hang together over some rows
+[ripple]                        # readings of one sweep (column 'run', else wheel) hang together over rows
 # drawbar_pull = { sd = "1 N", memory = 3 }   # period = 6: crests six rows apart
 
 [slip]

@@ -1,8 +1,8 @@
 """Which readings hang together, and the whitening of their joint covariance.
 
 Readings that hang together form a block: those of a wheel where there is a discrepancy, of a sweep where
-there is ripple only. Channels are apart unless errors in slip tie them. Blocks of one size are stacked, so that
-all of them are factorised at once for any number of parameter sets.
+there is ripple only. Channels are apart unless errors in slip tie them. Blocks of one size are stacked, so
+that all of them are factorised at once for any number of parameter sets.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Stack:
     def axes(self) -> tuple[int, FloatArray, FloatArray, float] | None:
         """Principal axes of the one thing that ties a stack's readings beside noise that is known.
 
-        Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along which
-        readings then are independent, and the log of the noise, summed; None where there is more to it.
+        Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along
+        which readings then are independent, and the log of the noise, summed; None where there is more to it.
         """
         if self.noise is None or self.slip is not None or len(self.parts) != 1:
             return None

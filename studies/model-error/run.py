@@ -5,7 +5,8 @@ processor time. Cases that are in ``fits.csv`` are not run again: delete the tab
 ``--figure`` it only summarises and draws.
 
 Everything is simulated: readings of M1 on the six wheels and soils of Ding et al. 2015, Tables 1 and 10,
-fitted with M2 (part ``model``); readings of M2 itself with planted errors of slip (``slip``) or ripple (``ripple``).
+fitted with M2 (part ``model``); readings of M2 itself with planted errors of slip (``slip``) or with ripple
+(``ripple``).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ LOAD = 80.0
 NOISE = {"sinkage": 0.0002, "drawbar_pull": 0.25, "resistance_moment": 0.05}
 SEEDS = (1, 2)
 FIT = ShortRuns(
-    short=SamplingOptions(target_ess=600, walkers=64, max_steps=300),
+    short=SamplingOptions(target_ess=600, walkers=64, max_steps=120),
     long=SamplingOptions(target_ess=600, walkers=64, max_steps=6000),
 )
 SLOWER = replace(FIT, short=replace(FIT.short, max_steps=900))
@@ -150,8 +151,8 @@ def cases() -> Iterator[tuple[str, str, int, str]]:
     some = {"a third": SEEDS[:1], "estimated": SEEDS[:1]}
     found = [
         (part, name, seed, arm)
-        for part, arms in ARMS.items()
         for seed in SEEDS
+        for part, arms in ARMS.items()
         for name in WHEELS
         for arm in arms
         if seed in some.get(arm, SEEDS)

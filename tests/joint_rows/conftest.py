@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.joint_rows import STEP, JointRows
 from bayesterra.models import Wheel
 from bayesterra.posteriors import Posterior, posterior
@@ -93,10 +93,10 @@ class Written:
     mean: FloatArray
     covariance: FloatArray
     smooth: FloatArray
-    known: FloatArray
+    known: IntArray
     readings: FloatArray
 
-    def given(self, cells: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def given(self, cells: IntArray, others: IntArray) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of readings in some cells given those in others."""
         K, a, b = self.covariance, cells, others
         gain = K[np.ix_(a, b)] @ np.linalg.inv(K[np.ix_(b, b)])
@@ -118,7 +118,7 @@ def written(study: Study, density: Posterior, x: FloatArray) -> Written:
     slopes, mean = (ends[2] - ends[0]) / (2 * STEP), ends[1]
     scale = whole.scales(whole.predicted(whole.forward(soil)), density.noise_values(x[None]))[0]
     channels, errors = whole.channels, study.errors
-    sizes = {id(one): values.get(one.parameter or "", one.size.sd) for one in errors}
+    sizes = {id(one): float(values.get(one.parameter or "", one.size.sd or 0.0)) for one in errors}
     m, k = mean.shape
     smooth = np.zeros((m * k, m * k))
     for i in range(m):
@@ -155,7 +155,7 @@ def _at(study: Study) -> dict[str, Any]:
 Make = Callable[..., Study]
 
 
-@pytest.fixture(params=CASES.values(), ids=CASES)
+@pytest.fixture(params=list(CASES.values()), ids=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Study, Posterior]:
     """A study of each kind with two soil parameters free, and its posterior."""
     study = joined("phi", "n0", **request.param)

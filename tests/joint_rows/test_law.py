@@ -134,8 +134,8 @@ def test_the_discrepancy_elsewhere_goes_with_that_at_the_rows() -> None:
             continue
         one = study.errors.discrepancy[name]
         same = (law.known % 3 == column) & (np.array(rows.wheel)[law.known // 3] == "A")
-        between = one.size.sd**2 * one.correlation(slip, rows.slip[law.known // 3]) * same
-        K = one.size.sd**2 * one.correlation(slip, slip) - between @ inverse @ between.T
+        between = (one.size.sd or 0.0) ** 2 * one.correlation(slip, rows.slip[law.known // 3]) * same
+        K = (one.size.sd or 0.0) ** 2 * one.correlation(slip, slip) - between @ inverse @ between.T
         close(found[:, :, column], between @ inverse @ residual, K)
     other = density.likelihood.beyond(soil, noise, None, slip, np.random.default_rng(4))
     assert np.abs(other.mean(axis=0)[:, 0]).max() < 5 * 1e-3 / np.sqrt(4000)

@@ -29,7 +29,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 
 
 def by_quadrature(density: Posterior, x: FloatArray, sd: float) -> FloatArray:
-    """Log likelihood (n,) with the true slip of every row integrated out, a normal law around the one read."""
+    """Log likelihood (n,), the true slip of every row integrated out: a normal law around the one read."""
     whole = density.likelihood
     soil, total = density.prior.soil_values(x), np.zeros(len(x))
     for row in range(len(ROWS)):

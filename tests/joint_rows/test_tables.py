@@ -58,14 +58,19 @@ def test_the_tables_are_read_with_their_units(tmp_path: Path) -> None:
     """Sizes in SI; an estimated one is a free parameter behind the noises."""
     study = load_study(file(tmp_path, TEXT))
     sinkage, pull = study.errors.discrepancy["sinkage"], study.errors.discrepancy["drawbar_pull"]
-    assert (sinkage.size.sd, sinkage.length, sinkage.kernel) == (pytest.approx(1e-3), 0.3, "smooth")
+    assert sinkage.size.sd == pytest.approx(1e-3)
+    assert (sinkage.length, sinkage.kernel) == (0.3, "smooth")
     assert (pull.size.sd, pull.kernel, pull.parameter) == (None, "matern52", "discrepancy_drawbar_pull")
     ripple = study.errors.ripple["drawbar_pull"]
-    assert (ripple.size.sd, ripple.memory, ripple.period) == (pytest.approx(0.8), 2.0, 6.0)
+    assert ripple.size.sd == pytest.approx(0.8)
+    assert (ripple.memory, ripple.period) == (2.0, 6.0)
     assert study.errors.slip is not None
     assert study.errors.slip.size.sd == 0.01
     assert study.prior.names[-1] == "discrepancy_drawbar_pull"
     assert posterior(study).noise_values(np.arange(9.0)[None]).tolist() == [[8.0]]
+
+
+CURVE, WAVE = "[discrepancy]\nsinkage = { %s }", "[ripple]\nsinkage = { %s }"
 
 
 @pytest.mark.parametrize(
@@ -73,32 +78,32 @@ def test_the_tables_are_read_with_their_units(tmp_path: Path) -> None:
     [
         ("[discrepancy]\npull = { sd = '1 N', length = 0.3 }", "[discrepancy] channel 'pull' is unknown"),
         ("[discrepancy]\nslip = { sd = 0.1, length = 0.3 }", "channel 'slip' is never an outcome"),
-        ("[discrepancy]\nsinkage = { sd = '1 mm' }", "'sinkage' needs a 'length', the slip over which"),
-        ("[discrepancy]\nsinkage = { length = 0.3 }", "'sinkage' needs an 'sd', e.g. \"0.02 m\""),
-        ("[discrepancy]\nsinkage = { sd = '1 N', length = 0.3 }", "the unit 'N' is not a unit of length"),
-        ("[discrepancy]\nsinkage = { sd = '0 mm', length = 0.3 }", "'sinkage' 'sd' must be above 0 (got 0)"),
-        ("[discrepancy]\nsinkage = { sd = '1 mm', length = 0 }", "'sinkage.length' must be a slip above 0"),
+        (CURVE % "sd = '1 mm'", "'sinkage' needs a 'length', the slip over which"),
+        (CURVE % "length = 0.3", "'sinkage' needs an 'sd', e.g. \"0.02 m\""),
+        (CURVE % "sd = '1 N', length = 0.3", "the unit 'N' is not a unit of length"),
+        (CURVE % "sd = '0 mm', length = 0.3", "'sinkage' 'sd' must be above 0 (got 0)"),
+        (CURVE % "sd = '1 mm', length = 0", "'sinkage.length' must be a slip above 0"),
         (
-            "[discrepancy]\nsinkage = { sd = '1 mm', length = 0.3, kernel = 'rough' }",
+            CURVE % "sd = '1 mm', length = 0.3, kernel = 'rough'",
             "'sinkage.kernel' must be one of smooth, matern52 (got 'rough')",
         ),
-        ("[discrepancy]\nsinkage = { sd = '1 mm', lenght = 0.3 }", "unknown key 'lenght' (did you mean 'length'?)"),
+        (CURVE % "sd = '1 mm', lenght = 0.3", "unknown key 'lenght' (did you mean 'length'?)"),
         (
-            "[discrepancy]\nsinkage = { sd = { estimate = { dist = 'norm', scale = '1 mm' } }, length = 0.3 }",
+            CURVE % "sd = { estimate = { dist = 'norm', scale = '1 mm' } }, length = 0.3",
             "'sinkage' an estimated 'sd' needs a law of numbers from 0 on, e.g. halfnorm",
         ),
         (
-            "[discrepancy]\nsinkage = { sd = { dist = 'halfnorm' }, length = 0.3 }",
+            CURVE % "sd = { dist = 'halfnorm' }, length = 0.3",
             "'sinkage' 'sd' must be a value or { estimate = { dist = ... } }",
         ),
-        ("[ripple]\nsinkage = { sd = '1 mm' }", "[ripple] 'sinkage' needs a 'memory', the number of rows"),
-        ("[ripple]\nsinkage = { sd = '1 mm', memory = 0 }", "'sinkage.memory' must be a number of rows above 0"),
-        ("[ripple]\nsinkage = { sd = '1 mm', memory = 2, period = 1 }", "'sinkage.period' must be 2 rows or more"),
+        (WAVE % "sd = '1 mm'", "[ripple] 'sinkage' needs a 'memory', the number of rows"),
+        (WAVE % "sd = '1 mm', memory = 0", "'sinkage.memory' must be a number of rows above 0"),
+        (WAVE % "sd = '1 mm', memory = 2, period = 1", "'sinkage.period' must be 2 rows or more"),
         ("[slip]\nsd = '1 mm'", "[slip] 'slip.sd'"),
         ("[slip]\nerror = 0.1", "[slip] unknown key 'error'"),
         ("[pooling]\nby = 'run'\nseparate = ['K']\n" + TEXT, "[discrepancy] is one curve per wheel"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, tables: str, message: str) -> None:
     """Naming table, channel and key, and what must hold."""
     with pytest.raises(StudyError) as error:
@@ -109,8 +114,8 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, tables: str, mess
 
 def test_latent_loads_and_heavy_tails_do_not_go_with_them() -> None:
     """These have no joint normal law."""
+    force = {**NOISE, "normal_force": 2.0}
     with pytest.raises(StudyError, match=r"\[ripple\] takes the drives 'load' and 'sinkage' \(got 'both'\)"):
-        force = {**NOISE, "normal_force": 2.0}
         joined("phi", drive="both", ripple=RIPPLE, noise=force)
     noise = {**NOISE, "drawbar_pull": {"sd": 0.5, "dof": 4}}
     with pytest.raises(
@@ -164,8 +169,8 @@ def test_fingerprint_and_identity_know_of_them() -> None:
 
 def test_check_says_them(capsys: pytest.CaptureFixture[str]) -> None:
     """A line each."""
-    tables = {"discrepancy": {**CURVES, "drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}, "ripple": RIPPLE}
-    print_overview(joined("phi", **tables, slip={"sd": 0.01}))
+    curves = {**CURVES, "drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}
+    print_overview(joined("phi", discrepancy=curves, ripple=RIPPLE, slip={"sd": 0.01}))
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "sinkage: sd 1 mm, a curve per wheel over slips of 0.3" in shown
     assert "drawbar_pull: sd estimated, a curve per wheel over slips of 0.2" in shown

@@ -1,6 +1,7 @@
-"""What is made of rows that hang together: leave-one-out, replicates, information, hold-out, groups, ranks."""
+"""What is made of rows that hang together: leave-one-out, replicates, information, groups, ranks."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.special import logsumexp, ndtr
 from scipy.stats import kstest, multivariate_normal
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.calibration.tasks import replicated
 from bayesterra.crossvalidation import leave_one_out
 from bayesterra.holdout.predictives import predictives
@@ -44,7 +45,7 @@ def one_angle() -> tuple[Study, Posterior, list[Written]]:
     return study, density, [written(study, density, np.array([phi])) for phi in ANGLES]
 
 
-def log_densities(laws: list[Written], cells: FloatArray) -> FloatArray:
+def log_densities(laws: list[Written], cells: IntArray) -> FloatArray:
     """Log density (n,) of the readings in some cells."""
     return np.array(
         [
@@ -95,8 +96,8 @@ def test_replicated_tables_have_the_likelihood_of_real_ones(name: str) -> None:
     one = modelled.take(np.zeros(4000, dtype=np.int64))
     moved = one.explaining(table, default_rng(2)).mean.mean(axis=0)
     soil, noise = density.prior.soil_values(x[:1]), density.noise_values(x[:1])
-    many = [np.repeat(part, 4000, axis=0) for part in (soil, noise)]
-    direct = other.predicted(other.explained(*many, default_rng(3))).mean(axis=0)
+    soil, noise = np.repeat(soil, 4000, axis=0), np.repeat(noise, 4000, axis=0)
+    direct = other.predicted(other.explained(soil, noise, default_rng(3))).mean(axis=0)
     assert_allclose(moved, direct, atol=0.06, rtol=0.02)
 
 
@@ -195,7 +196,7 @@ def test_rows_and_curves_are_predicted_with_the_discrepancy() -> None:
 
 def test_groups_by_wheel_make_up_the_whole() -> None:
     """A curve belongs to a wheel, so the likelihoods of wheels multiply."""
-    tables = {"discrepancy": LOOSE, "ripple": RIPPLE, "slip": {"sd": 0.01}}
+    tables: dict[str, Any] = {"discrepancy": LOOSE, "ripple": RIPPLE, "slip": {"sd": 0.01}}
     study = joined("phi", "K", **tables, pooling={"by": "wheel", "separate": ["K"]})
     groups = joint_posterior(study).groups.values()
     density = posterior(joined("phi", "K", **tables))
@@ -221,7 +222,7 @@ def test_the_posterior_is_right_over_the_prior() -> None:
 
 
 def test_a_wrong_model_is_sure_of_itself_until_told() -> None:
-    """M2 on readings of M1: c and φ of the soil are far out without a discrepancy, and inside 90 % with one."""
+    """M2 on readings of M1: c and φ are far out without a discrepancy, inside 90 % with one."""
     slip = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
     soil, wheel = Soil(**HELD), WHEELS["A"]
     z = np.asarray(M1().sinkage(soil, wheel, slip, 80.0))
