@@ -14,12 +14,15 @@ from bayesterra.sampling.unbending import fit_proposal
 
 FITTED = 8192
 """Most draws that laws are fitted to."""
+FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
+"""Components of a law: more of them on few draws have thin tails."""
 
 
-def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator, components: int = 16) -> Laws:
+def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> Laws:
     """Fit all proposals to draws of drivers (n, k) and locals (groups, n, d)."""
     every = max(1, -(-len(D) // FITTED))
     D, L = D[::every], L[:, ::every]
+    components = min(max(FEWEST, len(D) // DRAWS_PER_COMPONENT), MOST)
     drivers = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
     following = [
         fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
@@ -44,8 +47,13 @@ def piloted(
     ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
     for sweeps in pilots:
         D, L, _ = ensemble.run(sweeps)
-        D = D[sweeps // 2 :].reshape(-1, D.shape[-1])
-        L = np.moveaxis(L[sweeps // 2 :], 1, 0).reshape(family.groups, len(D), -1)
-        laws = fit_laws(family, D, L, rng)
-        ensemble = PooledEnsemble(family, laws, ensemble.walkers, rng)
+        ensemble = refitted(ensemble, D[sweeps // 2 :], L[sweeps // 2 :])
     return ensemble
+
+
+def refitted(ensemble: PooledEnsemble, D: FloatArray, L: FloatArray) -> PooledEnsemble:
+    """The ensemble where it stands, its laws fitted to draws (sweeps, w, k), (sweeps, groups, w, d) of it."""
+    flat = D.reshape(-1, D.shape[-1])
+    own = np.moveaxis(L, 1, 0).reshape(ensemble.family.groups, len(flat), -1)
+    laws = fit_laws(ensemble.family, flat, own, ensemble.rng)
+    return PooledEnsemble(ensemble.family, laws, ensemble.walkers, ensemble.rng)

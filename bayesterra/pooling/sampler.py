@@ -21,7 +21,7 @@ from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.moves import Counts, Laws, PooledEnsemble
-from bayesterra.pooling.pilots import FITTED, piloted
+from bayesterra.pooling.pilots import FITTED, piloted, refitted
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.journal import Journal, NoJournal, Segment
 from bayesterra.sampling.sampler import Progress, Samples, sample
@@ -32,6 +32,8 @@ STARTS = 2048
 """Points that every ensemble fits its first laws to."""
 START_SHARE = 0.05
 """Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
+PATIENCE, REFITS = 600, 3
+"""Sweeps without convergence after which laws are fitted anew, twice as many each time, and how often."""
 LONE_ESS, LONE_STEPS = 4000, 4000
 """Effective draws asked of each group alone, and steps that it may take, at most; not more than of all."""
 
@@ -154,7 +156,7 @@ def sample_joint(
         report(Progress("adapting", 0.0))
         ensembles = list(pool.map(begun, range(options.ensembles)))
         adapted = time.perf_counter()
-        chains, acceptance, diagnosis = _produced(joint, family, ensembles, options, pool, report)
+        chains, acceptance, diagnosis, ensembles = _produced(joint, family, ensembles, options, pool, report)
     moves = _shares(ensembles)
     seconds = {
         "groups alone": apart - started,
@@ -183,24 +185,64 @@ def _produced(
     options: SamplingOptions,
     pool: ThreadPoolExecutor,
     report: Callable[[Progress], None],
-) -> tuple[FloatArray, FloatArray, Diagnosis]:
-    """Rounds of sweeps until the diagnosis passes or the steps run out."""
-    kept: list[FloatArray] = []
-    accepted = np.zeros((options.ensembles, options.walkers))
-    steps, since = 0, time.perf_counter()
+) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
+    """Rounds of sweeps until the diagnosis passes or the steps run out; also the ensembles that made them.
+
+    Walkers that stand in a far tail show that pilot runs saw too little of it. So after ``PATIENCE`` sweeps
+    all laws are fitted to what was found, that is forgotten, and another production begins.
+    """
+    kept, since, refits = _Kept(), time.perf_counter(), 0
     while True:
-        length = min(ROUND_SWEEPS, options.max_steps - steps)
+        length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
         found = list(pool.map(PooledEnsemble.run, ensembles, repeat(length)))
-        kept.append(np.array([_physical(family, D, L) for D, L, _ in found]))
-        accepted += length * np.array([share for _, _, share in found])
-        steps += length
-        chains = np.concatenate(kept, axis=1)
-        diagnosis = diagnose(joint.names, chains, accepted / steps, options.target_ess)
+        kept.physical.append(np.array([_physical(family, D, L) for D, L, _ in found]))
+        kept.shares.append(np.array([share for _, _, share in found]))
+        if refits < REFITS:
+            kept.coordinates.append([(D, L) for D, L, _ in found])
+        chains = np.concatenate(kept.physical, axis=1)
+        diagnosis = diagnose(joint.names, chains, kept.accepted, options.target_ess)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - since
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
-        if diagnosis.converged or steps >= options.max_steps:
-            return chains, accepted / steps, diagnosis
+        if diagnosis.converged or kept.steps >= options.max_steps:
+            return chains, kept.accepted, diagnosis, ensembles
+        if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
+            ensembles = list(pool.map(refitted, ensembles, kept.drivers, kept.locals))
+            kept, refits = _Kept(), refits + 1
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Rounds of a production.
+
+    Attributes
+    ----------
+    physical : per round, parameters (ensembles, steps, walkers, d).
+    shares : per round, accepted shares (ensembles, walkers).
+    coordinates : per round and ensemble, drivers and locals as laws are fitted to them.
+    """
+
+    physical: list[FloatArray] = field(default_factory=list)
+    shares: list[FloatArray] = field(default_factory=list)
+    coordinates: list[list[tuple[FloatArray, FloatArray]]] = field(default_factory=list)
+
+    @property
+    def steps(self) -> int:
+        return sum(chains.shape[1] for chains in self.physical)
+
+    @property
+    def accepted(self) -> FloatArray:
+        """Accepted shares (ensembles, walkers) of all rounds."""
+        lengths = [chains.shape[1] for chains in self.physical]
+        return np.average(self.shares, axis=0, weights=lengths)
+
+    @property
+    def drivers(self) -> list[FloatArray]:
+        return [np.concatenate([D for D, _ in of]) for of in zip(*self.coordinates, strict=True)]
+
+    @property
+    def locals(self) -> list[FloatArray]:
+        return [np.concatenate([L for _, L in of]) for of in zip(*self.coordinates, strict=True)]
 
 
 def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import diagnose
 from bayesterra.pooling.conditional import fit_conditional
-from bayesterra.pooling.pilots import piloted
+from bayesterra.pooling.pilots import piloted, refitted
 from bayesterra.pooling.populations import log_population
 
 FREE = (-np.inf, np.inf)
@@ -179,3 +179,16 @@ def test_conditional_law_is_normalised_and_drawn_from() -> None:
     mass = np.exp(law.log_density(np.full_like(grid, 1.5), grid)) * (grid[1, 0] - grid[0, 0])
     median = grid[np.searchsorted(np.cumsum(mass), 0.5), 0]
     assert np.mean(drawn < median) == pytest.approx(0.5, abs=0.015)
+
+
+def test_laws_are_fitted_anew_to_what_was_found() -> None:
+    """Laws fitted to bad starting points are replaced by better ones; the walkers stay where they are."""
+    family, rng = simulated(4, 0.5, 0.2, 3), np.random.default_rng(5)
+    D, L = family.start(600, rng)
+    ensemble = piloted(family, D + rng.standard_normal(D.shape), 3.0 * L, 32, (), rng)
+    found = ensemble.run(60)
+    before = ensemble.counts.shares["locals anew"]
+    better = refitted(ensemble, found[0][30:], found[1][30:])
+    np.testing.assert_array_equal(better.walkers.D, ensemble.walkers.D)
+    better.run(30)
+    assert better.counts.shares["locals anew"] > before + 0.1
