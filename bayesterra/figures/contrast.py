@@ -10,7 +10,7 @@ from bayesterra.derived import DERIVED
 from bayesterra.figures.axis import Axis, axis, density
 from bayesterra.figures.forecast import bands
 from bayesterra.figures.rows import summary_rows
-from bayesterra.figures.style import DATA, INK, label, own_axes, styled
+from bayesterra.figures.style import DATA, INK, label, literal, own_axes, styled
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction import PREDICTED
 from bayesterra.results import Result, field_values
@@ -86,7 +86,7 @@ def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None =
     for (one, curve), colour in zip(comparison.curves.items(), COLOURS, strict=False):
         low, middle, high = bands(curve.modelled, column) / scale
         ax.fill_between(curve.slip, low, high, color=colour, alpha=0.22, linewidth=0)
-        ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=one)
+        ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=literal(one))
     _readings(ax, comparison, quantity)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
     return ax

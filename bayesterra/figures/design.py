@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from bayesterra.design.candidates import Candidate
 from bayesterra.design.choosing import BIT, Design
-from bayesterra.figures.style import DATA, GRID, figure_of, own_axes, styled
+from bayesterra.figures.style import DATA, GRID, figure_of, literal, own_axes, styled
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DASHES: tuple[tuple[float, ...], ...] = ((), (5.0, 2.0), (1.5, 1.5))
@@ -52,7 +52,7 @@ def _line(design: Design, candidate: Candidate) -> str:
     if candidate.repeats:
         return f"all rows again, only {_channels(candidate)}"
     others = [one for one in design.candidates if not one.repeats]
-    parts = [f"wheel {candidate.wheel[0]}"] if len({one.wheel for one in others}) > 1 else []
+    parts = [f"wheel {literal(candidate.wheel[0])}"] if len({one.wheel for one in others}) > 1 else []
     parts += [f"{candidate.load[0]:.4g} N"] if len({float(one.load[0]) for one in others}) > 1 else []
     parts += [_channels(candidate)] if len({one.channels for one in others}) > 1 else []
     return ", ".join(parts)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
-from bayesterra.figures.style import DATA, GRID, INK, POSTERIOR, label, new_figure, own_axes, styled
+from bayesterra.figures.style import DATA, GRID, INK, POSTERIOR, label, literal, new_figure, own_axes, styled
 from bayesterra.prediction import PREDICTED, UNANSWERED, Prediction, quantiles
 
 DOUBTFUL = "#D55E00"
@@ -67,7 +67,7 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
             prediction(curve, quantity, ax, at=at)
             ax.set_title(PREDICTED[quantity].description, fontsize=9)
         row[0].annotate(
-            f"wheel {curve.name}, {curve.load:.4g} N", (0, 1), (0, 22), xycoords="axes fraction",
+            f"wheel {literal(curve.name)}, {curve.load:.4g} N", (0, 1), (0, 22), xycoords="axes fraction",
             textcoords="offset points", fontsize=10, fontweight="bold",
         )  # fmt: skip
     _legend(figure, cases)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bayesterra.arrays import FloatArray
-from bayesterra.figures.style import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
+from bayesterra.figures.style import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooled import PooledResult
 
@@ -39,7 +39,9 @@ def group_strip(result: PooledResult, name: str) -> Axes:
         mark = MARKS["truth"]
         ax.plot([known.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
                 markerfacecolor="none", markersize=5, linestyle="none")  # fmt: skip
-    ax.set(yticks=np.arange(len(rows)), yticklabels=rows, ylim=(len(rows) - 0.4, -0.6))
+    ax.set(
+        yticks=np.arange(len(rows)), yticklabels=[literal(row) for row in rows], ylim=(len(rows) - 0.4, -0.6)
+    )
     ax.set_xlim(*_limits(result, name))
     ax.set_xlabel(label(PARAMETERS[name]))
     ax.tick_params(axis="y", length=0)

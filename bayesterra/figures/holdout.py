@@ -20,6 +20,7 @@ from bayesterra.figures.style import (
     POSTERIOR,
     figure_of,
     label,
+    literal,
     new_figure,
     one_of,
     own_axes,
@@ -97,7 +98,7 @@ def _ground(ax: Axes, rows: pd.DataFrame, place: dict[int, float]) -> None:
         if own["extrapolated"].any():
             ax.axvspan(at.min() - 0.7, at.max() + 0.7, color=GRID, alpha=0.45, linewidth=0, zorder=0)
     turned: dict[str, Any] = {"rotation": 45, "ha": "right"} if max(map(len, names)) > 8 else {}
-    ax.set_xticks(ticks, names, **turned)
+    ax.set_xticks(ticks, [literal(str(name)) for name in names], **turned)
 
 
 def _limit(ax: Axes, table: pd.DataFrame) -> None:
@@ -147,7 +148,7 @@ def bands_without(found: Holdout) -> FloatArray:
     for column, i in enumerate(shown):
         for row, name in enumerate(names):
             _without(axes[row, column], found, i, name)
-        axes[0, column].set_title(f"without {found.levels[i].name}", fontsize=8.5)
+        axes[0, column].set_title(f"without {literal(found.levels[i].name)}", fontsize=8.5)
     for row, name in enumerate(names):
         axes[row, 0].set_ylabel(label(CHANNELS[name]))
     figure.supxlabel("slip ratio $s$ [–]", fontsize=9, color=INK)

@@ -129,6 +129,11 @@ def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
 
 
+def literal(text: str) -> str:
+    """A name as it is: its dollars begin no formula, and no underscore hides it from a legend."""
+    return f" {text}".replace("$", r"\$") if text.startswith("_") else text.replace("$", r"\$")
+
+
 def unit_text(unit: str) -> str:
     """A field unit for matplotlib."""
     return unit.replace("m^N", "m$^N$")
