@@ -88,7 +88,7 @@ def savings(made: Path) -> dict[str, Saving]:
             lambda folder: (folder / "checkpoint").mkdir(), _segments, kept=_kept_segments, out=False
         ),
         "a store of tasks": Saving(nothing, _tasks, kept=_kept_tasks, out=False),
-        "a calibration": Saving(nothing, calibrate, kept=partial(kept_replications, job)),
+        "a calibration": Saving(nothing, calibrate, kept=kept_replications),
     }  # fmt: skip
 
 

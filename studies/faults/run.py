@@ -1,7 +1,7 @@
 """Kills, full disks, damaged files and shared folders, thousands of times; every trial must end right.
 
-Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``, ``sharing``,
-``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew. Linux; ``points``
+Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``,
+``sharing``, ``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew. Linux; ``points``
 needs a C compiler; a small file system and files that are not readable need root. About half an hour of a
 processor. ``--out DIR`` writes elsewhere, ``--share 0.1`` makes a tenth of the trials, ``--only`` some.
 """
