@@ -20,6 +20,15 @@ from bayesterra.reading import parsed_json
 STORE_FILE = "tasks.sqlite"
 FORMAT = 1
 """Of the tables; another one is another version's file."""
+NO_DAMAGE = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
+"""Errors of the disk or the rights, which no new beginning would mend."""
 BUSY = 60.0
 """Seconds for which a commit waits for readers, and a reader for a commit."""
 REMOTE = {
@@ -242,6 +251,8 @@ def _shared_by_machines(path: Path) -> bool:
 
 
 def _damaged(path: Path, error: Exception) -> ResultError:
+    if getattr(error, "sqlite_errorcode", 0) & 0xFF in NO_DAMAGE:
+        return ResultError(f"'{path}' cannot be read or written: {error}")
     return ResultError(f"'{path}' is damaged ({error}): begin anew with --overwrite")
 
 

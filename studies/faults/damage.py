@@ -162,9 +162,11 @@ def read_trial(what: Read, expected: str, place: Path, name: str, kind: str, rng
         return [where, outcome, detail]
 
 
-def fill(table: Table, work: Path, made: Path, *, share: float = 1.0) -> None:
+def fill(table: Table, work: Path, made: Path, *, share: float = 1.0, only: tuple[str, ...] = ()) -> None:
     """Make the trials that the table lacks, or a share of them for a quick look."""
     for where, what in reads(made).items():
+        if only and where not in only:
+            continue
         expected = what.read(what.folder)
         for path in sorted(path for path in what.folder.rglob("*") if path.is_file()):
             name = path.relative_to(what.folder).as_posix()
@@ -175,10 +177,10 @@ def fill(table: Table, work: Path, made: Path, *, share: float = 1.0) -> None:
                     table.add(
                         kind, where, trial, *read_trial(what, expected, work / "trial", name, kind, rng)
                     )
-    resumed(table, work, made, share)
+    resumed(table, work, made, share, only)
 
 
-def resumed(table: Table, work: Path, made: Path, share: float) -> None:
+def resumed(table: Table, work: Path, made: Path, share: float, only: tuple[str, ...]) -> None:
     """Damage what a killed run or calibration has saved, and resume it."""
     run = ("run", quick_study(made / "study"), "--quiet")
     calibrate = ("calibrate", one_study(made / "study-of-one"), "-n", 30, "--workers", 1, "--quiet")
@@ -188,7 +190,7 @@ def resumed(table: Table, work: Path, made: Path, share: float) -> None:
     }
     for where, (arguments, saved, code, trials) in plan.items():
         numbers = list(table.missing("damage", where, range(1, 1 + max(2, round(share * trials)))))
-        if not numbers:
+        if not numbers or (only and where not in only):
             continue
         with emptied(work / "trial") as place:
             command_of = partial(_begun, arguments, place / "out", work / "notes")

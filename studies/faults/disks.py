@@ -67,7 +67,7 @@ def trial(bench: Bench, fault: str, where: str, number: str, disk: Path | None, 
     with emptied(bench.place):
         bench.fresh()
         if disk is None:
-            most = int(rng.uniform(0, 1) ** 3 * size) + 1
+            most = int(rng.uniform(0, 1) ** 3 * size) + 4096  # room for its own words
             process = bench.begun(limited(most))
             process.code()
             return [f"{most} bytes", *bench.judged(process, killed=False)]

@@ -7,7 +7,6 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from bench import Bench, Saving, nothing
@@ -79,11 +78,11 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
         "run, and its resumption": Disturbed(run, {KILL: 15}, twice=True),
         "run over an old result": Disturbed(over, {KILL: 20}),
         "calibrate": Disturbed(
-            Saving(nothing, _into(*calibrate), kept=partial(kept_replications, job)),
+            Saving(nothing, _into(*calibrate), kept=kept_replications),
             {KILL: 60, STOP: 5, INTERRUPT: 5},
         ),
         "calibrate with two workers": Disturbed(
-            Saving(nothing, two_workers, kept=partial(kept_replications, job)), {KILL: 6, STOP: 2}
+            Saving(nothing, two_workers, kept=kept_replications), {KILL: 6, STOP: 2}
         ),
         "follow over an old stream": Disturbed(
             Saving(old("stream"), _into(*follow), stays=True), {KILL: 30, STOP: 3}

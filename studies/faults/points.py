@@ -88,7 +88,7 @@ def savings(made: Path) -> dict[str, Saving]:
             lambda folder: (folder / "checkpoint").mkdir(), _segments, kept=_kept_segments, out=False
         ),
         "a store of tasks": Saving(nothing, _tasks, kept=_kept_tasks, out=False),
-        "a calibration": Saving(nothing, calibrate, kept=partial(kept_replications, job)),
+        "a calibration": Saving(nothing, calibrate, kept=kept_replications),
     }  # fmt: skip
 
 
@@ -159,8 +159,9 @@ def trial(bench: Bench, call: int, kind: int) -> tuple[str, str]:
         return bench.judged(process, killed=kind < 3)
 
 
-def fill(table: Table, work: Path, made: Path, *, every: int = 1, only: tuple[str, ...] = ()) -> None:
-    """Make the trials that the table lacks: at every call, or at every so many for a quick look."""
+def fill(table: Table, work: Path, made: Path, *, share: float = 1.0, only: tuple[str, ...] = ()) -> None:
+    """Make the trials that the table lacks: at every call, or at a share of them for a quick look."""
+    every = max(1, round(1 / share))
     for name, saving in savings(made).items():
         if only and name not in only:
             continue

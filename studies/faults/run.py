@@ -1,9 +1,10 @@
 """Kills, full disks, damaged files and shared folders, thousands of times; every trial must end right.
 
-Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``, ``sharing``,
-``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew. Linux; ``points``
-needs a C compiler; a small file system and files that are not readable need root. About half an hour of a
-processor. ``--out DIR`` writes elsewhere, ``--share 0.1`` makes a tenth of the trials, ``--only`` some.
+Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``,
+``sharing``, ``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew.
+Linux; ``points`` needs a C compiler; a small file system and files that are not readable need root. About
+half an hour of a processor. ``--out DIR`` writes elsewhere, ``--share 0.1`` makes a tenth of the trials,
+``--only NAME`` those at one place.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ RIGHT, CLEAR = "right", "clear error"
 MARK = "<!-- table: made by run.py from the stored trials -->\n"
 
 
-def part(name: str, out: Path, share: float, only: tuple[str, ...]) -> None:
-    """Make the trials of one part; in a process of its own, where everything is made quick."""
+def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> None:
+    """Make the trials of some parts; in a process of its own, where everything is made quick."""
     sys.path.insert(0, str(HERE))
     import damage
     import disks
@@ -37,6 +38,8 @@ def part(name: str, out: Path, share: float, only: tuple[str, ...]) -> None:
     import trials
     import workers
 
+    modules = {"points": points, "moments": moments, "damage": damage, "disks": disks}
+    modules |= {"sharing": sharing, "workers": workers}
     parent = Path("/dev/shm") if Path("/dev/shm").is_dir() else None  # noqa: S108
     with tempfile.TemporaryDirectory(dir=parent) as folder:
         work = Path(folder)
@@ -46,12 +49,8 @@ def part(name: str, out: Path, share: float, only: tuple[str, ...]) -> None:
         trials.make_quick()
         trials.make_results(made)
         moments.prepare(made)
-        table = trials.Table.opened(out / f"{name}.csv")
-        if name == "points":
-            points.fill(table, work, made, every=max(1, round(1 / share)), only=only)
-        else:
-            modules = {"moments": moments, "damage": damage, "disks": disks, "sharing": sharing}
-            {**modules, "workers": workers}[name].fill(table, work, made, share=share, only=only)
+        for name in names:
+            modules[name].fill(trials.Table.opened(out / f"{name}.csv"), work, made, share=share, only=only)
 
 
 def built() -> Path | None:
@@ -64,18 +63,19 @@ def built() -> Path | None:
     return target
 
 
-def started(name: str, arguments: argparse.Namespace) -> int:
-    """Make the trials of one part in a new process; its exit status."""
+def started(names: list[str], arguments: argparse.Namespace) -> int:
+    """Make the trials of some parts in a new process; its exit status."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, __file__, "--within", name, "--out", str(arguments.out)]
+    if "points" in names:
+        library = built()
+        if library is None:
+            print("points: needs Linux and a C compiler; left out")
+            names = [name for name in names if name != "points"]
+        else:
+            environment["LD_PRELOAD"] = str(library)
+    command = [sys.executable, __file__, *names, "--within", "--out", str(arguments.out)]
     command += ["--share", str(arguments.share), *(f"--only={one}" for one in arguments.only)]
-    if name != "points":
-        return subprocess.run(command, env=environment, check=False).returncode
-    library = built()
-    if library is None:
-        print("points: needs Linux and a C compiler; left out")
-        return 0
-    return subprocess.run(command, env={**environment, "LD_PRELOAD": str(library)}, check=False).returncode
+    return subprocess.run(command, env=environment, check=False).returncode
 
 
 def trials_of(folder: Path) -> pd.DataFrame:
@@ -125,18 +125,18 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=HERE)
     parser.add_argument("--share", type=float, default=1.0)
     parser.add_argument("--only", action="append", default=[])
-    parser.add_argument("--within", help=argparse.SUPPRESS)
+    parser.add_argument("--within", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.within:
-        part(arguments.within, arguments.out, arguments.share, tuple(arguments.only))
+        make(arguments.parts, arguments.out, arguments.share, tuple(arguments.only))
         return 0
     if unknown := [name for name in arguments.parts if name not in (*PARTS, "table")]:
         parser.error(f"no such part: {unknown[0]}")
-    for name in arguments.parts or (*PARTS, "table"):
-        if name == "table":
-            write_readme()
-        elif status := started(name, arguments):
-            return status
+    names = [name for name in PARTS if name in arguments.parts or not arguments.parts]
+    if names and (status := started(names, arguments)):
+        return status
+    if "table" in arguments.parts or not arguments.parts:
+        write_readme()
     return int(counted(trials_of(arguments.out))["broken"].sum() > 0)
 
 

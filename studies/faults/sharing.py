@@ -1,4 +1,4 @@
-"""Folders that are not one's own: two processes in one, one that is removed, one that is not to be written to."""
+"""Folders that are not one's own: two processes in one, one that is removed, one that is read-only."""
 
 from __future__ import annotations
 

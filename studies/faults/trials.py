@@ -28,16 +28,15 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra import inference, report
 from bayesterra.__main__ import main
-from bayesterra.calibrating import Job, _made_with
 from bayesterra.calibration import Fitted, ShortRuns
 from bayesterra.checkpoints import Checkpoints
-from bayesterra.errors import BayesterraError
+from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.folders import SEGMENT, WORK, part_of
 from bayesterra.models import warm_up
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.taskstore import STORE_FILE, TaskStore
+from bayesterra.taskstore import STORE_FILE, TaskStore, read_tasks
 
 HIT = Path(__file__).parent.parent / "hit-wh32"
 HELD = 'n0 = 0.85\nn1 = 1.06\nKs = "2500 kPa"\nK = "10 mm"\nc = "0.3 kPa"\nc2 = 0.0\n'
@@ -129,13 +128,11 @@ class Process:
         sys.stderr.flush()
         child = os.fork()
         if child == 0:
-            os.setsid()
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            os.dup2(os.open(notes / "said", os.O_WRONLY | os.O_CREAT), 2)
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            told = os.open(notes / "saved", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-            tell_what_is_saved(told)
-            os._exit(_outcome(work, before))
+            try:
+                _in_session(notes)
+                os._exit(_outcome(work, before))
+            finally:  # whatever happens, nothing of the parent's is cleaned up here
+                os._exit(71)
         return cls(child, notes)
 
     def struck(self, moment: float, sign: int = signal.SIGKILL) -> bool:
@@ -175,6 +172,15 @@ class Process:
         while (left := living(self.id)) and time.monotonic() < end:
             time.sleep(0.05)
         return left
+
+
+def _in_session(notes: Path) -> None:
+    """Begin a session of its own, whose words and acknowledgements go to files."""
+    os.setsid()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(os.open(notes / "said", os.O_WRONLY | os.O_CREAT), 2)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    tell_what_is_saved(os.open(notes / "saved", os.O_WRONLY | os.O_CREAT | os.O_APPEND))
 
 
 def _outcome(work: Callable[[], int], before: Callable[[], None]) -> int:
@@ -233,15 +239,15 @@ def kept_segments(out: Path) -> set[str] | None:
     return {name for name, (digest, _, rest) in parts.items() if sha256(rest).hexdigest().encode() == digest}
 
 
-def kept_replications(job: Job, folder: Path) -> set[str] | None:
-    """Replications that a process which begins now finds, of a calibration into ``out`` of a folder."""
+def kept_replications(folder: Path) -> set[str] | None:
+    """Replications that are saved, of a calibration into ``out`` of a folder; None where that has ended."""
     store = part_of(folder / "out") / WORK / STORE_FILE
     if (folder / "out").exists():
         return None
-    if not store.exists():
+    try:
+        return {f"task-{number}" for number in read_tasks(store)["task"]}
+    except ResultError:  # there is none yet, or no table in it
         return set()
-    with TaskStore(store, _made_with(job)) as tasks:
-        return {f"task-{number}" for number in tasks.tasks()}
 
 
 VOLATILE = {"made", "seconds"}
