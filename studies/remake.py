@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "streaming": (("{folder}/run.py",),),
     "planted-misfits": (("{folder}/run.py",),),
     "leave-slip-out": (("{folder}/run.py",),),
+    "model-error": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
     "calibration-groups": (("{folder}/run.py",),),
     "many-wheels": (("{folder}/run.py",),),

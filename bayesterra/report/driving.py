@@ -96,6 +96,8 @@ def _remark(result: Result, slips: FloatArray) -> Markup:
     """Say where the numbers leave the driven slips."""
     row = summary_rows(result).get("peak_pull_slip")
     parts = [Markup("Modelled values without measurement noise.")]
+    if result.study.errors.discrepancy:
+        parts.append(Markup("Those at slips hold the discrepancy, all others are the model’s alone."))
     if row is None:
         return parts[0]
     if row.hdi90_hi >= SLIP_GRID[-1] - 1e-9:

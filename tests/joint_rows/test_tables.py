@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.checkpoints import digest
 from bayesterra.designing import recommend
 from bayesterra.errors import StudyError
 from bayesterra.identity import identity
@@ -163,6 +164,7 @@ def test_fingerprint_and_identity_know_of_them() -> None:
     other = joined("phi", discrepancy=longer)
     assert len({study.fingerprint["study"] for study in (plain, curved, other)}) == 3
     assert identity(curved, 1) != identity(other, 1)
+    assert digest(identity(joined("phi", **CASES["all"]), 1)) != digest(identity(curved, 1))
     assert not [name for name in identity(plain, 1) if "discrepancy" in name]
     assert type(posterior(plain).likelihood) is Likelihood
 

@@ -26,7 +26,7 @@ from bayesterra.predictive_checks import predictive_checks
 from bayesterra.replicates import Modelled, ReplicateOptions
 from bayesterra.study import Study
 
-from .conftest import CASES, CURVES, HELD, LOOSE, NOISE, RIPPLE, WHEELS, Written, joined, sets, written
+from .conftest import CASES, CURVES, HELD, LOOSE, NOISE, RIPPLE, TABLE, WHEELS, Written, joined, sets, written
 
 ANGLES = np.linspace(0.3, 0.75, 241)
 """A grid of friction angles, the only free parameter."""
@@ -203,6 +203,19 @@ def test_groups_by_wheel_make_up_the_whole() -> None:
     x = sets(density)
     parts = sum(one.log_prior_and_likelihood(x)[1] for one in groups)
     assert_allclose(parts, density.log_prior_and_likelihood(x)[1], rtol=1e-9)
+
+
+def test_before_any_reading_there_is_the_prior_only() -> None:
+    """A table of drives to come: nothing is learnt, and readings have all their errors."""
+    data = TABLE[["wheel", "run", "slip", "load [N]"]]
+    study = joined("phi", data=data, prior_only=True, **CASES["all"])
+    density = posterior(study)
+    x = sets(density, 3)
+    assert (density.log_prior_and_likelihood(x)[1] == 0.0).all()
+    assert (density.log_rows(x)[1] == 0.0).all()
+    found = predict_rows(study, density, np.repeat(x[:1], 400, axis=0), default_rng(1), before=True)
+    assert (found.readings.std(axis=0) > 0.9 * np.array(list(NOISE.values()))).all()
+    assert np.isfinite(fisher_information(density, x)).all()
 
 
 @pytest.mark.slow
