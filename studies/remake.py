@@ -31,6 +31,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),
     "rover": (("{folder}/run.py",),),
     "streaming": (("{folder}/run.py",),),
+    "hostile-input": (("{folder}/run.py",),),
     "planted-misfits": (("{folder}/run.py",),),
     "leave-slip-out": (("{folder}/run.py",),),
     "model-error": (("{folder}/run.py",),),

@@ -13,7 +13,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Posterior distributions of the mechanical parameters of planetary soil, from wheel tests.",
     epilog="Start with [bold]bayesterra init study.toml[/bold]. Exit codes: 0 done, 2 bad input,"
-    " 3 not converged, 130 interrupted.",
+    " 3 not converged, 130 interrupted, 1 a bug.",
 )
 
 StudyPath = Annotated[

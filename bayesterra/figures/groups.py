@@ -39,9 +39,8 @@ def group_strip(result: PooledResult, name: str) -> Axes:
         mark = MARKS["truth"]
         ax.plot([known.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
                 markerfacecolor="none", markersize=5, linestyle="none")  # fmt: skip
-    ax.set(
-        yticks=np.arange(len(rows)), yticklabels=[literal(row) for row in rows], ylim=(len(rows) - 0.4, -0.6)
-    )
+    names = [literal(row) for row in rows]
+    ax.set(yticks=np.arange(len(rows)), yticklabels=names, ylim=(len(rows) - 0.4, -0.6))
     ax.set_xlim(*_limits(result, name))
     ax.set_xlabel(label(PARAMETERS[name]))
     ax.tick_params(axis="y", length=0)

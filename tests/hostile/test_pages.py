@@ -110,7 +110,8 @@ def of_one_soil(wheels: tuple[str, ...] = (NAME,), **tables: Any) -> Study:
     phi = Law("uniform", lower=float(np.radians(15)), upper=float(np.radians(45)), source=LINK)
     given: dict[str, Any] = {
         "title": TITLE, "soil": LINK, "source": LINK, "date": NAME, "model": "M2",
-        "slip_reference": "shearing", "noise": {"sinkage": 2e-3, "drawbar_pull": 1.5}, "priors": {**HELD, "phi": phi},
+        "slip_reference": "shearing", "noise": {"sinkage": 2e-3, "drawbar_pull": 1.5},
+        "priors": {**HELD, "phi": phi},
         "published": {"source": LINK, "phi": 0.5},
     }  # fmt: skip
     known = {wheel: Wheel(0.15735 + i / 100, 0.165, 0.010, 30, 0.65) for i, wheel in enumerate(wheels)}
