@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.engines import Engine
 from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, outlook
 from bayesterra.identifiability.wording import in_a_sentence
@@ -74,19 +75,29 @@ class Foreseen:
 
 
 def identify_result(
-    result: Result, *, seed: int = 1, report: Callable[[str], None] = lambda part: None
+    result: Result,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    report: Callable[[str], None] = lambda part: None,
 ) -> Identified:
     """Analyse a finished result; its draws are used as they are."""
     prior, draws = result.values("prior"), result.values()
     mode = result.summary.set_index("parameter")["mode"]
     scaled = np.array([mode[name] * PARAMETERS[name].scale for name in result.names])
-    found = analyse(posterior(result.study), prior, draws, SeedSequence(seed), mode=scaled, report=report)
+    found = analyse(
+        posterior(result.study), prior, draws, SeedSequence(seed), mode=scaled, engine=engine, report=report
+    )
     source = {"draws_from": "the result", "draws": len(draws), "converged": result.converged}
     return Identified(result.study, found, _record(result.study, seed, found.seconds, source))
 
 
 def identify_study(
-    study: Study, *, seed: int = 1, report: Callable[[str], None] = lambda part: None
+    study: Study,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    report: Callable[[str], None] = lambda part: None,
 ) -> Identified:
     """Sample a study and analyse it, without the other parts of a run.
 
@@ -104,7 +115,7 @@ def identify_study(
 
     samples = sample(target, study.sampling, sampling, update)
     draws = keep(samples.chains).flat
-    found = analyse(target, prior, draws, analysing, report=report)
+    found = analyse(target, prior, draws, analysing, engine=engine, report=report)
     source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
     return Identified(study, found, _record(study, seed, {**samples.seconds, **found.seconds}, source))
 

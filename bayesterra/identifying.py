@@ -11,6 +11,7 @@ from typing import Self
 from bayesterra import report
 from bayesterra.csvfiles import csv_text
 from bayesterra.drawn import is_result
+from bayesterra.engines import Engine
 from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
@@ -50,14 +51,20 @@ class IdentifyResult(Identified):
 
 
 def identify(
-    what: Study | Result, *, seed: int = 1, progress: Callable[[str], None] = lambda part: None
+    what: Study | Result,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    progress: Callable[[str], None] = lambda part: None,
 ) -> IdentifyResult:
     """Find out what the data of a study determine, and what only repeats the prior.
 
     Parameters
     ----------
     what : a result, whose draws are used, or a study, which is sampled first.
-    seed : same seed, same answer.
+    seed : same seed, same answer, whatever the engine.
+    engine : traces the profiles: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
     progress : called with the name of each part as it begins.
 
     Raises
@@ -66,8 +73,8 @@ def identify(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     if isinstance(what, Result):
-        return IdentifyResult.of(identify_result(what, seed=seed, report=progress))
-    return IdentifyResult.of(identify_study(what, seed=seed, report=progress))
+        return IdentifyResult.of(identify_result(what, seed=seed, engine=engine, report=progress))
+    return IdentifyResult.of(identify_study(what, seed=seed, engine=engine, report=progress))
 
 
 def opened(path: Path) -> Study | Result:
@@ -86,7 +93,13 @@ def opened(path: Path) -> Study | Result:
 
 
 def identify_into(
-    path: Path, out: Path, *, seed: int = 1, overwrite: bool = False, quiet: bool = False
+    path: Path,
+    out: Path,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
 ) -> IdentifyResult:
     """Analyse the result or study at a path into a new folder, with a word on each part on a terminal."""
     from bayesterra.console import stages
@@ -94,6 +107,6 @@ def identify_into(
     what = opened(path)
     check_free(out, overwrite=overwrite, mark=MARK)
     with stages(show=not quiet) as show:
-        found = identify(what, seed=seed, progress=show)
+        found = identify(what, seed=seed, engine=engine, progress=show)
     found.save(out, overwrite=overwrite)
     return found

@@ -56,6 +56,8 @@ def identify(
         Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-identifiability.")
     ] = None,
     seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     prior_only: Annotated[
         bool, typer.Option("--prior-only", help="What the design could determine; needs no readings.")
     ] = False,
@@ -75,11 +77,13 @@ def identify(
         from bayesterra.listing.verdicts import print_foreseen
 
         return print_foreseen(foresee(loaded, seed=seed))
+    from bayesterra.engines import chosen
     from bayesterra.identifying import identify_into
     from bayesterra.listing.verdicts import print_identified
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
-    found = identify_into(what, folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    with chosen(workers, scheduler) as engine:
+        found = identify_into(what, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet)
     print_identified(found, folder / "report.html")
     raise typer.Exit(0 if found.record["converged"] else 3)
 

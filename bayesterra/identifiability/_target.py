@@ -66,7 +66,7 @@ class Target:
         score, information = (np.nan_to_num(found) for found in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
-        if isinstance(self.posterior.likelihood, LatentLoad | JointRows):
+        if self.latent or isinstance(self.posterior.likelihood, JointRows):
             sizes = LATENT_STEP / np.sqrt(np.einsum("nii->ni", information) + 1.0)
             slope = self._differences(y, sizes)
         else:
@@ -100,7 +100,12 @@ class Target:
     @property
     def digits(self) -> float:
         """Change of the value that is worth a step."""
-        return LATENT_ENOUGH if isinstance(self.posterior.likelihood, LatentLoad) else ENOUGH
+        return LATENT_ENOUGH if self.latent else ENOUGH
+
+    @property
+    def latent(self) -> bool:
+        """Whether loads are integrated out, which takes long."""
+        return isinstance(self.posterior.likelihood, LatentLoad)
 
     @cached_property
     def _shaped(self) -> list[int]:

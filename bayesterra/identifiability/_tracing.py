@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.engines import Engine, completed, in_process
 from bayesterra.identifiability._descent import begin, descend
 from bayesterra.identifiability._target import Target
 
@@ -114,6 +115,20 @@ class Traces:
             if not self.sweep():
                 break
 
+    def settled(self, points: IntArray, starts: FloatArray, source: IntArray, engine: Engine) -> None:
+        """Descend as in :meth:`attempt`, then sweep until nothing improves.
+
+        Descents know nothing of each other and neighbours share a parameter: parameters are independent. With
+        latent loads, whose likelihoods take long, each is a task of its own; else all are one, as together
+        they take less time than a worker needs to start.
+        """
+        columns, long = tuple(np.unique(self.column).tolist()), _long(self.target)
+        groups = tuple((one,) for one in columns) if long else (columns,)
+        task = _Settling(self, points, starts, source)
+        for group, found in completed(task, groups, engine if long else in_process()):
+            own = np.isin(self.column, group)
+            self.y[own], self.value[own], self.witnesses[own] = found
+
     @property
     def best(self) -> tuple[FloatArray, float]:
         """The best point known (d,) and its value."""
@@ -121,7 +136,37 @@ class Traces:
         return self.y[i], float(self.value[i])
 
 
-def trace(target: Target, pool: FloatArray, *, levels: Sequence[float], rng: Generator) -> Traces:
+def _long(target: Target) -> bool:
+    """Whether descents take so long that each parameter is worth a task."""
+    return target.latent
+
+
+@dataclass(frozen=True)
+class _Settling:
+    """The task: some parameters in, the best points, values and witnesses of their grids out."""
+
+    traces: Traces
+    points: IntArray
+    starts: FloatArray
+    source: IntArray
+
+    def __call__(self, columns: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Descend and sweep at the grid points of some parameters; see :meth:`Traces.settled`."""
+        own = np.isin(self.traces.column, columns)
+        names = ("column", "place", "y", "value", "witnesses")
+        part = Traces(self.traces.target, *(getattr(self.traces, name)[own].copy() for name in names))
+        part.improved = self.traces.improved[own].copy()
+        mine = own[self.points]
+        where = np.cumsum(own) - 1
+        if mine.any():
+            part.attempt(where[self.points[mine]], self.starts[mine], self.source[mine])
+        part.settle()
+        return part.y, part.value, part.witnesses
+
+
+def trace(
+    target: Target, pool: FloatArray, *, levels: Sequence[float], rng: Generator, engine: Engine | None = None
+) -> Traces:
     """Trace the profiles of all parameters.
 
     Parameters
@@ -129,13 +174,14 @@ def trace(target: Target, pool: FloatArray, *, levels: Sequence[float], rng: Gen
     target : what is minimised.
     pool : scaled parameter sets (n, d) inside the support, from which starts are chosen.
     levels : heights above the least value at which the places of crossing matter.
+    engine : traces the parameters; by default this process.
     """
+    engine = engine or in_process()
     density = target.value(pool)
     mode = _mode(target, pool[np.argsort(density)[:MODE_STARTS]])
     target = replace(target, anchor=mode)
     traces = Traces.empty(target, *_grid(target, mode))
-    _begin(traces, pool, density, mode, rng)
-    traces.settle()
+    traces.settled(*_beginnings(traces, pool, density, mode, rng), engine)
     for _ in range(REFINEMENTS):
         mode = _mode(target, np.stack([mode, traces.best[0]]))
         column, place = _crossings(traces, levels)
@@ -143,7 +189,7 @@ def trace(target: Target, pool: FloatArray, *, levels: Sequence[float], rng: Gen
             column, place = np.append(column, np.arange(len(mode))), np.append(place, mode)
         if not column.size:
             break
-        traces = _extended(traces, column, place, mode)
+        traces = _extended(traces, column, place, mode, engine)
     return traces
 
 
@@ -153,13 +199,14 @@ def _unheld(traces: Traces, mode: FloatArray) -> bool:
     return bool(max(least) > traces.best[1] + MOVED)
 
 
-def _extended(traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray) -> Traces:
+def _extended(
+    traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray, engine: Engine
+) -> Traces:
     """The traces with more points, found from the mode and from their neighbours."""
     traces = traces.with_points(column, place)
     traces.improved[:] = _beside_new(traces)
     new = np.flatnonzero(np.isinf(traces.value))
-    traces.attempt(new, np.repeat(mode[None], len(new), axis=0), np.full(len(new), MODE))
-    traces.settle()
+    traces.settled(new, np.repeat(mode[None], len(new), axis=0), np.full(len(new), MODE), engine)
     return traces
 
 
@@ -195,8 +242,10 @@ def _even(target: Target, i: int, low: float, high: float) -> FloatArray:
     return np.array([low, *inner, high])
 
 
-def _begin(traces: Traces, pool: FloatArray, density: FloatArray, mode: FloatArray, rng: Generator) -> None:
-    """Descend from the mode and from draws near each grid point."""
+def _beginnings(
+    traces: Traces, pool: FloatArray, density: FloatArray, mode: FloatArray, rng: Generator
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Grid points, starts and kinds of the first descents: from the mode and from draws near each point."""
     g = len(traces.place)
     points, starts = [np.arange(g)], [np.repeat(mode[None], g, axis=0)]
     source = [np.full(g, MODE)]
@@ -209,7 +258,7 @@ def _begin(traces: Traces, pool: FloatArray, density: FloatArray, mode: FloatArr
         points.append(np.arange(g))
         starts.append(pool[near[rank, np.arange(g)]])
         source.append(np.full(g, MODE + 1 + k))
-    traces.attempt(np.concatenate(points), np.concatenate(starts), np.concatenate(source))
+    return np.concatenate(points), np.concatenate(starts), np.concatenate(source)
 
 
 def _crossings(traces: Traces, levels: Sequence[float]) -> tuple[IntArray, FloatArray]:

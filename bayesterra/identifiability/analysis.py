@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.engines import Engine
 from bayesterra.identifiability.assessment import Assessment, FromDraws
 from bayesterra.identifiability.cloning import cloning
 from bayesterra.identifiability.collinearity import Collinearity, collinearity
@@ -86,6 +87,7 @@ def analyse(
     seed: SeedSequence,
     *,
     mode: FloatArray | None = None,
+    engine: Engine | None = None,
     report: Callable[[str], None] = lambda part: None,
 ) -> Analysis:
     """Find out what the data determine.
@@ -96,10 +98,11 @@ def analyse(
     prior, draws : of the cut prior (m, d) and nearly independent ones of the posterior (n, d).
     seed : root of all random numbers.
     mode : the posterior mode (d,), where it is known.
+    engine : traces the profiles; by default this process.
     report : called with the name of each part as it begins.
     """
     clock, (tracing, *streams) = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
-    profiled = clock("profiles", lambda: _profiled(posterior, prior, draws, mode, tracing))
+    profiled = clock("profiles", lambda: _profiled(posterior, prior, draws, mode, tracing, engine))
     best = clock(
         "local analysis", lambda: local_analysis(posterior, profiled.best["posterior"], prior, draws)
     )
@@ -136,9 +139,14 @@ def _some(draws: FloatArray, most: int) -> FloatArray:
 
 
 def _profiled(
-    posterior: Posterior, prior: FloatArray, draws: FloatArray, mode: FloatArray | None, rng: Generator
+    posterior: Posterior,
+    prior: FloatArray,
+    draws: FloatArray,
+    mode: FloatArray | None,
+    rng: Generator,
+    engine: Engine | None,
 ) -> Profiles:
-    return profiles(posterior, rng=rng, draws=draws, prior_draws=prior, known=mode)
+    return profiles(posterior, rng=rng, draws=draws, prior_draws=prior, known=mode, engine=engine)
 
 
 def _from_draws(

@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.engines import Engine
 from bayesterra.identifiability._chart import chart
 from bayesterra.identifiability._target import Target
 from bayesterra.identifiability._tracing import AGREE, Traces, trace
@@ -193,6 +194,7 @@ def profiles(
     draws: FloatArray | None = None,
     prior_draws: FloatArray | None = None,
     known: FloatArray | None = None,
+    engine: Engine | None = None,
 ) -> Profiles:
     """Profile likelihood and posterior density by every free parameter.
 
@@ -203,6 +205,7 @@ def profiles(
     draws : draws (n, d) of the posterior; starts are chosen among them and those of the prior.
     prior_draws : draws (n, d) of the cut prior.
     known : parameter sets (k, d), such as the mode, that the profiles are held against.
+    engine : traces the parameters; by default this process. All engines give the same profiles.
 
     Raises
     ------
@@ -216,11 +219,12 @@ def profiles(
     starts, beforehand = scaled.from_physical(pool), scaled.from_physical(np.vstack([*given, pool[:0]]))
     target = Target(posterior, scaled, False, anchor=np.full(pool.shape[1], 0.5))
     levels = [0.5 * level for level in LEVELS.values()]
-    traces = trace(target, starts, levels=levels, rng=rng)
+    traces = trace(target, starts, levels=levels, rng=rng, engine=engine)
     found = {KINDS[0]: _Found.of(posterior.names, KINDS[0], target, traces, beforehand)}
     target = replace(target, with_prior=True)
     if not all(law.dist == "uniform" for law in posterior.prior.laws.values()):
-        traces = trace(target, np.vstack([starts, traces.best[0]]), levels=levels, rng=rng)
+        starts = np.vstack([starts, traces.best[0]])
+        traces = trace(target, starts, levels=levels, rng=rng, engine=engine)
     found[KINDS[1]] = _Found.of(posterior.names, KINDS[1], target, traces, beforehand)
     return Profiles(
         posterior.names,

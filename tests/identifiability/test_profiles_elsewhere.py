@@ -1,0 +1,43 @@
+"""Profiles traced by worker processes, where that is worth it: with loads that are integrated out."""
+
+import numpy as np
+import pytest
+
+from bayesterra.engines import Engine, in_process, local_pool
+from bayesterra.identifiability import _tracing
+from bayesterra.identifiability._chart import chart
+from bayesterra.identifiability._target import Target
+from bayesterra.identifiability.profiles import Profiles, profiles
+from bayesterra.posteriors import posterior
+
+from .conftest import VARIANTS
+
+
+def traced(variant: str, engine: Engine) -> Profiles:
+    """Profiles of one of the small studies."""
+    return profiles(posterior(VARIANTS[variant]()), rng=np.random.default_rng(1), engine=engine)
+
+
+def test_a_pool_traces_what_one_process_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every point, to the last digit; quick descents are taken for long ones."""
+    monkeypatch.setattr(_tracing, "_long", lambda target: True)
+    with local_pool(2) as pool:
+        here, there = traced("moduli", in_process()), traced("moduli", pool)
+        assert not pool.starting
+    for kind in here.found:
+        for one, other in zip(here.found[kind], there.found[kind], strict=True):
+            np.testing.assert_array_equal(one.values, other.values)
+            np.testing.assert_array_equal(one.rise, other.rise)
+            np.testing.assert_array_equal(one.path, other.path)
+            np.testing.assert_array_equal(one.agreeing, other.agreeing)
+
+
+def test_workers_are_for_loads_that_are_integrated_out() -> None:
+    """Where loads are given all profiles take less time than a worker needs to start."""
+    with local_pool(2) as pool:
+        traced("one parameter", pool)
+        assert pool.starting
+    for variant, long in (("one parameter", False), ("unknown load", True)):
+        density = posterior(VARIANTS[variant]())
+        target = Target(density, chart(density), False, np.zeros(len(density.names)))
+        assert _tracing._long(target) == long
