@@ -1,4 +1,4 @@
-"""The stored tables of studies/model-error: made as it says, summed up as it says, and saying what it says."""
+"""The stored tables of studies/model-error: made and summed up as it says, and saying what it says."""
 
 from collections.abc import Callable
 from pathlib import Path
