@@ -23,6 +23,8 @@ import pandas as pd
 HERE = Path(__file__).parent
 PARTS = ("points", "moments", "damage", "disks", "sharing", "workers")
 COLUMNS = ("fault", "where", "trial", "moment", "outcome", "detail")
+BARE = {"calibrate", "a store of tasks", "a store of tasks that is read"}
+"""Places whose trials need no result that was made before."""
 RIGHT, CLEAR = "right", "clear error"
 MARK = "<!-- table: made by run.py from the stored trials -->\n"
 
@@ -47,8 +49,9 @@ def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> No
         made = work / "made"
         made.mkdir()
         trials.make_quick()
-        trials.make_results(made)
-        moments.prepare(made)
+        if not only or {*only} - BARE:
+            trials.make_results(made)
+            moments.prepare(made)
         for name in names:
             modules[name].fill(trials.Table.opened(out / f"{name}.csv"), work, made, share=share, only=only)
 

@@ -18,8 +18,8 @@ PLACES = (
     "segments of a run",
     "a result in place of another",
     "a store of tasks",
-    "run",
     "calibrate",
+    "follow over an old stream",
     "a result whose posterior is a prior",
     "a store of tasks that is read",
 )
