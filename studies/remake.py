@@ -36,6 +36,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "calibration": (("{folder}/run.py",),),
     "calibration-groups": (("{folder}/run.py",),),
     "many-wheels": (("{folder}/run.py",),),
+    "scale-out": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
     "benchmark-samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")
