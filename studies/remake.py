@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "calibration-groups": (("{folder}/run.py",),),
     "many-wheels": (("{folder}/run.py",),),
     "faults": (("{folder}/run.py",),),
+    "scale-out": (("{folder}/run.py",),),
     "benchmark-kernel": (("{folder}/run.py",),),
     "benchmark-samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")

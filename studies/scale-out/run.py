@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -119,7 +120,7 @@ class Watch:
 
     def __call__(self, done: int, new: int) -> None:
         """``done`` tasks are in the store, ``new`` of them from this process."""
-        if done < self._next and done < TASKS[self._rows.name]:
+        if done < self._next:
             return
         self._next = (done // self._every + 1) * self._every
         seconds = time.perf_counter() - self._began
@@ -130,20 +131,20 @@ class Watch:
             )
 
 
-def work(name: str, out: Path) -> None:
+def work(name: str, out: Path, n: int) -> None:
     """Do what is missing of a part, in this process and two others."""
     watch, known = Watch(name, out), finished_tasks(out.with_name(out.name + ".part") / STORE_FILE)
     with bt.local_pool(WORKERS) as engine:
         if name == "m2":
-            job = Job(study(), TASKS[name], engine=engine, fit=WeighedPrior())
+            job = Job(study(), n, engine=engine, fit=WeighedPrior())
             calibrate_study(
                 job, out, resume=True, quiet=True, watch=lambda now: watch(now.done, now.done - known)
             )
             return
         with task_folder(out, {"seed": 1}, mark="tasks.json", resume=True) as (part, store, _):
             there = store.tasks()
-            missing = [task for task in range(1, TASKS[name] + 1) if task not in there]
-            done = TASKS[name] - len(missing)
+            missing = [task for task in range(1, n + 1) if task not in there]
+            done = n - len(missing)
             watch(done, 0)
             for batch in ended(Synthetic(), missing, engine):
                 store.add(dict(batch))
@@ -152,49 +153,54 @@ def work(name: str, out: Path) -> None:
             (part / "tasks.json").write_text(json.dumps(store.tasks()), encoding="utf-8")
 
 
-def through_the_store(name: str) -> None:
+def through_the_store(name: str, n: int) -> None:
     """Run a part in a process of its own, kill that half-way without warning, and let another one go on."""
-    with TemporaryDirectory() as scratch:
-        out = Path(scratch) / name / "out"
-        out.parent.mkdir()
-        store = out.with_name("out.part") / STORE_FILE
-        command = [sys.executable, __file__, "work", name, str(out)]
-        first = subprocess.Popen(command, start_new_session=True)
-        while finished_tasks(store) < TASKS[name] // 2:
-            if first.poll() is not None:
-                raise RuntimeError(f"the work on {name} ended before it was killed")
-            time.sleep(0.05)
-        os.killpg(first.pid, signal.SIGKILL)  # workers too, as when a machine stops
-        first.wait()
-        before = bt.read_tasks(out)
-        subprocess.run(command, check=True)
-        after = final(name, out)
-        rows = pd.read_csv(out.parent / "rows.csv", names=ROW)
+    out = HERE / "unfinished" / name / "out"
+    shutil.rmtree(out.parent, ignore_errors=True)
+    out.parent.mkdir(parents=True)
+    store = out.with_name("out.part") / STORE_FILE
+    command = [sys.executable, __file__, "work", name, str(out), str(n)]
+    first = subprocess.Popen(command, start_new_session=True)
+    while finished_tasks(store) < n // 2:
+        if first.poll() is not None:
+            raise RuntimeError(f"the work on {name} ended before it was killed")
+        time.sleep(0.05)
+    os.killpg(first.pid, signal.SIGKILL)  # workers too, as when a machine stops
+    first.wait()
+    before = bt.read_tasks(out)
+    subprocess.run(command, check=True)
+    after = final(name, out)
+    rows = pd.read_csv(out.parent / "rows.csv", names=ROW)
     second = rows[rows["process"] != first.pid]
-    shared = after.loc[before["task"], list(before.columns.intersection(after.columns))]
-    kept = before.set_index("task").drop(columns="task", errors="ignore")
     counts = {
-        "tasks": TASKS[name],
+        "tasks": n,
         "in_the_store_at_the_kill": len(before),
         "done_after_it": int(second["new"].max()),
         "in_the_end": len(after),
-        "changed_by_the_resume": int((shared[kept.columns].to_numpy() != kept.to_numpy()).any(axis=1).sum()),
+        "changed_by_the_resume": changed(before.set_index("task"), after.loc[before["task"]]),
     }
     rows["process"] = np.where(rows["process"] == first.pid, "killed", "resumed")
     rows.to_csv(HERE / f"{name}.csv", index=False)
     (HERE / f"{name}.json").write_text(json.dumps(counts, indent=1) + "\n", encoding="utf-8")
+    shutil.rmtree(HERE / "unfinished")
 
 
 ROW = ["process", "done", "new", "seconds", "resident_mb", "peak_mb", "store_mb"]
 
 
+def changed(before: pd.DataFrame, after: pd.DataFrame) -> int:
+    """Tasks of which any number, processor seconds included, differs by more than a file's last digit."""
+    numbers = before.select_dtypes("number").columns.intersection(after.columns)
+    same = np.isclose(before[numbers], after[numbers], rtol=1e-5, atol=1e-12, equal_nan=True)
+    return int((~same).any(axis=1).sum())
+
+
 def final(name: str, out: Path) -> pd.DataFrame:
-    """All outcomes of a finished part by task; only columns that a file keeps to the last digit."""
+    """All outcomes of a finished part by task."""
     if name == "m2":
-        return pd.read_csv(out / "ranks.csv").set_index("task", drop=False)[["task", "status"]]
+        return pd.read_csv(out / "ranks.csv").set_index("task")
     content = json.loads((out / "tasks.json").read_text(encoding="utf-8"))
-    rows = [{"task": one["task"], "status": one["status"], **one["ranks"]} for one in content.values()]
-    return pd.DataFrame(rows).set_index("task", drop=False)
+    return pd.DataFrame([{"task": one["task"], **one["ranks"]} for one in content.values()]).set_index("task")
 
 
 @contextmanager
@@ -272,7 +278,7 @@ def summary() -> None:
         rows = pd.read_csv(HERE / f"{name}.csv")
         print(name, json.loads((HERE / f"{name}.json").read_text(encoding="utf-8")))
         for process, own in rows.groupby("process"):
-            first, last = own.iloc[0], own.iloc[-1]
+            first, last = own[own["new"] > 0].iloc[0], own.iloc[-1]  # from the first outcome of a worker on
             rate = (last["new"] - first["new"]) / (last["seconds"] - first["seconds"])
             sizes = f"peak {last['peak_mb']:.0f} MB, store {last['store_mb']:.2f} MB"
             print(f"  {process}: {rate:.1f} tasks/s, {sizes}")
@@ -284,12 +290,12 @@ def summary() -> None:
 def main(arguments: list[str]) -> None:
     """Run parts."""
     if arguments[:1] == ["work"]:
-        return work(arguments[1], Path(arguments[2]))
+        return work(arguments[1], Path(arguments[2]), int(arguments[3]))
     for part in arguments or ["synthetic", "m2", "dask"]:
         if part == "dask" and not (HERE / "dask.csv").is_file():
             on_dask()
         if part in TASKS and not (HERE / f"{part}.csv").is_file():
-            through_the_store(part)
+            through_the_store(part, TASKS[part])
     return summary()
 
 

@@ -258,7 +258,7 @@ def store(data: bytes) -> None:
         with allowed(), TaskStore(inner / "tasks.sqlite", {"seed": 1}) as opened:
             with _misfit():
                 [Outcome.from_record(one) for one in opened.tasks().values()]
-            opened.add(7, {"task": 7})
+            opened.add({7: {"task": 7}})
         if name in ("stream.json", "updates.csv"):
             write_study(base().study, inner)
             with allowed():

@@ -326,7 +326,7 @@ def test_finished_tasks_are_not_looked_for_through_links(tmp_path: Path) -> None
     """A store that is a link to a database elsewhere is not opened, let alone written to."""
     other = tmp_path / "other.sqlite"
     with TaskStore(other, {"seed": 2}) as store:
-        store.add(1, {})
+        store.add({1: {}})
     before = other.read_bytes()
     (tmp_path / "tasks.sqlite").symlink_to(other)
     assert finished_tasks(tmp_path / "tasks.sqlite") == 0
@@ -386,11 +386,11 @@ def test_calibrations_of_others_are_refused(tmp_path: Path) -> None:
     """Tasks of the right study that are no outcomes: a line, not a traceback."""
     study = load_study(small_study(tmp_path))
     job = Job(study, 20)
-    part = tmp_path / "out.part"
-    part.mkdir()
+    part = tmp_path / "out.part" / WORK
+    part.mkdir(parents=True)
     from bayesterra.calibrating import _made_with
 
     with TaskStore(part / "tasks.sqlite", _made_with(job)) as store:
-        store.add(1, {"task": 1, "status": "excellent", "ess": 1, "r_hat": 1, "seconds": 1})
+        store.add({1: {"task": 1, "status": "excellent", "ess": 1, "r_hat": 1, "seconds": 1}})
     with pytest.raises(ResultError, match="is damaged: no outcome of a replication"):
         calibrate_study(job, tmp_path / "out", resume=True, quiet=True)

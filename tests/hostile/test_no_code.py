@@ -13,6 +13,8 @@ SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} | {*(ROOT / "models").rg
 
 RUNS_CODE = {"pickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "yaml", "code"}
 """Modules whose readers build what a file tells them to."""
+IN_TRANSIT = {"bayesterra/engines/base.py": {"pickle"}, "bayesterra/engines/cluster.py": {"cloudpickle"}}
+"""Tasks on their way to workers that we or the user started; they never stand on a disk."""
 CALLS = {"eval", "exec", "compile", "__import__", "runpy", "system", "popen", "Popen", "import_module"}
 HARMLESS = {
     "re.compile",
@@ -31,8 +33,9 @@ DOORS = {
     "open_datatree": {"bayesterra/netcdf.py"},
     "File": {"bayesterra/netcdf.py"},
     "connect": {"bayesterra/taskstore.py"},
-    "read_bytes": {"bayesterra/identity.py", "models/_compiled.py"},  # our own sources, for their digest
-    "read_text": set(),
+    # our own sources, for their digest; files of a result, for theirs
+    "read_bytes": {"bayesterra/identity.py", "models/_compiled.py", "bayesterra/checksums.py"},
+    "read_text": {"bayesterra/taskstore.py"},  # the system's table of mounts
 }
 """Methods that open files, each in one place only."""
 OWN = {"read_json": "reading", "read_text": "reading", "read_bytes": "reading", "read_table": "data"}
@@ -77,7 +80,7 @@ def test_no_source_runs_what_it_reads() -> None:
 def problems(path: Path) -> list[str]:
     """What a source file must not do."""
     here, imported = path.relative_to(ROOT).as_posix(), imports(path)
-    found = [f"{here}: imports {name}" for name in imported & RUNS_CODE]
+    found = [f"{here}: imports {name}" for name in imported & RUNS_CODE - IN_TRANSIT.get(here, set())]
     for name, call, method in calls(path):
         whole = ast.unparse(call.func)
         own = f"bayesterra.{OWN.get(name)}.{name}" in imported or here == f"bayesterra/{OWN.get(name)}.py"
