@@ -27,7 +27,7 @@ from bayesterra.checkpoints import Checkpoints
 from bayesterra.data import read_table
 from bayesterra.drawn import read_drawn
 from bayesterra.errors import BayesterraError, ResultError, StudyError
-from bayesterra.folders import whole_folder, write_text
+from bayesterra.folders import WORK, whole_folder, write_text
 from bayesterra.rover.geometry import read_rover
 from bayesterra.soiltests.study import load_soil_test
 from bayesterra.study import load_study

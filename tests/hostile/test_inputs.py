@@ -224,13 +224,13 @@ def test_targets_notice(base: targets.Base, target: str, monkeypatch: pytest.Mon
     }  # fmt: skip
 
     def broken(*args: object, **options: object) -> None:
-        raise KeyError("a bug")
+        raise NameError("a bug")
 
     def straying(path: Path, *args: object, **options: object) -> None:
         (path if path.is_dir() else path.parent).parent.joinpath("stray").touch()
 
     (sound, *_) = targets.seeds(target)
-    for replacement, found in ((broken, KeyError), (straying, Exception)):
+    for replacement, found in ((broken, NameError), (straying, Exception)):
         with monkeypatch.context() as patch:
             patch.setattr(targets, doors[target], replacement)
             with pytest.raises(found):
