@@ -78,6 +78,7 @@ class TaskStore:
             self._connection.execute(f"PRAGMA journal_mode = {mode}")
             self._connection.execute("PRAGMA synchronous = FULL")
             with self._connection:
+                self._connection.execute("BEGIN IMMEDIATE")  # tables and format: all or nothing
                 for statement in _TABLES:
                     self._connection.execute(statement)
             self._check(json.loads(json.dumps(made_with)))
