@@ -82,6 +82,7 @@ class TaskStore:
             self._connection.execute(f"PRAGMA journal_mode = {mode}")
             self._connection.execute("PRAGMA synchronous = FULL")
             with self._connection:
+                self._connection.execute("BEGIN IMMEDIATE")  # tables and format: all or nothing
                 for statement in _TABLES.values():
                     self._connection.execute(statement.replace("TABLE", "TABLE IF NOT EXISTS", 1))
                 self._connection.execute(f"PRAGMA user_version = {FORMAT}")

@@ -124,8 +124,11 @@ def _tasks(folder: Path) -> int:
 
 
 def _kept_tasks(folder: Path) -> set[str]:
-    with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
-        found = store.tasks()
+    try:
+        with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
+            found = store.tasks()
+    except ResultError:  # then everything that was saved is lost
+        return set()
     return {f"task-{n}" for n, task in found.items() if task == {"number": n, "text": "x" * 3000}}
 
 
