@@ -61,19 +61,19 @@ class Question(NamedTuple):
 
     Attributes
     ----------
-    index : of the candidate.
+    candidate : its number, from 0.
     place : its place in the plan, from 0.
     picks : rows that stand already, each in its place; None where there is none.
     method : one of ``METHODS``.
     """
 
-    index: int
+    candidate: int
     place: int
     picks: tuple[int | None, ...]
     method: str
 
     def __str__(self) -> str:
-        return f"candidate {self.index + 1} for drive {self.place + 1}"
+        return f"candidate {self.candidate + 1} for drive {self.place + 1}"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Judging:
 
     def __call__(self, question: Question) -> Estimate:
         """Judge a candidate beside the rows that stand already."""
-        one, beside = self.grid.pairs(question.index, question.place), self._together(question.picks)
+        one, beside = self.grid.pairs(question.candidate, question.place), self._together(question.picks)
         return METHODS[question.method](one if beside is None else beside + one, self.grid.interest)
 
     def _together(self, picks: tuple[int | None, ...]) -> Pairs | None:
@@ -153,9 +153,9 @@ class Judge:
         self.report({}, Progress(place + 1, before, n, first + before, None))
         todo = [Question(i, place, beside, method) for i in range(n) if i not in known]
         for batch in ended(self._task, todo, self.engine, short=True):
-            known |= {question.index: one for question, one in batch}
+            known |= {question.candidate: one for question, one in batch}
             left = (time.perf_counter() - started) / (len(known) - before) * (n - len(known))
-            new = {first + question.index: one for question, one in batch}
+            new = {first + question.candidate: one for question, one in batch}
             self.report(new, Progress(place + 1, len(known), n, first + len(known), left))
         return tuple(known[i] for i in range(n))
 

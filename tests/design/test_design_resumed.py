@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from bayesterra.engines import running as running_module
 from bayesterra.errors import ResultError
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
-WISHES = {"about": ["phi"], "slips": [0.1, 0.3, 0.5], "number": 2}
+WISHES: dict[str, Any] = {"about": ["phi"], "slips": [0.1, 0.3, 0.5], "number": 2}
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +40,7 @@ def stop_at(judged: int) -> Callable[[Progress], None]:
 def test_every_engine_gives_the_same_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """Table and plan, to the last digit; the pool is used though the work is short."""
     monkeypatch.setattr(running_module, "PATIENCE", 0.0)
-    question = asked(bt.load_study(HIT), **WISHES)  # type: ignore[arg-type]
+    question = asked(bt.load_study(HIT), **WISHES)
     with in_process() as here, local_pool(2) as there:
         one, other = (question.answered(engine, lambda found, progress: None) for engine in (here, there))
         assert not there.starting
