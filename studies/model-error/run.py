@@ -270,14 +270,14 @@ def summaries() -> dict[str, pd.DataFrame]:
 
 
 def figure() -> None:
-    """Draw one wheel's pull without and with a discrepancy, and the coverage of all."""
+    """Draw one wheel's pull without and with a discrepancy, and how far all soils are off."""
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(9.6, 3.3), layout="constrained")
     axes = drawn.subplots(1, 3, width_ratios=(1, 1, 1.1))
     for ax, arm in zip(axes, ("ignored", "stated"), strict=False):
         _bands(ax, arm)
-    _coverage(axes[2])
+    _distances(axes[2])
     drawn.savefig(HERE / "model-error.png", dpi=150)
 
 
@@ -302,18 +302,21 @@ def _bands(ax: Any, arm: str, name: str = "Wh21", channel: str = "drawbar_pull")
     ax.set(xlabel="slip ratio", ylabel="drawbar pull [N]", title=f"{name}, M2: discrepancy {arm}")
 
 
-def _coverage(ax: Any) -> None:
-    table = stored("predictive")
-    table = table[table["part"] == "model"]
-    arms, places = list(ARMS["model"]), ["fitted slips", "between", "beyond"]
-    for i, place in enumerate(places):
-        rows = table[table["where"] == place].groupby("arm")["covered90"].mean()
-        ax.bar(np.arange(len(arms)) + 0.27 * (i - 1), [100 * rows.get(arm, np.nan) for arm in arms], 0.25,
-               color=("#0072B2", "#56B4E9", "#BBBBBB")[i], label=place)  # fmt: skip
-    ax.axhline(90, color="#333333", linewidth=0.8)
-    ax.set_xticks(np.arange(len(arms)), arms)
-    ax.set(ylim=(0, 104), title="new readings inside 90 % [%]")
-    ax.legend(frameon=False, fontsize=8, loc="lower right")
+def _distances(ax: Any) -> None:
+    """How far the soil's true values lie from the middle of the posteriors of all wheels."""
+    table = stored("parameters")
+    names = {"c": "c", "phi": "φ", "K": "K", "c1": "$c_1$", "c2": "$c_2$"}
+    ax.axvspan(-1.64, 1.64, color="#E5E5E5")
+    for shift, (arm, colour) in zip(
+        (-0.15, 0.15), {"ignored": "#D55E00", "stated": "#0072B2"}.items(), strict=True
+    ):
+        rows = table[(table["part"] == "model") & (table["arm"] == arm) & table["parameter"].isin(names)]
+        places = [list(names).index(name) + shift for name in rows["parameter"]]
+        ax.plot(rows["off"], places, "o", color=colour, markersize=4, label=arm)
+    ax.set_yticks(range(len(names)), names.values())
+    ax.set(xlabel="middle less truth [sd]", ylim=(len(names) - 0.5, -0.5),
+           title="soils of six wheels")  # fmt: skip
+    ax.legend(frameon=False, fontsize=8)
 
 
 def main() -> None:
