@@ -41,7 +41,10 @@ def test_the_readings_are_made_again(script: ModuleType) -> None:
         rows = stored[(stored["part"] == part) & (stored["arm"] == "ignored") & (stored["wheel"] == "Wh11")]
         rows = rows[(rows["channel"] == "drawbar_pull") & (rows["seed"] == 1)]
         made = script.simulated(part, "Wh11", 1, {}).observations
-        assert_allclose(rows["observed"], made.values["drawbar_pull"][~made.use], rtol=2e-4)
+        exact, observed = made.values["drawbar_pull"][~made.use], rows["observed"].to_numpy()
+        answered = ~np.isnan(observed)  # at the greatest slip hardly any draw carries the load
+        assert answered.mean() > 0.9
+        assert_allclose(observed[answered], exact[answered], rtol=2e-4)
 
 
 def test_every_fit_converged() -> None:
