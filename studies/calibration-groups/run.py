@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.calibration.judging import Calibration
 from bayesterra.calibration.ranks import normalised_rank
 from bayesterra.calibration.tasks import CONVERGED, UNCONVERGED, spaced
-from bayesterra.diagnostics import R_HAT_LIMIT
+from bayesterra.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.inference import keep
 from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.sampler import PoolingOptions, sample_joint
+from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.study import SamplingOptions
 
@@ -36,12 +37,27 @@ WHEELS = {
     "Wh32": bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
 }
 SLIPS = (0.05, 0.15, 0.3, 0.45, 0.6)
-FITS = SamplingOptions(target_ess=400, walkers=32, max_steps=80)
+ENOUGH = 400
+"""Effective draws of a fit."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Options of a small fit: two ensembles are fewer than a user may ask for, and enough for ranks."""
+
+    target_ess: float = ENOUGH
+    ensembles: int = 2
+    walkers: int = 32
+    max_steps: int = 80
+
+
+FITS = (Sizes(), Sizes(max_steps=400))
+"""A fit, and a longer one where that was not enough."""
 SMALL = PoolingOptions(
     (15, 30, 60), AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), shores=4)
 )
-LONG_FITS = SamplingOptions(target_ess=400, walkers=64, max_steps=4000)
-"""A second fit, with the usual adaptation, where the first was not enough."""
+LONG_FITS = SamplingOptions(target_ess=ENOUGH, walkers=64, max_steps=4000)
+"""A last one, with the usual adaptation."""
 
 
 def conditions() -> bt.Study:
@@ -83,17 +99,28 @@ def replicated(study: bt.Study, rng: Generator) -> tuple[FloatArray, JointPoster
     return truth, joint_posterior(study.with_data(values))
 
 
+def sufficient(found: Diagnosis) -> bool:
+    """Whether a fit has converged, and has draws enough to rank among."""
+    return found.ess >= ENOUGH and found.worst_r_hat < R_HAT_LIMIT
+
+
+def fitted(joint: JointPosterior, seed: SeedSequence, last: SeedSequence) -> JointSamples:
+    """Sample a joint posterior, longer where need be."""
+    for sizes, stream in zip(FITS, (seed, *seed.spawn(len(FITS) - 1)), strict=True):
+        samples = sample_joint(joint, sizes, stream, plan=SMALL)
+        if sufficient(samples.diagnosis):
+            return samples
+    return sample_joint(joint, LONG_FITS, last)
+
+
 def replication(study: bt.Study, number: int) -> dict[str, Any]:
     """One row of the table: ranks of all parameters and of the log density."""
     started = time.process_time()
     making, fitting, again, ranking = SeedSequence(SEED, spawn_key=(number,)).spawn(4)
     truth, joint = replicated(study, default_rng(making))
-    samples = sample_joint(joint, FITS, fitting, plan=SMALL)
+    samples = fitted(joint, fitting, again)
     found = samples.diagnosis
-    if found.ess < FITS.target_ess or found.worst_r_hat >= R_HAT_LIMIT:
-        samples = sample_joint(joint, LONG_FITS, again)
-        found = samples.diagnosis
-    good = found.ess >= FITS.target_ess and found.worst_r_hat < R_HAT_LIMIT
+    good = sufficient(found)
     rng = default_rng(ranking)
     both = np.concatenate([truth, spaced(keep(samples.chains).flat, rng)])
     columns = dict(zip(joint.names, both.T, strict=True)) | {"log_density": joint.log_density(both)}
