@@ -19,10 +19,13 @@ from bayesterra.reading import damage, read_json
 from bayesterra.results import Result
 from bayesterra.soundness import POOLED_RECORD, check_draws, check_record, check_tables
 from bayesterra.study import load_study
+from bayesterra.validation import Validation
 from bayesterra.writing import write_study
 
 TABLES = ("summary", "least_squares", "identifiability", "predictive")
 POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
+VALIDATED = {"predictive_checks", "prior_checks", "loo"}
+"""Entries of a record that validation makes; those of older versions may lack them."""
 
 
 def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> None:
@@ -70,6 +73,8 @@ def read_result(folder: Path) -> Result:
         record = read_json(folder / RECORD)
         draws, study = read_tree(folder / DRAWS), load_study(folder)
         check_record(record)
+        if record.keys() >= VALIDATED:
+            Validation.from_record(record)
         check_tables(tables, study.prior.names)
         check_draws(draws, study)
         return Result(study=study, draws=draws, record=record, **tables)

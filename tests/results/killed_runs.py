@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.random import Generator
 
-from bayesterra import inference, report
+from bayesterra import inference, report, storage
 from bayesterra.__main__ import main
 from bayesterra.folders import SEGMENT, WORK
 from bayesterra.posteriors import draw_cut_prior
@@ -36,6 +36,7 @@ def make_quick() -> None:
     vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
     vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
     vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
+    vars(storage)["check_record"] = lambda record: None  # which now lacks the checks
     vars(report)["write"] = lambda _, path: path.write_text("report\n")
 
 

@@ -132,6 +132,9 @@ def test_a_damaged_stream_is_refused(streamed: bt.Stream, tmp_path: Path) -> Non
     table = tmp_path / "stream" / "measurements.csv"
     kept = table.read_text()
     table.write_text(kept.rsplit("\n", 2)[0] + "\n")
+    with pytest.raises(bt.ResultError, match=r"measurements.csv' is damaged or was changed"):
+        bt.load_stream(tmp_path / "stream")
+    (tmp_path / "stream" / "SHA256SUMS").unlink()
     with pytest.raises(bt.ResultError, match="its particles belong to another study or other rows"):
         bt.load_stream(tmp_path / "stream")
     table.write_text(kept)
