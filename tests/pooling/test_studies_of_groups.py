@@ -77,3 +77,16 @@ def test_a_replication_has_the_readings_of_its_truth(study_script: Callable[[str
         assert np.abs(z).max() < 5.0
         assert np.abs(z).max() > 0.1
         assert group in calibration.WHEELS
+
+
+def test_stored_ranks_are_uniform(study_script: Callable[[str], ModuleType]) -> None:
+    """Every quantity passes, as the stored verdicts say; all fits converged, no replication counts twice."""
+    script, folder = study_script("calibration-groups"), STORED.parent / "calibration-groups"
+    table = pd.read_csv(folder / "ranks.csv", keep_default_na=True)
+    made = script.Calibration(script.conditions(), table.drop(columns="note").assign(note=""), {})
+    assert made.calibrated
+    assert len(made.tested) == 17
+    assert len(table) >= 100
+    assert table["task"].is_unique
+    assert (table["status"] == "converged").all()
+    assert list(made.tests["verdict"]) == list(pd.read_csv(folder / "tests.csv")["verdict"])
