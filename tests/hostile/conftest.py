@@ -6,6 +6,9 @@ from bayesterra.results import Result
 
 from . import targets
 
+collect_ignore = ["fuzz.py"]
+"""A program, which needs what tests do not."""
+
 
 @pytest.fixture(scope="session")
 def base(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> targets.Base:
