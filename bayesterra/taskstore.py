@@ -58,7 +58,8 @@ class TaskStore:
     """Finished tasks and what they were made with; every task is committed as it comes.
 
     A killed program, or a machine without power, loses what it had not handed over, and nothing else. Others
-    may read while it writes; see :func:`read_tasks`. Every row has a checksum.
+    may read while it writes; see :func:`read_tasks`. Every row has a checksum. A file that is removed or
+    replaced by someone else is noticed by the next task.
 
     Parameters
     ----------
@@ -86,11 +87,12 @@ class TaskStore:
                 for statement in _TABLES.values():
                     self._connection.execute(statement.replace("TABLE", "TABLE IF NOT EXISTS", 1))
                 self._connection.execute(f"PRAGMA user_version = {FORMAT}")
+            self._identity = _identity(path)
             self._check(json.loads(json.dumps(made_with)))
         except ResultError:
             self.close()
             raise
-        except (sqlite3.Error, ValueError) as error:
+        except (sqlite3.Error, OSError, ValueError) as error:
             self.close()
             raise _damaged(path, error) from error
 
@@ -109,7 +111,12 @@ class TaskStore:
                 raise ResultError(_difference(place, name, before.get(name), made_with.get(name)))
 
     def add(self, finished: Mapping[int, Mapping[str, Any]]) -> None:
-        """Save finished tasks by number, all or none; they are on the disk when this returns."""
+        """Save finished tasks by number, all or none; they are on the disk when this returns.
+
+        Raises
+        ------
+        ResultError : they cannot be saved, or the file has gone from under this program.
+        """
         texts = {task: json.dumps(content) for task, content in finished.items()}
         rows = [(task, text, _sum(task, text)) for task, text in texts.items()]
         try:
@@ -117,6 +124,16 @@ class TaskStore:
                 self._connection.executemany("INSERT OR REPLACE INTO tasks VALUES (?, ?, ?)", rows)
         except sqlite3.Error as error:
             raise ResultError(f"'{self._path}' cannot be written: {error}") from error
+        self._still_there()
+
+    def _still_there(self) -> None:
+        """An open file without its name takes everything, and keeps nothing."""
+        try:
+            same = _identity(self._path) == self._identity
+        except OSError:
+            same = False
+        if not same:
+            raise ResultError(f"'{self._path}' was removed or replaced while tasks were being saved in it")
 
     def tasks(self) -> dict[int, dict[str, Any]]:
         """All finished tasks by number; one whose checksum is wrong has not been done."""
@@ -230,6 +247,12 @@ def _tasks(connection: sqlite3.Connection) -> dict[int, dict[str, Any]]:
 
 def _sum(task: int, content: str) -> int:
     return crc32(f"{task} {content}".encode())
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What stays the same for as long as a name means the same file; OSError where there is none."""
+    found = path.stat()
+    return found.st_dev, found.st_ino
 
 
 def _flat(content: Mapping[str, Any]) -> dict[str, Any]:

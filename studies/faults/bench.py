@@ -8,6 +8,9 @@ from pathlib import Path
 
 from trials import CLEAR, RIGHT, Process, content, emptied, sums_hold
 
+INTERRUPTED = 130
+"""Exit code after a signal that leaves time to put things down."""
+
 
 def nothing(folder: Path) -> None:
     """Prepare nothing."""
@@ -25,6 +28,8 @@ class Saving:
     stays : whether a whole folder ``out`` was there before, and must be there at any time.
     kept : what is still there of what was saved before the fault, or None where it is needed no more; the
         whole entry is None where nothing is saved before all is.
+    interrupted : work whose folder ``out`` is also a right one after an interruption, because it puts down
+        what it has.
     out : whether a folder ``out`` is what comes of it.
     code : exit code of an undisturbed one.
     """
@@ -34,6 +39,7 @@ class Saving:
     again: Callable[[Path], int] | None = None
     stays: bool = False
     kept: Callable[[Path], set[str] | None] | None = None
+    interrupted: tuple[Callable[[Path], int], ...] = ()
     out: bool = True
     code: int = 0
 
@@ -48,18 +54,20 @@ class Bench:
     before: dict[str, str]
     after: dict[str, str]
     all_saved: set[str]
+    partly: list[dict[str, str]]
 
     @classmethod
     def of(cls, saving: Saving, work: Path, place: Path | None = None) -> Bench:
         """Save without a fault."""
         place, notes = place or work / "trial", work / "notes"
+        partly = [_outcome_of(one, saving, place, notes) for one in saving.interrupted]
         with emptied(place):
             saving.prepare(place)
             before = content(place / "out") if saving.stays else {}
             process = Process.begun(lambda: saving.save(place), notes)
             assert process.code() == saving.code, (process.code(), process.error)
             after = content(place / "out") if saving.out else {}
-            return cls(saving, place, notes, before, after, set(process.saved))
+            return cls(saving, place, notes, before, after, set(process.saved), partly)
 
     def fresh(self) -> None:
         """Prepare the place, which is empty."""
@@ -74,25 +82,30 @@ class Bench:
         again = self.saving.again or self.saving.save
         return Process.begun(lambda: again(self.place), self.notes.with_name("notes-again"))
 
-    def judged(self, process: Process, *, killed: bool) -> tuple[str, str]:
-        """Outcome and detail of a trial whose process has met its fault: look, repeat, look again."""
-        code, saved = process.code(), set(process.saved)
+    def judged(
+        self, process: Process, *, killed: bool, removed: frozenset[str] = frozenset()
+    ) -> tuple[str, str]:
+        """Outcome and detail of a trial whose process has met its fault: look, repeat, look again.
+
+        ``removed`` is what someone has taken away on purpose after it was saved.
+        """
+        code, saved = process.code(), set(process.saved) - removed
         said = "" if code == self.saving.code else "killed" if killed and code < 0 else process.error
         if said not in ("", "killed") and (code not in (2, 130) or said.startswith("not one line")):
             return "no clear error", f"{code} {said}"
         if left := process.orphans():
             return "orphans", f"{len(left)} processes"
-        if problem := self.state():
+        if problem := self.state(interrupted=code == INTERRUPTED):
             return problem
         problem = self.lost(saved) or self.ended(saved)
         return problem or (CLEAR if said not in ("", "killed") else RIGHT, said)
 
-    def state(self) -> tuple[str, str] | None:
+    def state(self, *, interrupted: bool = False) -> tuple[str, str] | None:
         """What is wrong just after the fault."""
-        out = self.place / "out"
+        out, right = self.place / "out", [self.before, self.after, *(self.partly if interrupted else ())]
         if not out.exists():
             return ("lost", "the old folder is gone") if self.saving.stays else None
-        if content(out) not in (self.before, self.after) or not sums_hold(out):
+        if content(out) not in right or not sums_hold(out):
             return "half", "the folder is neither the old one nor the new one"
         return None
 
@@ -119,3 +132,12 @@ class Bench:
         remains = {path.name for path in self.place.iterdir()} - {"out"}
         remains |= {path.name for path in (self.place / "out").iterdir()} & {"checkpoint", "status.json"}
         return ("remains", " ".join(sorted(remains))) if remains else None
+
+
+def _outcome_of(work: Callable[[Path], int], saving: Saving, place: Path, notes: Path) -> dict[str, str]:
+    """Content of the folder that undisturbed work leaves."""
+    with emptied(place):
+        saving.prepare(place)
+        process = Process.begun(lambda: work(place), notes)
+        assert process.code() == saving.code, (process.code(), process.error)
+        return content(place / "out")

@@ -31,7 +31,7 @@ from bayesterra.taskstore import TaskStore
 
 KILL, STOP, INTERRUPT = "kill -9", "SIGTERM", "SIGINT"
 SIGNALS = {KILL: signal.SIGKILL, STOP: signal.SIGTERM, INTERRUPT: signal.SIGINT}
-ROWS, REPLICATIONS, TASKS = 4, 30, 60
+ROWS, REPLICATIONS, TASKS = 5, 30, 60
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,12 @@ class Disturbed:
 def disturbed(made: Path) -> dict[str, Disturbed]:
     """What is disturbed, by name; ``made`` has two results."""
     study, one = quick_study(made / "study"), one_study(made / "study-of-one")
-    rows = made / "rows.csv"
-    shutil.copy(one.with_name("measurements.csv"), rows)
+    rows = [_first_rows(one, n, made / f"rows-{n}.csv") for n in range(1, ROWS + 1)]
     job = Job(load_study(one), REPLICATIONS, seed=1, fit=on_a_grid)
     calibrate = ("calibrate", one, "-n", REPLICATIONS, "--workers", 1, "--quiet", "--resume")
-    follow = ("follow", one, "--data", rows, "--particles", 200, "--quiet", "--overwrite")
+    follow = [
+        _into("follow", one, "--data", path, "--particles", 200, "--quiet", "--overwrite") for path in rows
+    ]
     design = ("design", one, "--slip", "0.2,0.4", "--quiet", "--overwrite")
 
     def old(name: str) -> Callable[[Path], None]:
@@ -86,7 +87,8 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
             Saving(nothing, two_workers, kept=kept_replications), {KILL: 6, STOP: 2}
         ),
         "follow over an old stream": Disturbed(
-            Saving(old("stream"), _into(*follow), stays=True), {KILL: 30, STOP: 3}
+            Saving(old("stream"), follow[-1], stays=True, interrupted=tuple(follow[:-1])),
+            {KILL: 30, STOP: 3},
         ),
         "design over an old one": Disturbed(Saving(old("design"), _into(*design), stays=True), {KILL: 20}),
         "a store of tasks": Disturbed(
@@ -97,13 +99,21 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
 
 def prepare(made: Path) -> None:
     """Make the old stream and the old design that ``disturbed`` needs, of another seed."""
-    one, rows = one_study(made / "study-of-one"), made / "rows.csv"
-    shutil.copy(one.with_name("measurements.csv"), rows)
+    one = one_study(made / "study-of-one")
+    rows = _first_rows(one, ROWS, made / "rows.csv")
     stream = ("follow", one, "--data", rows, "--particles", 200, "--seed", 7, "--overwrite")
     design = ("design", one, "--slip", "0.3,0.5", "--overwrite")
     for name, arguments in (("stream", stream), ("design", design)):
         work = command(*arguments, "--out", made / name, "--quiet")
         assert Process.begun(work, made / "notes").code() == 0
+
+
+def _first_rows(study: Path, number: int, to: Path) -> Path:
+    """A file of the first rows of a study's measurements, without those that are not used."""
+    header, *rows = study.with_name("measurements.csv").read_text(encoding="utf-8").splitlines()
+    used = [row for row in rows if not row.endswith(",0")]
+    to.write_text("\n".join([header, *used[:number], ""]), encoding="utf-8")
+    return to
 
 
 def _with_workers(job: Job) -> Job:

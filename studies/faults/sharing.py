@@ -20,6 +20,8 @@ TWO, GONE, TAKEN = (
     "folder removed and taken",
 )
 READ_ONLY = "read-only folder"
+NOTED = 0.02
+"""Seconds for the note on a task that was saved just before its folder went."""
 TRIALS = {
     TWO: {"run": 5, "calibrate": 10, "follow over an old stream": 8, "design over an old one": 4},
     GONE: {"run": 6, "calibrate": 12},
@@ -47,12 +49,13 @@ def two(bench: Bench, moment: float, span: float) -> list[object]:
 
 
 def gone(bench: Bench, moment: float, span: float) -> list[object]:
-    """Remove the folder of work from under a process."""
+    """Remove the folder of work from under a process; what it saves from then on must be there."""
     bench.fresh()
     process = bench.begun()
     time.sleep(moment)
     shutil.rmtree(bench.place / "out.part", ignore_errors=True)
-    return [*bench.judged(process, killed=False)]
+    time.sleep(NOTED)
+    return [*bench.judged(process, killed=False, removed=frozenset(process.saved))]
 
 
 def taken(bench: Bench, moment: float, span: float) -> list[object]:

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+import sys
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -123,6 +124,25 @@ def test_others_read_the_store_while_it_is_written(tmp_path: Path) -> None:
         assert finished_tasks(tmp_path / "tasks.sqlite") == 1
         store.add({2: {"task": 2, "ess": float("nan")}})
         assert list(store.tasks()) == [1, 2]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
+def test_a_store_whose_file_has_gone_takes_nothing(tmp_path: Path) -> None:
+    """What is handed over after a removal, or after another file took the name, is not said to be saved."""
+    gone = r"tasks.sqlite' was removed or replaced while tasks were being saved in it"
+    path = tmp_path / "part" / "tasks.sqlite"
+    path.parent.mkdir()
+    with TaskStore(path, {"seed": 1}) as store:
+        store.add({1: {"rank": 0.5}})
+        shutil.rmtree(path.parent)
+        with pytest.raises(ResultError, match=gone):
+            store.add({2: {"rank": 0.5}})
+        path.parent.mkdir()
+        with TaskStore(path, {"seed": 1}) as other:
+            other.add({1: {"rank": 0.5}})
+            with pytest.raises(ResultError, match=gone):
+                store.add({3: {"rank": 0.5}})
+            assert list(other.tasks()) == [1]
 
 
 def test_a_damaged_store_is_an_error_not_a_loss(tmp_path: Path) -> None:

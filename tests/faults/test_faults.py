@@ -42,7 +42,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes and signals as Linux has them")
 def test_a_few_of_every_fault(tmp_path: Path) -> None:
     """Each ends right or with one line of error, and loses nothing that was saved."""
-    parts = ["points", "damage", "disks"]  # random moments and shared folders: the study, when it is quiet
+    parts = ["points", "moments", "damage", "disks", "sharing"]
     if shutil.which("cc") is None:
         parts.remove("points")
     command = [sys.executable, str(STUDY / "run.py"), *parts, "--out", str(tmp_path), "--share", "0.04"]
@@ -58,7 +58,9 @@ def test_a_few_of_every_fault(tmp_path: Path) -> None:
     assert not broken
     assert done.returncode == 0, done.stderr
     faults = Counter(row["fault"] for row in trials)
-    assert {"one bit flipped", "cut short", "removed", "limit on the size of files"} <= {*faults}
+    assert faults["kill -9"] >= 10
+    assert {"SIGTERM", "SIGINT", "one bit flipped", "cut short", "removed"} <= {*faults}
+    assert {"limit on the size of files", "two processes in one folder", "read-only folder"} <= {*faults}
     if "points" in parts:
         assert faults["kill before a call"] >= 5
         assert faults["disk full from a call on"] >= 5
