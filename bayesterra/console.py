@@ -145,6 +145,11 @@ def print_pooled(record: Mapping[str, Any], report: Path) -> None:
         highlight=False,
     )
     console.print(f"Evidence prefers: {found['preferred']}. {found['sentence']}", highlight=False)
+    if found.get("sentence_as_stated"):
+        console.print(
+            f"With the other parameters as this study has them: {found['sentence_as_stated']}",
+            highlight=False,
+        )
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 

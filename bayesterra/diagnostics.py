@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from arviz_stats.base.array import array_stats
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc, logsumexp, ndtri
 from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray
@@ -144,9 +144,18 @@ def array_ess(chains: FloatArray, method: str = "bulk") -> float:
 def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     """Importance weights (n,) with a Pareto-smoothed tail, and its shape k̂ (Vehtari et al. 2024).
 
-    Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on.
+    Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on;
+    it is infinite where so few draws have all the weight that the tail cannot be fitted, and 0 where the
+    largest weights are one and the same.
     """
-    smoothed, k = array_stats.psislw(-np.asarray(log_weights))
+    raw = np.asarray(log_weights, dtype=float)
+    plain = raw - logsumexp(raw)
+    if np.ptp(np.sort(raw)[-max(5, len(raw) // 5) :]) == 0.0:
+        return plain, 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smoothed, k = array_stats.psislw(-raw)
+    if np.isnan(smoothed).any() or np.isnan(k):
+        return plain, np.inf
     return np.asarray(smoothed), float(k)
 
 

@@ -20,7 +20,7 @@ from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import COMPLETE, degrees_of, preferred
 from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.pooling.verdicts import Sharing, sharing
+from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
 from bayesterra.pooling.weighing import row_terms
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.sampling.journal import Journal
@@ -47,6 +47,7 @@ class PooledResult:
     summary : one row per parameter, ``c``, ``K.mean``, ``K[Wh11]``; ``mode`` is the densest draw.
     pooling : one row per degree of pooling: evidence, leave-one-out by row and by group.
     sharing : one row per parameter, and one for c and φ together: one value for all groups, or one for each?
+        ``verdict`` from the groups' own posteriors, ``verdict_as_stated`` with all others as in the study.
     left_out : elpd of every row and of every group under every degree of pooling.
     record : versions, seed, settings, times and verdicts with their thresholds.
     """
@@ -113,9 +114,10 @@ def run_pooled(
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = keep(samples.chains)
     verdicts = shared_or_not(joint, samples.lone, default_rng(prior_stream))
+    stated = as_stated(joint, samples.chains, default_rng(prior_stream))
     summary = _summary(samples, kept, prior)
     table = pd.DataFrame([degree.row() for degree in degrees])
-    shares = _sharing_table(joint, verdicts, kept)
+    shares = _sharing_table(joint, verdicts, stated, kept)
     findings = {
         "verdict": _verdict(samples, complete),
         "pooling": {
@@ -127,6 +129,7 @@ def run_pooled(
             "degrees": table.to_dict("records"),
             "preferred": preferred(degrees),
             "sentence": sentence(verdicts),
+            "sentence_as_stated": sentence(tuple(stated.values())) if stated else "",
         },
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
@@ -160,6 +163,29 @@ def shared_or_not(joint: JointPosterior, lone: Mapping[str, Samples], rng: Gener
     return tuple(found)
 
 
+def as_stated(joint: JointPosterior, chains: FloatArray, rng: Generator) -> dict[str, Sharing]:
+    """Judge the parameters that each group has to itself, all others being as the study states them.
+
+    Parameters
+    ----------
+    chains : draws of the joint posterior (ensembles, steps, walkers, parameters).
+    """
+    names, k, d = joint.first.names, len(joint.drivers), len(joint.local)
+    priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
+    x = chains.reshape(len(chains), -1, chains.shape[-1])
+    return {
+        name: sharing_as_stated(
+            name,
+            joint.laws[name],
+            x[:, :, k + i :: d],
+            [one[:, names.index(name)] for one in priors],
+            joint.pooling.by,
+        )
+        for i, name in enumerate(joint.local)
+        if role(joint, name) == "separate"
+    }
+
+
 def sentence(verdicts: Sequence[Sharing]) -> str:
     """All verdicts in one sentence."""
     parts = []
@@ -174,7 +200,9 @@ def sentence(verdicts: Sequence[Sharing]) -> str:
     return "; ".join(parts) + "."
 
 
-def _sharing_table(joint: JointPosterior, verdicts: Sequence[Sharing], kept: Kept) -> pd.DataFrame:
+def _sharing_table(
+    joint: JointPosterior, verdicts: Sequence[Sharing], stated: Mapping[str, Sharing], kept: Kept
+) -> pd.DataFrame:
     rows = []
     for one in verdicts:
         row: dict[str, Any] = {
@@ -185,6 +213,12 @@ def _sharing_table(joint: JointPosterior, verdicts: Sequence[Sharing], kept: Kep
             "against_a_population": one.population,
             "error": one.error,
             "verdict": one.verdict,
+        }
+        given = stated.get(one.names[0]) if len(one.names) == 1 else None
+        row |= {
+            "log_bayes_factor_as_stated": given.log_factor if given else np.nan,
+            "error_as_stated": given.error if given else np.nan,
+            "verdict_as_stated": given.verdict if given else "",
         }
         spread = dict.fromkeys(("spread_median", "spread_hdi90_lo", "spread_hdi90_hi"), np.nan)
         if one.names[0] in joint.populations and len(one.names) == 1:

@@ -12,6 +12,15 @@ Values that differ by less than a wide prior allows would pass for one value by 
 1957). So a second alternative has its say: values of each group from a normal population, in scores, whose
 mean has the prior's law and whose spread is half-normal with a scale of half the prior's standard deviation.
 A common value must beat both, and is beaten by either.
+
+That question leaves the other parameters open, so that what moves together, such as K and φ, hides
+differences. :func:`sharing_as_stated` asks the other one: with what the study shares being shared, does a
+parameter that each group has to itself have one value? With π(θ_1, …, θ_G) from the joint posterior,
+
+    B = ∫ p(θ) π(θ, …, θ) / ∏_g p(θ) dθ,
+
+over the same of the cut priors, which are taken as independent; likewise for the population. Densities are
+fitted mixtures with tails a little heavier than normal ones: a large factor against one value is understated.
 """
 
 from __future__ import annotations
@@ -105,10 +114,35 @@ def sharing(
         _levels([scored(x[e]) for x in posteriors], default_rng(1 + e)) - before
         for e in range(len(posteriors[0]))
     ]
-    common, population = np.mean(each, axis=0)
-    against = np.array(each)[:, 0] - np.maximum(0.0, np.array(each)[:, 1])
-    error = float(max(against.std(ddof=1), np.std(each, axis=0, ddof=1)[0]) / np.sqrt(len(each)))
-    return Sharing(tuple(names), float(common), float(common - population), error, by)
+    return _judged(tuple(names), np.array(each), by)
+
+
+def sharing_as_stated(
+    name: str, law: Law, draws: FloatArray, priors: Sequence[FloatArray], by: str
+) -> Sharing:
+    """Judge whether a parameter has one value in all groups, all others being as the study states them.
+
+    Parameters
+    ----------
+    draws : of the joint posterior, the parameter's value in every group (ensembles, n, groups).
+    priors : for every group, draws of its cut prior (n,).
+    """
+    score = NormalScore(law)
+
+    def scored(x: FloatArray) -> FloatArray:
+        return score.from_physical(x.reshape(-1, 1)).reshape(x.shape)
+
+    before = _on_grid([_fitted(scored(x[:, None]), default_rng(0)) for x in priors])
+    each = [_among(_fitted(scored(x), default_rng(1 + e))) - before for e, x in enumerate(draws)]
+    return _judged((name,), np.array(each), by)
+
+
+def _judged(names: tuple[str, ...], each: FloatArray, by: str) -> Sharing:
+    """From the log integrals (ensembles, 2) for a common value and for a population."""
+    common, population = each.mean(axis=0)
+    against = each[:, 0] - np.maximum(0.0, each[:, 1])
+    error = float(max(against.std(ddof=1), each[:, 0].std(ddof=1)) / np.sqrt(len(each)))
+    return Sharing(names, float(common), float(common - population), error, by)
 
 
 def _levels(draws: Sequence[FloatArray], rng: Generator) -> FloatArray:
@@ -126,7 +160,7 @@ def _on_grid(fits: Sequence[StudentMixture]) -> FloatArray:
     ratios = np.array([fit.log_density(z[:, None]) - normal for fit in fits])
     common = logsumexp(normal + ratios.sum(axis=0)) + np.log(step)
     # spreads at equal shares of their prior; sums over a grid need spreads that it resolves
-    spreads = np.maximum(SPREAD_SCALE * ndtri(0.5 + 0.5 * (np.arange(SPREADS) + 0.5) / SPREADS), 2.0 * step)
+    spreads = np.maximum(_spreads(), 2.0 * step)
     top = ratios.max(axis=1, keepdims=True)
     levels = []
     for spread in spreads:
@@ -134,6 +168,42 @@ def _on_grid(fits: Sequence[StudentMixture]) -> FloatArray:
         blurred = kernel @ np.exp(ratios - top).T * step / (spread * np.sqrt(2 * np.pi))
         levels.append(logsumexp(normal + (np.log(blurred + 1e-300) + top.T).sum(axis=1)) + np.log(step))
     return np.array([common, logsumexp(levels) - np.log(SPREADS)])
+
+
+def _spreads() -> FloatArray:
+    """Spreads of a population at equal shares of their prior."""
+    return np.asarray(SPREAD_SCALE * ndtri(0.5 + 0.5 * (np.arange(SPREADS) + 0.5) / SPREADS))
+
+
+def _among(fit: StudentMixture) -> FloatArray:
+    """Both integrals of one score of all groups, whose joint density is a mixture of nearly normal laws."""
+    groups = fit.means.shape[1]
+    z = np.linspace(-REACH, REACH, GRID)
+    density = fit.log_density(np.repeat(z[:, None], groups, axis=1))
+    common = logsumexp(density - (groups - 1) * _log_normal(z)) + np.log(z[1] - z[0])
+    levels = [_mixed_population(fit, spread) for spread in _spreads()]
+    return np.array([common, logsumexp(levels) - np.log(SPREADS)])
+
+
+def _mixed_population(fit: StudentMixture, spread: float) -> float:
+    """Log of ∫ mixture · N(0, s² I + 1 1ᵀ) / N(0, I): values about a mean that is standard normal."""
+    groups = fit.means.shape[1]
+    covariance = spread**2 * np.eye(groups) + 1.0
+    wanted = np.linalg.inv(covariance)
+    terms = []
+    for weight, mean, factor in zip(fit.weights, fit.means, fit.factors, strict=True):
+        precision = np.linalg.inv(factor @ factor.T)
+        M, b = _beyond_prior(precision) + wanted, precision @ mean
+        level = b @ np.linalg.solve(M, b) - mean @ b - 2.0 * np.log(np.diagonal(factor)).sum()
+        logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(M)[1]
+        terms.append(np.log(weight) + 0.5 * (level - logs))
+    return float(logsumexp(terms))
+
+
+def _beyond_prior(precision: FloatArray) -> FloatArray:
+    """What a posterior's precision has over that of the standard normal prior; never less than nothing."""
+    values, vectors = np.linalg.eigh(precision - np.eye(len(precision)))
+    return np.asarray((vectors * np.maximum(values, 1e-3)) @ vectors.T)
 
 
 def _log_normal(z: FloatArray) -> FloatArray:
@@ -181,9 +251,7 @@ def _gaussian_population(draws: Sequence[FloatArray], spreads: FloatArray) -> fl
     for z in draws:
         mean, covariance = z.mean(axis=0), np.cov(z.T)
         precision = np.linalg.inv(covariance)
-        values, vectors = np.linalg.eigh(precision - np.eye(k))
-        A = (vectors * np.maximum(values, 1e-3)) @ vectors.T
-        b = precision @ mean
+        A, b = _beyond_prior(np.asarray(precision, dtype=float)), precision @ mean
         M = np.linalg.inv(inverse + A)
         total += -0.5 * mean @ b - 0.5 * np.linalg.slogdet(covariance)[1]
         total += 0.5 * (np.linalg.slogdet(inverse)[1] + np.linalg.slogdet(M)[1] + b @ M @ b)

@@ -85,9 +85,7 @@ def _named(text: object) -> Markup:
 
 
 def _sharing(result: PooledResult) -> Verdict:
-    found: dict[str, list[Markup]] = {}
-    for row in result.sharing.to_dict("records"):
-        found.setdefault(str(row["verdict"]), []).append(_named(row["parameter"]))
+    found = _by_word(result, "verdict")
     parts = [Markup("{}: {}").format(word, listed(names)) for word, names in found.items()]
     decided = sum(len(names) for word, names in found.items() if word != OPEN)
     grade = "good" if decided else "fair"
@@ -115,7 +113,15 @@ def _sharing_section(result: PooledResult) -> Section:
             )
         against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
         body.append(
-            (_named(row["parameter"]), str(row["role"]), *against, error, str(row["verdict"]), spread)
+            (
+                _named(row["parameter"]),
+                str(row["role"]),
+                *against,
+                error,
+                str(row["verdict"]),
+                *_as_stated(row),
+                spread,
+            )
         )
     by = result.record["pooling"]["by"]
     caption = (
@@ -123,7 +129,9 @@ def _sharing_section(result: PooledResult) -> Section:
         f"other parameters being each group's own: against a value for each {by} under the stated prior, and "
         "against values from a normal population whose spread is about half of the prior's or less. The "
         f"lesser counts, ± standard error over ensembles: from {STRONG:g} on (odds of 20 to 1), two errors "
-        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. Spread: "
+        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. As stated: the "
+        "same from the joint posterior, with all other parameters shared or not as this study has them; it "
+        "says more where that holds, and stands for parameters that each group has to itself. Spread: "
         "standard deviation between groups over that of the parameter's prior, median and 90 % HDI, where "
         "the parameter is hierarchical."
     )
@@ -134,18 +142,45 @@ def _sharing_section(result: PooledResult) -> Section:
         "against a population",
         "lesser",
         "verdict",
+        "lesser, as stated",
+        "verdict, as stated",
         "spread / prior sd",
     )
     sentence = Text(_sentence(result))
     return Section(
-        "sharing", "What belongs to the soil", (sentence, Table(caption, "llrrrlr", header, tuple(body)))
+        "sharing", "What belongs to the soil", (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
     )
 
 
+def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
+    """Factor and word with all others as the study has them; older results have neither."""
+    word = row.get("verdict_as_stated")
+    if not isinstance(word, str) or not word:
+        return NOTHING, NOTHING
+    factor = _tenths(row["log_bayes_factor_as_stated"])
+    return Markup("{} ± {}").format(factor, rounded(row["error_as_stated"], 0.01)), word
+
+
 def _sentence(result: PooledResult) -> Markup:
+    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated")
+    if not stated:
+        return _sentences(alone)
+    return Markup("{} With the other parameters shared or not as this study has them: {}").format(
+        _sentences(alone), _sentences(stated)
+    )
+
+
+def _by_word(result: PooledResult, column: str) -> dict[str, list[Markup]]:
+    """Parameters by their verdict; none where a result is older than the column."""
     parts: dict[str, list[Markup]] = {}
     for row in result.sharing.to_dict("records"):
-        parts.setdefault(str(row["verdict"]), []).append(_named(row["parameter"]))
+        word = row.get(column)
+        if isinstance(word, str) and word:
+            parts.setdefault(word, []).append(_named(row["parameter"]))
+    return parts
+
+
+def _sentences(parts: Mapping[str, list[Markup]]) -> Markup:
     words = {
         CONSTANT: "All groups have one value of",
         OPEN: "The data cannot tell for",

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import bayesterra as bt
 from bayesterra.figures.style import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
@@ -189,6 +190,14 @@ def picture(table: pd.DataFrame) -> Figure:
         line[0].set_ylabel(case.replace("-", " "))
     for ax, name in zip(panels[1], SOIL, strict=True):
         ax.set_xlabel(label(PARAMETERS[name]))
+    bar = {"linewidth": 4.0, "solid_capstyle": "butt"}
+    marks = [
+        Line2D([], [], color=PRIOR, label="each wheel alone, 50 and 90 %", **bar),
+        Line2D([], [], color=POSTERIOR, label="with the others", **bar),
+        Line2D([], [], marker=MARKS["truth"].marker, color=DATA, linestyle="", markerfacecolor="none",
+               label="truth (simulated)"),
+    ]  # fmt: skip
+    figure.legend(handles=marks, loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,15 @@ import typer
 from bayesterra import workflow
 from bayesterra.cli.studies import run as run_command
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.pooled import PooledResult, run_pooled
+from bayesterra.pooled import PooledResult, as_stated, run_pooled
+from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report import pooled_html
 from bayesterra.study import Study
 from bayesterra.workflow import PooledRun, load_result, load_single, run
 from bayesterra.writing import write_study
+
+from .conftest import HELD
 
 MakeStudy = Callable[..., Study]
 
@@ -37,6 +41,36 @@ def test_tables_name_everything(result: PooledResult) -> None:
     assert result.draws["posterior"]["phi"].dims == ("chain", "draw")
     assert set(result.left_out["what"]) == {"row", "group"}
     assert result.converged
+
+
+def test_parameters_of_each_group_are_judged_as_the_study_states(make: MakeStudy) -> None:
+    """From the columns of their own values; shared parameters and those of a population are not."""
+    study = make(priors={**HELD, "c1": {"dist": "norm", "loc": 0.34, "scale": 0.05}},
+                 pooling={"shared": ["phi"], "separate": ["c1"], "hierarchical": {"K": {}}})  # fmt: skip
+    joint, rng = joint_posterior(study), np.random.default_rng(2)
+    chains = np.full((2, 1000, 4, len(joint.names)), np.nan)
+    for name, middle in {"c1[Wh11]": 0.36, "c1[Wh32]": 0.30}.items():
+        chains[..., joint.names.index(name)] = rng.normal(middle, 0.002, chains.shape[:-1])
+    found = as_stated(joint, chains, rng)
+    assert set(found) == {"c1"}
+    assert found["c1"].verdict == "wheel-dependent"
+    chains[..., joint.names.index("c1[Wh32]")] += 0.06
+    assert as_stated(joint, chains, rng)["c1"].own > 2.0
+
+
+def test_report_has_both_verdicts(result: PooledResult) -> None:
+    """One in the joint study beside the one from the groups alone; older results have only the latter."""
+    table = result.sharing.assign(verdict_as_stated=["", "wheel-dependent"], log_bayes_factor_as_stated=-9.87)
+    html = pooled_html(replace(result, sharing=table.assign(error_as_stated=0.1)))
+    assert (
+        "With the other parameters shared or not as this study has them: Each group has its own value" in html
+    )
+    assert "−9.9 ± 0.10" in html
+    older = [name for name in map(str, result.sharing) if name.endswith("as_stated")]
+    assert len(older) == 3
+    assert "as this study has them:" not in pooled_html(
+        replace(result, sharing=result.sharing.drop(columns=older))
+    )
 
 
 def test_evidences_are_those_of_rows_left_out_one_after_another(result: PooledResult) -> None:

@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
 from bayesterra.laws import Law
-from bayesterra.pooling.verdicts import Sharing, sharing
+from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
 
 LAWS = {"n0": Law("norm", {"loc": 0.0, "scale": 1.0}), "n1": Law("norm", {"loc": 0.0, "scale": 1.0})}
 
@@ -53,6 +53,34 @@ def test_words() -> None:
     assert _judged(np.full((6, 1), 0.3), 0.01).verdict == "soil constant"
     assert _judged(np.linspace(-1.0, 1.0, 6)[:, None], 0.05).verdict == "wheel-dependent"
     assert _judged(np.zeros((6, 1)), 20.0).verdict == "cannot tell"
+
+
+@pytest.mark.parametrize("values", [[0.5, 0.52, 0.48, 0.5], [0.5, 0.8, 0.4, 0.65], [-1.0, 0.0, 0.6, 0.9]])
+def test_as_stated_it_is_the_factor_of_the_joint_posterior(values: list[float]) -> None:
+    """Readings with noise of their own and an error common to all, which hides no difference between them."""
+    at, groups = np.array(values), len(values)
+    noise = 0.1**2 * np.eye(groups) + 0.8**2
+    precision = np.linalg.inv(noise) + np.eye(groups)
+    mean = np.linalg.solve(precision, np.linalg.solve(noise, at))
+    rng = np.random.default_rng(8)
+    draws = rng.multivariate_normal(mean, np.linalg.inv(precision), size=(4, 4000))
+    priors = [rng.standard_normal(4000) for _ in values]
+    found = sharing_as_stated("n0", LAWS["n0"], draws, priors, "wheel")
+
+    def level(covariance: FloatArray) -> float:
+        return float(multivariate_normal(np.zeros(groups), noise + covariance).logpdf(at))
+
+    spreads = (np.arange(4000) + 0.5) * 3.0 / 4000
+    levels = [np.exp(level(t**2 * np.eye(groups) + 1.0)) for t in spreads]
+    population = np.log(np.average(levels, weights=np.exp(-0.5 * (spreads / 0.5) ** 2)))
+    common = level(np.ones((groups, groups)))
+    own, population = common - level(np.eye(groups)), common - population
+    if own < -20.0:  # far out the fitted tails are heavier than normal ones: the word holds, not the figure
+        assert own < found.own < -20.0
+        assert found.verdict == "wheel-dependent"
+        return
+    assert found.own == pytest.approx(own, abs=0.25)
+    assert found.population == pytest.approx(population, abs=0.25)
 
 
 def test_two_parameters_together() -> None:

@@ -194,6 +194,16 @@ def test_records_are_read_back() -> None:
     assert np.isnan(again.pit["sinkage"][1])
 
 
+def test_weights_without_a_tail_to_fit() -> None:
+    """A few draws with all the weight are never reliable; equal weights always are."""
+    log_weights, k = pareto_smoothed(-1000.0 * np.arange(1000.0))
+    assert np.isinf(k)
+    assert np.exp(log_weights).sum() == pytest.approx(1.0)
+    log_weights, k = pareto_smoothed(np.full(1000, -3.0))
+    assert k == 0.0
+    np.testing.assert_allclose(np.exp(log_weights), 1e-3)
+
+
 def test_pareto_smoothing_finds_the_tail() -> None:
     """Weights 1/u^k of uniform u have the Pareto shape k, and smoothed weights sum to one."""
     u = default_rng(1).random(200_000)
