@@ -1,8 +1,8 @@
 """Calibration of a hierarchical posterior of three wheels: ranks of known values among its draws.
 
-``python studies/calibration-groups/run.py -n 200`` adds replications to ``ranks.csv`` until it holds 200, one
-after another, so that it can be stopped at any time and goes on where it was; ``--from 101 -n 200 --out F``
-does the second half elsewhere. Then it rewrites ``tests.csv`` beside the table.
+``python studies/calibration-groups/run.py -n 200`` adds replications to ``ranks.csv`` as they end until it
+holds 200, so that it can be stopped at any time and goes on where it was; then it rewrites ``tests.csv``.
+``--workers K`` and ``--scheduler ADDRESS`` say who computes; the ranks are the same.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.calibration.judging import Calibration
 from bayesterra.calibration.ranks import normalised_rank
 from bayesterra.calibration.tasks import CONVERGED, UNCONVERGED, spaced
+from bayesterra.csvfiles import csv_text
 from bayesterra.diagnostics import R_HAT_LIMIT, Diagnosis
+from bayesterra.engines import chosen, completed
+from bayesterra.folders import write_text
 from bayesterra.inference import keep
 from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
@@ -139,18 +143,18 @@ def main() -> None:
     """Add replications and judge them all."""
     parser = argparse.ArgumentParser()
     parser.add_argument("-n", type=int, default=200, help="number of the last replication")
-    parser.add_argument("--from", type=int, default=1, dest="first", help="number of the first")
     parser.add_argument("--out", type=Path, default=HERE / "ranks.csv")
+    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, whose workers compute")
     given = parser.parse_args()
     study = conditions()
-    table = pd.read_csv(given.out, keep_default_na=True) if given.out.is_file() else pd.DataFrame()
-    for number in range(given.first, given.n + 1):
-        if len(table) and (table["task"] == number).any():
-            continue
-        table = pd.concat([table, pd.DataFrame([replication(study, number)])], ignore_index=True)
-        table.to_csv(given.out, index=False, float_format="%.6g")
-    ranks = table.drop(columns="note").assign(note="")
-    made = Calibration(study, ranks, {})
+    table = pd.read_csv(given.out) if given.out.is_file() else pd.DataFrame({"task": []})
+    numbers = [number for number in range(1, given.n + 1) if number not in set(table["task"])]
+    with chosen(given.workers, given.scheduler) as engine:
+        for _, row in completed(partial(replication, study), numbers, engine):
+            table = pd.concat([table, pd.DataFrame([row])] if len(table) else [pd.DataFrame([row])])
+            write_text(given.out, csv_text(table.sort_values("task"), "%.6g"))
+    made = Calibration(study, table.sort_values("task").assign(note=""), {})
     made.tests.to_csv(given.out.with_name("tests.csv"), index=False, float_format="%.4g")
     print(made.tests.to_string(index=False))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from scipy.optimize import least_squares
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
+from bayesterra.engines import completed, local_pool
 from bayesterra.figures.style import DATA, MARKS, POSTERIOR, new_figure, png, styled
 from bayesterra.models import M2, M2L, LoadEffectSoil, Soil, Wheel
 from bayesterra.parameters import PARAMETERS
@@ -333,8 +333,9 @@ def write_curves() -> None:
 
 def write_recovery() -> None:
     """Write what the posteriors of all designs find."""
-    with ProcessPoolExecutor(2) as pool:
-        recovered = pd.concat(pool.map(recovery, DESIGNS), ignore_index=True)
+    with local_pool() as engine:
+        found = dict(completed(recovery, DESIGNS, engine))
+    recovered = pd.concat([found[design] for design in DESIGNS], ignore_index=True)
     recovered.to_csv(HERE / "recovery.csv", index=False, float_format="%.5g")
     print(recovered.to_string())
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import get_context
 
 import numpy as np
 import pandas as pd
@@ -16,6 +14,7 @@ from paper_posteriors import Found, infer
 
 import bayesterra as bt
 from bayesterra.crossvalidation import INDISTINCT
+from bayesterra.engines import completed, local_pool
 from bayesterra.models import Soil
 
 MODELS = ("M1", "M2", "M3")
@@ -93,10 +92,11 @@ def answer(case: Case) -> dict[str, pd.DataFrame]:
     return {name: _labelled(case, table) for name, table in made.items()}
 
 
-def answers(cases: Iterable[Case] = (*BESIDE, *CLEAN), workers: int = 2) -> dict[str, pd.DataFrame]:
+def answers(cases: Sequence[Case] = (*BESIDE, *CLEAN)) -> dict[str, pd.DataFrame]:
     """All tables, in the order of the cases whatever the number of processes."""
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        every = list(pool.map(answer, cases))
+    with local_pool() as engine:
+        found = dict(completed(answer, cases, engine))
+    every = [found[case] for case in cases]
     made = {
         name: pd.concat([one[name] for one in every if name in one], ignore_index=True) for name in TABLES
     }

@@ -1,13 +1,12 @@
 """How often the predictive checks find a planted misfit, and how often they cry wolf.
 
-Usage: python run.py [RUNS] [PROCESSES] (default: 50 runs of each case, 2 processes). Writes results.csv
-beside this file and goes on where that ends; remove it to start anew.
+Usage: python run.py [--runs 50] [--workers K | --scheduler ADDRESS]. Writes results.csv beside this file and
+goes on where that ends; remove it to start anew.
 """
 
 from __future__ import annotations
 
-import sys
-from concurrent.futures import ProcessPoolExecutor
+import argparse
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import coordinates
+from bayesterra.engines import chosen, completed
 from bayesterra.models import M1, Soil, Wheel
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
 from bayesterra.predictive_checks import ALARM, predictive_checks
@@ -118,8 +118,9 @@ def posterior_draws(density: Posterior, rng: Generator) -> FloatArray:
     return target.coordinates.to_physical(u[systematic(weights, 2000, rng)])[0]
 
 
-def one(name: str, number: int) -> dict[str, Any]:
-    """One run: the same number has the same soil and the same noise in every case."""
+def one(job: tuple[str, int]) -> dict[str, Any]:
+    """One run of a case: the same number has the same soil and the same noise in every case."""
+    name, number = job
     making, sampling, judging = SeedSequence(number).spawn(3)
     density = posterior(study(CASES[name], readings(default_rng(making))))
     found = predictive_checks(density, posterior_draws(density, default_rng(sampling)), judging)
@@ -127,15 +128,19 @@ def one(name: str, number: int) -> dict[str, Any]:
     return {"case": name, "run": number, "overall_p": found.overall, "alarm": int(found.alarm), **strangest}
 
 
-def main(runs: int = 50, processes: int = 2) -> None:
+def main() -> None:
     """Make the runs that results.csv does not hold yet, one line each as it ends, and print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--runs", type=int, default=50, help="of each case")
+    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, whose workers compute")
+    given = parser.parse_args()
     file = Path(__file__).parent / "results.csv"
     old = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=["case", "run"])
     done = set(zip(old["case"], old["run"], strict=True))
-    jobs = [(name, number) for number in range(runs) for name in CASES]
-    open_jobs = [job for job in jobs if job not in done]
-    with ProcessPoolExecutor(processes) as pool:
-        for row in pool.map(one, *zip(*open_jobs, strict=True)) if open_jobs else ():
+    jobs = [(name, number) for number in range(given.runs) for name in CASES]
+    with chosen(given.workers, given.scheduler) as engine:
+        for _, row in completed(one, [job for job in jobs if job not in done], engine):
             line = pd.DataFrame([row])
             line.to_csv(file, mode="a", header=not file.exists(), index=False, float_format="%.4g")
     table = pd.read_csv(file)
@@ -144,4 +149,4 @@ def main(runs: int = 50, processes: int = 2) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:]))
+    main()

@@ -20,7 +20,7 @@ def test_the_first_runs_are_remade(script: ModuleType) -> None:
     """Run 0 without and with a misfit comes out as stored."""
     stored = pd.read_csv(STUDY / "results.csv").set_index(["case", "run"])
     for case in ("nothing", "lugs ignored"):
-        found = script.one(case, 0)
+        found = script.one((case, 0))
         assert found["alarm"] == stored.loc[(case, 0), "alarm"]
         assert found["overall_p"] == pytest.approx(stored.loc[(case, 0), "overall_p"], abs=0.1)
 
