@@ -114,7 +114,7 @@ def run_pooled(
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = keep(samples.chains)
     verdicts = shared_or_not(joint, samples.lone, default_rng(prior_stream))
-    stated = as_stated(joint, samples.chains, default_rng(prior_stream))
+    stated = as_stated(joint, kept.chains, default_rng(prior_stream))
     summary = _summary(samples, kept, prior)
     table = pd.DataFrame([degree.row() for degree in degrees])
     shares = _sharing_table(joint, verdicts, stated, kept)
@@ -168,16 +168,15 @@ def as_stated(joint: JointPosterior, chains: FloatArray, rng: Generator) -> dict
 
     Parameters
     ----------
-    chains : draws of the joint posterior (ensembles, steps, walkers, parameters).
+    chains : draws of the joint posterior (ensembles, n, parameters).
     """
     names, k, d = joint.first.names, len(joint.drivers), len(joint.local)
     priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
-    x = chains.reshape(len(chains), -1, chains.shape[-1])
     return {
         name: sharing_as_stated(
             name,
             joint.laws[name],
-            x[:, :, k + i :: d],
+            chains[:, :, k + i :: d],
             [one[:, names.index(name)] for one in priors],
             joint.pooling.by,
         )

@@ -19,8 +19,11 @@ parameter that each group has to itself have one value? With π(θ_1, …, θ_G)
 
     B = ∫ p(θ) π(θ, …, θ) / ∏_g p(θ) dθ,
 
-over the same of the cut priors, which are taken as independent; likewise for the population. Densities are
-fitted mixtures with tails a little heavier than normal ones: a large factor against one value is understated.
+over the same of the cut priors, which are taken as independent; likewise for the population. π is taken to be
+the groups' marginal laws tied by a Gaussian copula.
+
+All laws are fitted mixtures with tails a little heavier than normal ones: a large factor against one value is
+understated.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ from scipy.special import logsumexp, ndtri
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import NormalScore
 from bayesterra.laws import Law
+from bayesterra.pooling.copula import Copula, fit_copula
 from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 
 STRONG = 3.0
@@ -45,6 +49,7 @@ CONSTANT, DEPENDENT, OPEN = "soil constant", "dependent", "cannot tell"
 FITTED, COMPONENTS, DOF = 4000, 6, 100.0
 POINTS = 8000
 GRID, SPREADS, PAIR_SPREADS = 901, 24, 10
+FINE, DRAWN, WIDER = 4501, 2000, 1.3
 SPREAD_SCALE = 0.5
 """Scale of the population's spread, in scores."""
 REACH = 4.5
@@ -133,7 +138,7 @@ def sharing_as_stated(
         return score.from_physical(x.reshape(-1, 1)).reshape(x.shape)
 
     before = _on_grid([_fitted(scored(x[:, None]), default_rng(0)) for x in priors])
-    each = [_among(_fitted(scored(x), default_rng(1 + e))) - before for e, x in enumerate(draws)]
+    each = [_among(scored(x), default_rng(1 + e)) - before for e, x in enumerate(draws)]
     return _judged((name,), np.array(each), by)
 
 
@@ -175,29 +180,49 @@ def _spreads() -> FloatArray:
     return np.asarray(SPREAD_SCALE * ndtri(0.5 + 0.5 * (np.arange(SPREADS) + 0.5) / SPREADS))
 
 
-def _among(fit: StudentMixture) -> FloatArray:
-    """Both integrals of one score of all groups, whose joint density is a mixture of nearly normal laws."""
-    groups = fit.means.shape[1]
-    z = np.linspace(-REACH, REACH, GRID)
-    density = fit.log_density(np.repeat(z[:, None], groups, axis=1))
-    common = logsumexp(density - (groups - 1) * _log_normal(z)) + np.log(z[1] - z[0])
-    levels = [_mixed_population(fit, spread) for spread in _spreads()]
+def _among(z: FloatArray, rng: Generator) -> FloatArray:
+    """Both integrals of one score of all groups, from draws (n, groups) of it."""
+    groups = z.shape[1]
+    law = fit_copula(z, [_fitted(column[:, None], rng) for column in z.T])
+    at = np.linspace(-REACH, REACH, FINE)
+    level = law.log_density(np.repeat(at[:, None], groups, axis=1)) - (groups - 1) * _log_normal(at)
+    common = logsumexp(level) + np.log(at[1] - at[0])
+    likely = fit_mixture(at[:, None], np.exp(level - level.max()), COMPONENTS, rng, dof=DOF)
+    fresh = law.sample(DRAWN, rng)
+    levels = [_population(law, fresh, likely, spread, rng) for spread in _spreads()]
     return np.array([common, logsumexp(levels) - np.log(SPREADS)])
 
 
-def _mixed_population(fit: StudentMixture, spread: float) -> float:
-    """Log of ∫ mixture · N(0, s² I + 1 1ᵀ) / N(0, I): values about a mean that is standard normal."""
-    groups = fit.means.shape[1]
-    covariance = spread**2 * np.eye(groups) + 1.0
-    wanted = np.linalg.inv(covariance)
-    terms = []
-    for weight, mean, factor in zip(fit.weights, fit.means, fit.factors, strict=True):
-        precision = np.linalg.inv(factor @ factor.T)
-        M, b = _beyond_prior(precision) + wanted, precision @ mean
-        level = b @ np.linalg.solve(M, b) - mean @ b - 2.0 * np.log(np.diagonal(factor)).sum()
-        logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(M)[1]
-        terms.append(np.log(weight) + 0.5 * (level - logs))
-    return float(logsumexp(terms))
+def _population(
+    law: Copula, fresh: FloatArray, likely: StudentMixture, spread: float, rng: Generator
+) -> float:
+    """Log of ∫ law · N(0, s² I + 1 1ᵀ) / N(0, I): values about a mean that is standard normal.
+
+    By importance sampling, half of it from the law itself (``fresh``), which serves where that is narrower
+    than the spread, half with the spread about common values that are likely, which serves where it is wider.
+    """
+    groups = fresh.shape[1]
+    chosen = rng.choice(len(likely.weights), size=len(fresh), p=likely.weights)
+    wide = WIDER * likely.factors[:, 0, 0]
+    means = likely.means[chosen, 0] + wide[chosen] * rng.standard_normal(len(fresh))
+    z = np.concatenate([fresh, means[:, None] + spread * rng.standard_normal((len(fresh), groups))])
+    log_law = law.log_density(z)
+    ratio = _log_about(z, 0.0, 1.0, spread) - _log_normal(z).sum(axis=1)
+    parts = [
+        np.log(weight) + _log_about(z, mean, sd, spread)
+        for weight, mean, sd in zip(likely.weights, likely.means[:, 0], wide, strict=True)
+    ]
+    proposal = np.logaddexp(log_law, logsumexp(parts, axis=0)) - np.log(2.0)
+    return float(logsumexp(log_law + ratio - proposal) - np.log(len(z)))
+
+
+def _log_about(z: FloatArray, mean: float, sd: float, spread: float) -> FloatArray:
+    """Log density (n,) of values (n, groups) with a spread about a value that is normal itself."""
+    groups, apart = z.shape[1], z - mean
+    all_ = spread**2 + groups * sd**2  # Sherman and Morrison 1950: inverse and determinant
+    form = ((apart**2).sum(axis=1) - apart.sum(axis=1) ** 2 * sd**2 / all_) / spread**2
+    logs = 2.0 * (groups - 1) * np.log(spread) + np.log(all_) + groups * np.log(2.0 * np.pi)
+    return np.asarray(-0.5 * (form + logs))
 
 
 def _beyond_prior(precision: FloatArray) -> FloatArray:

@@ -251,6 +251,8 @@ def main() -> None:
     parser.add_argument("--case", choices=CASES)
     parser.add_argument("--keep", type=Path, help="folder for whole result folders, which are not stored")
     given = parser.parse_args()
+    if given.keep is not None:
+        given.keep.mkdir(parents=True, exist_ok=True)
     for case in [given.case] if given.case else CASES:
         for name, table in remake(case, given.keep).items():
             path = HERE / f"{name}.csv"

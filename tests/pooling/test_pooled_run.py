@@ -48,7 +48,7 @@ def test_parameters_of_each_group_are_judged_as_the_study_states(make: MakeStudy
     study = make(priors={**HELD, "c1": {"dist": "norm", "loc": 0.34, "scale": 0.05}},
                  pooling={"shared": ["phi"], "separate": ["c1"], "hierarchical": {"K": {}}})  # fmt: skip
     joint, rng = joint_posterior(study), np.random.default_rng(2)
-    chains = np.full((2, 1000, 4, len(joint.names)), np.nan)
+    chains = np.full((2, 4000, len(joint.names)), np.nan)
     for name, middle in {"c1[Wh11]": 0.36, "c1[Wh32]": 0.30}.items():
         chains[..., joint.names.index(name)] = rng.normal(middle, 0.002, chains.shape[:-1])
     found = as_stated(joint, chains, rng)

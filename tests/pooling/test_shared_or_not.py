@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
@@ -81,6 +82,22 @@ def test_as_stated_it_is_the_factor_of_the_joint_posterior(values: list[float]) 
         return
     assert found.own == pytest.approx(own, abs=0.25)
     assert found.population == pytest.approx(population, abs=0.25)
+
+
+def test_as_stated_independent_groups_are_judged_as_alone() -> None:
+    """Posteriors of any shape: two humps, or nearly flat."""
+    rng = np.random.default_rng(9)
+    shape = (2, 4000, 3)
+    humps = np.where(rng.random(shape) < 0.4, rng.normal(-1.2, 0.3, shape), rng.normal(0.6, 0.5, shape))
+    flat = ndtri(rng.uniform(0.05, 0.95, shape))
+    priors = [rng.standard_normal(4000) for _ in range(3)]
+    for draws in (humps, flat):
+        alone = sharing(
+            ["n0"], LAWS, [draws[:, :, g, None] for g in range(3)], [x[:, None] for x in priors], "wheel"
+        )
+        stated = sharing_as_stated("n0", LAWS["n0"], draws, priors, "wheel")
+        assert stated.own == pytest.approx(alone.own, abs=0.2)
+        assert stated.population == pytest.approx(alone.population, abs=0.2)
 
 
 def test_two_parameters_together() -> None:
