@@ -85,12 +85,27 @@ def _named(text: object) -> Markup:
 
 
 def _sharing(result: PooledResult) -> Verdict:
-    found = _by_word(result, "verdict")
-    parts = [Markup("{}: {}").format(word, listed(names)) for word, names in found.items()]
-    decided = sum(len(names) for word, names in found.items() if word != OPEN)
+    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated")
+    parts = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
+    parts += [
+        Markup("{}, with the others as stated: {}").format(word, listed(names))
+        for word, names in stated.items()
+        if word != OPEN
+    ]
+    rows = result.sharing.to_dict("records")
+    open_ = [_named(row["parameter"]) for row in rows if not _decided(row)]
+    if open_:
+        parts.append(Markup("{}: {}").format(OPEN, listed(open_)))
+    decided = len(rows) - len(open_)
     grade = "good" if decided else "fair"
-    word = f"{decided} of {len(result.sharing)} decided"
+    word = f"{decided} of {len(rows)} decided"
     return Verdict("One value for all?", word, grade, Markup("; ").join(parts) + ".")
+
+
+def _decided(row: Mapping[Any, Any]) -> bool:
+    """Whether the groups' own posteriors or the joint one tell."""
+    words = (row["verdict"], row.get("verdict_as_stated"))
+    return any(isinstance(word, str) and word not in ("", OPEN) for word in words)
 
 
 def _preferred(result: PooledResult) -> Verdict:
@@ -171,13 +186,13 @@ def _sentence(result: PooledResult) -> Markup:
 
 
 def _by_word(result: PooledResult, column: str) -> dict[str, list[Markup]]:
-    """Parameters by their verdict; none where a result is older than the column."""
+    """Parameters by their verdict, what is open last; none where a result is older than the column."""
     parts: dict[str, list[Markup]] = {}
     for row in result.sharing.to_dict("records"):
         word = row.get(column)
         if isinstance(word, str) and word:
             parts.setdefault(word, []).append(_named(row["parameter"]))
-    return parts
+    return dict(sorted(parts.items(), key=lambda part: part[0] == OPEN))
 
 
 def _sentences(parts: Mapping[str, list[Markup]]) -> Markup:
