@@ -98,8 +98,7 @@ def run_pooled(
 
     Parameters
     ----------
-    seed, report, journal : as for :func:`bayesterra.inference.run`; of the joint posterior itself nothing is
-        noted, only of what goes before it.
+    seed, report, journal : as for :func:`bayesterra.inference.run`.
     plan : size of the adaptation.
     """
     started = time.perf_counter()

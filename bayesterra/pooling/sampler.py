@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import repeat
 
 import numpy as np
@@ -20,6 +21,7 @@ from bayesterra.diagnostics import Diagnosis, diagnose
 from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.legs import begun_or_noted, leg_or_noted
 from bayesterra.pooling.moves import Counts, Laws, PooledEnsemble
 from bayesterra.pooling.pilots import FITTED, piloted, refitted
 from bayesterra.sampling.adaptation import AdaptationOptions
@@ -133,9 +135,14 @@ def sample_joint(
     options, report : as for :func:`bayesterra.sampling.sampler.sample`.
     seed : root of all random streams; the draws depend on nothing else, whatever the number of cores.
     plan : size of the adaptation.
-    journal : where what the groups alone found is noted, to go on from.
+    journal : where every finished adaptation and round is noted. What it holds already is taken from there,
+        and the draws are the same to the last bit as if nothing had been.
+
+    Raises
+    ------
+    ResultError : walkers in the journal have another density here than where they were noted.
     """
-    plan = plan or PoolingOptions()
+    plan, journal = plan or PoolingOptions(), journal or NoJournal()
     started, processor = time.perf_counter(), time.process_time()
     alone, *streams = seed.spawn(1 + options.ensembles)
     lone = sample_groups(joint, options, alone, report, plan.lone, journal)
@@ -143,7 +150,7 @@ def sample_joint(
     family = JointFamily(joint)
     _ = family.widths  # before threads ask for it
 
-    def begun(number: int) -> PooledEnsemble:
+    def piloted_by(number: int) -> PooledEnsemble:
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
         D, L = starting_points(family, chains, rng)
@@ -152,11 +159,16 @@ def sample_joint(
         ensemble.counts.tried.clear()
         return ensemble
 
+    def begun(number: int) -> PooledEnsemble:
+        return begun_or_noted(journal, number + 1, family, partial(piloted_by, number))
+
     with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
         report(Progress("adapting", 0.0))
         ensembles = list(pool.map(begun, range(options.ensembles)))
         adapted = time.perf_counter()
-        chains, acceptance, diagnosis, ensembles = _produced(joint, family, ensembles, options, pool, report)
+        chains, acceptance, diagnosis, ensembles = _produced(
+            family, ensembles, options, pool, report, journal
+        )
     moves = _shares(ensembles)
     seconds = {
         "groups alone": apart - started,
@@ -179,12 +191,12 @@ def _shares(ensembles: list[PooledEnsemble]) -> dict[str, float]:
 
 
 def _produced(
-    joint: JointPosterior,
     family: JointFamily,
     ensembles: list[PooledEnsemble],
     options: SamplingOptions,
     pool: ThreadPoolExecutor,
     report: Callable[[Progress], None],
+    journal: Journal,
 ) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
     """Rounds of sweeps until the diagnosis passes or the steps run out; also the ensembles that made them.
 
@@ -192,15 +204,19 @@ def _produced(
     all laws are fitted to what was found, that is forgotten, and another production begins.
     """
     kept, since, refits = _Kept(), time.perf_counter(), 0
+    number = 0
     while True:
+        number += 1
         length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
-        found = list(pool.map(PooledEnsemble.run, ensembles, repeat(length)))
-        kept.physical.append(np.array([_physical(family, D, L) for D, L, _ in found]))
-        kept.shares.append(np.array([share for _, _, share in found]))
+        names = [f"joint-{e + 1}-round-{number:04d}" for e in range(len(ensembles))]
+        legs = list(pool.map(leg_or_noted, repeat(journal), names, ensembles, repeat(length)))
+        ensembles = [leg.end.ensemble(family) for leg in legs]
+        kept.physical.append(np.array([_physical(family, leg.D, leg.L) for leg in legs]))
+        kept.shares.append(np.array([leg.share for leg in legs]))
         if refits < REFITS:
-            kept.coordinates.append([(D, L) for D, L, _ in found])
+            kept.coordinates.append([(leg.D, leg.L) for leg in legs])
         chains = np.concatenate(kept.physical, axis=1)
-        diagnosis = diagnose(joint.names, chains, kept.accepted, options.target_ess)
+        diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - since
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))

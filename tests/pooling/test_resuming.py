@@ -1,0 +1,128 @@
+"""A joint posterior goes on from what was noted of it, and ends where it would have ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence
+
+from bayesterra.errors import ResultError
+from bayesterra.pooling import sampler
+from bayesterra.pooling.joint import JointPosterior, joint_posterior
+from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.sampling.journal import Journal, Segment
+from bayesterra.schema import SamplingOptions
+from bayesterra.study import Study
+
+SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=45)
+
+
+class StoppedError(Exception):
+    """The end of a process."""
+
+
+@dataclass
+class Notes:
+    """A journal in memory, whose process ends at a save; segments that are asked for are noted."""
+
+    segments: dict[str, Segment] = field(default_factory=dict)
+    ends_at: str = ""
+    made: list[str] = field(default_factory=list)
+
+    def holds(self, name: str) -> bool:
+        """See :class:`bayesterra.sampling.journal.Journal`."""
+        return name in self.segments
+
+    def load(self, name: str) -> Segment | None:
+        """See :class:`bayesterra.sampling.journal.Journal`."""
+        return self.segments.get(name)
+
+    def save(self, name: str, segment: Segment) -> None:
+        """See :class:`bayesterra.sampling.journal.Journal`."""
+        if name == self.ends_at:
+            raise StoppedError
+        self.segments[name] = segment
+        self.made.append(name)
+
+
+@pytest.fixture(scope="module")
+def joint(make: Callable[..., Study]) -> JointPosterior:
+    """Two wheels that share φ, K from a population."""
+    return joint_posterior(make())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_rounds() -> object:
+    """Rounds of some sweeps, with laws fitted anew after the second."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(sampler, "ROUND_SWEEPS", 15)
+    patch.setattr(sampler, "PATIENCE", 30)
+    patch.setattr(sampler, "LONE_STEPS", 20)
+    yield
+    patch.undo()
+
+
+def run(joint: JointPosterior, small: PoolingOptions, journal: Journal | None = None) -> JointSamples:
+    """A run that takes all its steps."""
+    return sample_joint(joint, SHORT, SeedSequence(4), plan=small, journal=journal)
+
+
+@pytest.fixture(scope="module")
+def whole(joint: JointPosterior, small: PoolingOptions) -> tuple[JointSamples, Notes]:
+    """What an undisturbed run finds and notes."""
+    notes = Notes()
+    return run(joint, small, notes), notes
+
+
+def same(one: JointSamples, other: JointSamples) -> None:
+    """Draws, accepted shares and the laws that evidence is weighed with are equal to the last bit."""
+    np.testing.assert_array_equal(one.chains, other.chains)
+    np.testing.assert_array_equal(one.acceptance, other.acceptance)
+    assert one.moves == other.moves
+    for first, second in zip(one.laws, other.laws, strict=True):
+        np.testing.assert_array_equal(first.drivers.mixture.means, second.drivers.mixture.means)
+        np.testing.assert_array_equal(first.locals[1].mixture.factors, second.locals[1].mixture.factors)
+
+
+def test_notes_change_nothing(
+    joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]
+) -> None:
+    """Nor does reading them all."""
+    found, notes = whole
+    assert found.chains.shape[1] == 45
+    rounds = [name for name in notes.segments if name.startswith("joint-1-round-")]
+    assert len(rounds) == 5  # of which two were forgotten when the laws were fitted anew
+    same(run(joint, small), found)
+    made = list(notes.made)
+    same(run(joint, small, notes), found)
+    assert notes.made == made
+
+
+@pytest.mark.parametrize("ends_at", ["joint-2-begun", "joint-2-round-0004"])
+def test_a_run_that_ended_goes_on(
+    ends_at: str, joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]
+) -> None:
+    """From every kind of segment, and makes none twice."""
+    found, notes = whole
+    before = Notes({n: s for n, s in notes.segments.items() if n.startswith("group-")}, ends_at)
+    with pytest.raises(StoppedError):
+        run(joint, small, before)
+    after = Notes(before.segments)
+    known = set(before.segments)
+    same(run(joint, small, after), found)
+    assert not known & set(after.made)
+    assert set(after.segments) == set(notes.segments)
+
+
+def test_walkers_of_another_density_are_refused(
+    joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]
+) -> None:
+    """As after a change of a library that changes numbers."""
+    segments = dict(whole[1].segments)
+    begun = dict(segments["joint-1-begun"])
+    begun["walkers.likelihood"] = begun["walkers.likelihood"] + 1e-3
+    with pytest.raises(ResultError, match="the saved draws cannot be used: their log density is off by"):
+        run(joint, small, Notes({**segments, "joint-1-begun": begun}))
