@@ -56,8 +56,10 @@ class Checkpoints:
 
         Raises
         ------
-        ResultError : the run was begun with something else; the message says with what.
+        ResultError : the run was begun with something else; the message says with what. Or something else
+            than a file is in the place of one.
         """
+        _refuse_what_is_no_file(folder)
         present = json.loads(json.dumps(identity))
         found = _begun(folder)
         if found is not None and found != present:
@@ -112,6 +114,13 @@ class Checkpoints:
                 path.unlink()
                 notes.append(f"the saved segment '{path.name}' is damaged and is made again")
         return notes
+
+
+def _refuse_what_is_no_file(folder: Path) -> None:
+    """A folder in the place of a file is not ours to remove."""
+    for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
+        if path.exists() and not path.is_file():
+            raise ResultError(f"'{path}' is not a file: remove it, or begin anew with --overwrite")
 
 
 def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:

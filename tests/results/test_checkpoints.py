@@ -72,6 +72,19 @@ def test_every_damage_is_found(tmp_path: Path) -> None:
         assert not path.exists()
 
 
+@pytest.mark.parametrize("name", ["round-0001.segment", BEGUN])
+def test_a_folder_in_place_of_a_file_is_named_and_left(tmp_path: Path, name: str) -> None:
+    """Nobody's folder is removed; the message says which one."""
+    path = saved(tmp_path).with_name(name)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(
+        ResultError, match=rf"{name}' is not a file: remove it, or begin anew with --overwrite"
+    ):
+        opened(tmp_path)
+    assert path.is_dir()
+
+
 def test_what_was_not_finished_is_not_there(tmp_path: Path) -> None:
     """A segment that was being written when its process died is nothing."""
     path = saved(tmp_path)

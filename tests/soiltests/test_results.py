@@ -146,7 +146,7 @@ target_ess = 400
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """A soil-test file with its readings."""
-    plates(tests=1).table.to_csv(tmp_path / "plates.csv", index=False)
+    plates(tests=3).table.to_csv(tmp_path / "plates.csv", index=False)
     (tmp_path / "plates.toml").write_text(TOML, encoding="utf-8")
     return tmp_path / "plates.toml"
 
