@@ -29,6 +29,7 @@ import bayesterra as bt
 from bayesterra.calibrating import Job, calibrate_study
 from bayesterra.calibration import Fitted, calibrate
 from bayesterra.engines import ended
+from bayesterra.folders import WORK, part_of
 from bayesterra.posteriors import draw_cut_prior
 from bayesterra.taskfolders import task_folder
 from bayesterra.taskstore import STORE_FILE, finished_tasks
@@ -38,7 +39,8 @@ WORKERS = 2
 TASKS = {"synthetic": 8000, "m2": 2000}
 EVERY = {"synthetic": 400, "m2": 100}
 """Tasks between two rows of a table."""
-DASK_TASKS = 150
+DASK_TASKS = {5000: 150, 100_000: 40}
+"""Tasks by the draws of the prior that each of them weighs: short and long ones."""
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
 NOISE = {"sinkage": 20e-3, "drawbar_pull": 30.0, "resistance_moment": 6.0}
 """Standard deviations, SI: twenty times those of studies/calibration, so that a cheap fit is a right one."""
@@ -74,11 +76,13 @@ def study() -> bt.Study:
 class WeighedPrior:
     """Draws of the cut prior by their likelihood: right for coarse readings, and cheap."""
 
+    draws: int = PRIOR_DRAWS
+
     def __call__(self, simulated: bt.Study, seed: SeedSequence) -> Fitted:
         """Sample the posterior of a study."""
         drawing, choosing = (default_rng(stream) for stream in seed.spawn(2))
         target = bt.posterior(simulated)
-        x = draw_cut_prior(target, PRIOR_DRAWS, drawing).x
+        x = draw_cut_prior(target, self.draws, drawing).x
         log = target.log_prior_and_likelihood(x)[1]
         weights = np.exp(log - log.max())
         weights /= weights.sum()
@@ -108,14 +112,14 @@ def resident() -> tuple[float, float]:
 
 def stored(part: Path) -> float:
     """Size of a store with its log, MB."""
-    return sum(path.stat().st_size for path in part.glob(f"{STORE_FILE}*")) / 1e6
+    return sum(path.stat().st_size for path in (part / WORK).glob(f"{STORE_FILE}*")) / 1e6
 
 
 class Watch:
     """Notes time, memory and size of the store as tasks end; one line per row, so that a kill loses none."""
 
     def __init__(self, name: str, out: Path) -> None:
-        self._every, self._part, self._rows = EVERY[name], out.with_name(out.name + ".part"), out.parent
+        self._every, self._part, self._rows = EVERY[name], part_of(out), out.parent
         self._next, self._began = 0, time.perf_counter()
 
     def __call__(self, done: int, new: int) -> None:
@@ -133,7 +137,7 @@ class Watch:
 
 def work(name: str, out: Path, n: int) -> None:
     """Do what is missing of a part, in this process and two others."""
-    watch, known = Watch(name, out), finished_tasks(out.with_name(out.name + ".part") / STORE_FILE)
+    watch, known = Watch(name, out), finished_tasks(part_of(out) / WORK / STORE_FILE)
     with bt.local_pool(WORKERS) as engine:
         if name == "m2":
             job = Job(study(), n, engine=engine, fit=WeighedPrior())
@@ -158,7 +162,7 @@ def through_the_store(name: str, n: int) -> None:
     out = HERE / "unfinished" / name / "out"
     shutil.rmtree(out.parent, ignore_errors=True)
     out.parent.mkdir(parents=True)
-    store = out.with_name("out.part") / STORE_FILE
+    store = part_of(out) / WORK / STORE_FILE
     command = [sys.executable, __file__, "work", name, str(out), str(n)]
     first = subprocess.Popen(command, start_new_session=True)
     while finished_tasks(store) < n // 2:
@@ -228,12 +232,16 @@ def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
 
 
 def timed(
-    engine: bt.Engine, watch: Callable[[int], None] = lambda done: None
+    engine: bt.Engine, draws: int, watch: Callable[[int], None] = lambda done: None
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """A calibration's table; the seconds that it took and the processor seconds of its tasks."""
     began = time.perf_counter()
     found = calibrate(
-        study(), n=DASK_TASKS, engine=engine, fit=WeighedPrior(), report=lambda new, now: watch(now.done)
+        study(),
+        n=DASK_TASKS[draws],
+        engine=engine,
+        fit=WeighedPrior(draws),
+        report=lambda new, now: watch(now.done),
     )
     took = time.perf_counter() - began
     seconds = {"seconds": took, "processor_seconds_per_task": float(found.table["seconds"].mean())}
@@ -251,23 +259,31 @@ def on_dask() -> None:
             calibrate(study(), n=20, engine=one, fit=WeighedPrior())
 
         def kill(done: int) -> None:
-            if done >= DASK_TASKS // 2:
+            if done >= DASK_TASKS[PRIOR_DRAWS] // 2:
                 workers[0].kill()
 
-        right, _ = timed(here)
-        for case, one, number, watch in (
+        cases: list[tuple[str, bt.Engine, int, Callable[[int], None] | None]] = [
             ("one process", here, 1, None),
             ("two Dask workers", engine, WORKERS, None),
             ("one process again", here, 1, None),
             ("two Dask workers again", engine, WORKERS, None),
-            ("two Dask workers, one killed half-way", engine, WORKERS, kill),
-        ):
-            table, took = timed(one, watch or (lambda done: None))
-            rows.append({"case": case, "workers": number, "identical": table.equals(right), **took})
+        ]
+        for draws in sorted(DASK_TASKS, reverse=True):
+            last = [("two Dask workers, one killed half-way", engine, WORKERS, kill)]
+            right, _ = timed(here, draws)
+            for case, one, number, watch in cases + (last if draws == PRIOR_DRAWS else []):
+                table, took = timed(one, draws, watch or (lambda done: None))
+                rate = len(table) / took["seconds"] / number
+                head = {"case": case, "workers": number, "tasks": len(table)}
+                found = {
+                    **head,
+                    "identical": table.equals(right),
+                    **took,
+                    "tasks_per_second_and_worker": rate,
+                }
+                rows.append(found)
         engine.shutdown()
-    found = pd.DataFrame(rows)
-    found["tasks_per_second_and_worker"] = DASK_TASKS / found["seconds"] / found["workers"]
-    found.to_csv(HERE / "dask.csv", index=False, float_format="%.4g")
+    pd.DataFrame(rows).to_csv(HERE / "dask.csv", index=False, float_format="%.4g")
 
 
 def summary() -> None:
