@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.errors import ResultError
-from bayesterra.pooling import sampler
+from bayesterra.pooling import pilots, sampler
 from bayesterra.pooling.joint import JointPosterior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.journal import Journal, Segment
 from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
 
-SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=45)
+SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=18)
 
 
 class StoppedError(Exception):
@@ -56,18 +56,23 @@ def joint(make: Callable[..., Study]) -> JointPosterior:
 
 @pytest.fixture(scope="module", autouse=True)
 def short_rounds() -> object:
-    """Rounds of some sweeps, with laws fitted anew after the second."""
+    """Small laws, and rounds of some sweeps, with laws fitted anew after the second."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(sampler, "ROUND_SWEEPS", 15)
-    patch.setattr(sampler, "PATIENCE", 30)
+    patch.setattr(sampler, "ROUND_SWEEPS", 6)
+    patch.setattr(sampler, "PATIENCE", 12)
     patch.setattr(sampler, "LONE_STEPS", 20)
+    for module in (sampler, pilots):
+        patch.setattr(module, "FITTED", 512)
+    patch.setattr(sampler, "STARTS", 256)
+    patch.setattr(pilots, "FEWEST", 2)
+    patch.setattr(pilots, "MOST", 2)
     yield
     patch.undo()
 
 
 def run(joint: JointPosterior, small: PoolingOptions, journal: Journal | None = None) -> JointSamples:
     """A run that takes all its steps."""
-    return sample_joint(joint, SHORT, SeedSequence(4), plan=small, journal=journal)
+    return sample_joint(joint, SHORT, SeedSequence(4), plan=replace(small, pilots=(6,)), journal=journal)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +97,7 @@ def test_notes_change_nothing(
 ) -> None:
     """Nor does reading them all."""
     found, notes = whole
-    assert found.chains.shape[1] == 45
+    assert found.chains.shape[1] == 18
     rounds = [name for name in notes.segments if name.startswith("joint-1-round-")]
     assert len(rounds) == 5  # of which two were forgotten when the laws were fitted anew
     same(run(joint, small), found)
