@@ -11,12 +11,9 @@ from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import ResultError
 from bayesterra.pooling.moves import Counts, Family, Laws, PooledEnsemble, Walkers
-from bayesterra.sampling.journal import Journal, noted
+from bayesterra.sampling.journal import Journal, check_drift, noted
 
-SAME_DENSITY = 1e-9
-"""Relative difference of log densities within which saved walkers are where they were."""
 _WORD = 2**64
 
 
@@ -131,9 +128,4 @@ def check_densities(ensemble: PooledEnsemble) -> None:
     """Make sure that saved walkers have the density here that they had where they were saved."""
     known = ensemble.walkers.log_density
     here = Walkers.at(ensemble.family, ensemble.walkers.D, ensemble.walkers.L).log_density
-    worst = float(np.max(np.abs(here - known) / (1.0 + np.abs(known))))
-    if not worst <= SAME_DENSITY:
-        raise ResultError(
-            f"the saved draws cannot be used: their log density is off by {worst:.1g} of itself when computed"
-            " anew; add --overwrite in place of --resume to begin anew"
-        )
+    check_drift(float(np.max(np.abs(here - known) / (1.0 + np.abs(known)))))

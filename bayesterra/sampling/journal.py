@@ -10,12 +10,15 @@ from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesterra.errors import ResultError
 from bayesterra.reading import UNREADABLE
 
 T = TypeVar("T")
 
 Segment = Mapping[str, NDArray[Any]]
 """Arrays by name."""
+SAME_DENSITY = 1e-9
+"""Relative difference of log densities above which a run cannot go on from what was saved."""
 
 
 class Journal(Protocol):
@@ -60,6 +63,20 @@ def noted(journal: Journal, name: str, kind: type[T], make: Callable[[], T]) -> 
     segment = pack(make())
     journal.save(name, segment)
     return unpack(kind, segment)
+
+
+def check_drift(worst: float) -> None:
+    """Make sure that saved walkers have the density here that they had where they were saved.
+
+    Parameters
+    ----------
+    worst : largest relative difference of the two log densities.
+    """
+    if not worst <= SAME_DENSITY:
+        raise ResultError(
+            f"the saved draws cannot be used: their log density is off by {worst:.1g} of itself when computed"
+            " anew; add --overwrite in place of --resume to begin anew"
+        )
 
 
 def pack(value: Any, name: str = "") -> dict[str, NDArray[Any]]:

@@ -16,18 +16,16 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import Coordinates, coordinates
 from bayesterra.diagnostics import Diagnosis, diagnose
-from bayesterra.errors import ResultError, StudyError
+from bayesterra.errors import StudyError
 from bayesterra.posteriors import Density, Posterior, draw_cut_prior
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
-from bayesterra.sampling.journal import Journal, NoJournal, noted
+from bayesterra.sampling.journal import Journal, NoJournal, check_drift, noted
 from bayesterra.sampling.unbending import Unbending
 from bayesterra.study import SamplingOptions
 
 WARM_UP_STEPS = 50
 ROUND_STEPS = 200
-SAME_DENSITY = 1e-9
-"""Relative difference of log densities above which a run cannot go on from what was saved."""
 
 
 @dataclass(frozen=True)
@@ -294,10 +292,4 @@ def _prepare(
 
 
 def _check_densities(walks: list[Walk]) -> None:
-    """Make sure that saved walkers have the density here that they had where they were saved."""
-    worst = max(walk.ensemble.drift() for walk in walks)
-    if not worst <= SAME_DENSITY:
-        raise ResultError(
-            f"the saved draws cannot be used: their log density is off by {worst:.1g} of itself when computed"
-            " anew; add --overwrite in place of --resume to begin anew"
-        )
+    check_drift(max(walk.ensemble.drift() for walk in walks))
