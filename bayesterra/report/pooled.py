@@ -85,7 +85,7 @@ def _named(text: object) -> Markup:
 
 
 def _sharing(result: PooledResult) -> Verdict:
-    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated")
+    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated", beside=OPEN)
     parts = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
     parts += [
         Markup("{}, with the others as stated: {}").format(word, listed(names))
@@ -185,12 +185,15 @@ def _sentence(result: PooledResult) -> Markup:
     )
 
 
-def _by_word(result: PooledResult, column: str) -> dict[str, list[Markup]]:
-    """Parameters by their verdict, what is open last; none where a result is older than the column."""
+def _by_word(result: PooledResult, column: str, *, beside: str | None = None) -> dict[str, list[Markup]]:
+    """Parameters by their verdict, what is open last; none where a result is older than the column.
+
+    ``beside``: only those with this verdict from the groups alone.
+    """
     parts: dict[str, list[Markup]] = {}
     for row in result.sharing.to_dict("records"):
         word = row.get(column)
-        if isinstance(word, str) and word:
+        if isinstance(word, str) and word and beside in (None, row["verdict"]):
             parts.setdefault(word, []).append(_named(row["parameter"]))
     return dict(sorted(parts.items(), key=lambda part: part[0] == OPEN))
 
