@@ -11,9 +11,11 @@ from numpy.random import SeedSequence
 
 from bayesterra.errors import ResultError
 from bayesterra.pooling import pilots, sampler
+from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior, joint_posterior
+from bayesterra.pooling.legs import Standing
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.sampling.journal import Journal, Segment
+from bayesterra.sampling.journal import Journal, Segment, pack, unpack
 from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
 
@@ -120,6 +122,20 @@ def test_a_run_that_ended_goes_on(
     same(run(joint, small, after), found)
     assert not known & set(after.made)
     assert set(after.segments) == set(notes.segments)
+
+
+def test_an_ensemble_that_was_put_down_goes_on_like_one_that_was_not(
+    joint: JointPosterior, whole: tuple[JointSamples, Notes]
+) -> None:
+    """Laws, walkers, generator and counts: the next sweeps are the same."""
+    family = JointFamily(joint)
+    ensemble = unpack(Standing, whole[1].segments["joint-1-begun"]).ensemble(family)
+    ensemble.run(2)
+    other = unpack(Standing, pack(Standing.of(ensemble))).ensemble(family)
+    for one, same_ in zip(ensemble.run(3), other.run(3), strict=True):
+        np.testing.assert_array_equal(one, same_)
+    assert ensemble.counts == other.counts
+    assert ensemble.rng.bit_generator.state == other.rng.bit_generator.state
 
 
 def test_walkers_of_another_density_are_refused(

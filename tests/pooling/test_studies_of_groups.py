@@ -42,6 +42,28 @@ def test_soils_are_recovered_and_judged(case: str, parameters: int, verdict: str
     assert pooling["log_evidence"].idxmax() == "as stated"
 
 
+@pytest.mark.parametrize("case", ["one-soil", "six-soils"])
+def test_the_readme_says_what_the_tables_say(case: str) -> None:
+    """Draws, true values inside, evidence, and the factors of c with φ and of K."""
+    text = (STORED / "README.md").read_text(encoding="utf-8").replace("\u2212", "-").replace("*", "")
+    costs, inside = _table("costs", case).iloc[0], _table("recovery", case)["inside"]
+    ess = f"{costs['ess']:.0f}"
+    line = f"| `{case}` | yes | {costs['r_hat']:.4f} | {ess[:-3]} {ess[-3:]} |"
+    assert line in text
+    assert f"| {costs['ess_per_processor_second']:.0f} | {inside.sum()} of {len(inside)} |" in text
+    evidence = _table("pooling", case).set_index("pooling")["log_evidence"]
+    assert f"| {evidence['as stated']:.1f} | {evidence['none']:.1f} |" in text
+    sharing = _table("sharing", case).set_index("parameter")
+    together, alone, stated = (
+        sharing["log_bayes_factor"]["c and phi"],
+        sharing["log_bayes_factor"]["K"],
+        sharing["log_bayes_factor_as_stated"]["K"],
+    )
+    assert (f"{together:.1f} ±" in text) or (f"{together:.0f} ±" in text)
+    assert f"{alone:.1f} cannot tell" in text
+    assert (f"{stated:.1f} cannot tell" in text) or (f"{stated:.0f} ±" in text)
+
+
 def test_readings_of_six_wheels_are_those_of_their_soils(script: ModuleType) -> None:
     """With c and φ of one soil the true values are likely: χ² is the number of readings within chance."""
     joint = joint_posterior(script.simulated("one-soil"))
