@@ -197,12 +197,12 @@ class Analysis:
         shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
         by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
         predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
-        tree = draws_tree(
-            self.study, self.posterior, self.kept.chains, self.kept.labels, self.prior.x, predictions
-        )
         curves = predict_curves(self.study, self.posterior, self.kept.spaced(CURVE_DRAWS), rng)
-        tree["curves"] = xr.DataTree(curves_dataset(curves))
-        return tree
+        kept = self.kept
+        return draws_tree(
+            self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
+            curves_dataset(curves),
+        )  # fmt: skip
 
     def points(self) -> dict[str, dict[str, float]]:
         """Point estimates by method: the mode, every least-squares fit, published and true values."""

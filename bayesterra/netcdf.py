@@ -7,6 +7,8 @@ than any memory holds while it is a few bytes long. None of that is in files tha
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from importlib.metadata import version
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -79,6 +81,13 @@ def _size(name: str, item: Any) -> int:
     if kind not in "biufSU" and not (kind == "O" and h5py.check_string_dtype(item.dtype)):
         raise ValueError(f"'{name}' holds neither numbers nor texts")
     return int(item.dtype.itemsize) * max(int(item.size or 0), prod(item.chunks or (0,)))
+
+
+def labelled_tree(groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
+    """Tree of groups by name, each of which says what made it, as ArviZ's schema asks."""
+    made = {"inference_library": "bayesterra", "inference_library_version": version("bayesterra")}
+    parts = {f"/{name}": dataset.assign_attrs(made) for name, dataset in groups.items()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=made), **parts})
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:

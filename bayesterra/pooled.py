@@ -16,6 +16,7 @@ from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import hdi
 from bayesterra.inference import Kept, keep
+from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import COMPLETE, degrees_of, preferred
 from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
@@ -23,6 +24,7 @@ from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_join
 from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
 from bayesterra.pooling.weighing import row_terms
 from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.results import conditions_dataset, left_out_dataset, observed_dataset, of_rows
 from bayesterra.sampling.journal import Journal
 from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.sharing import law_sd
@@ -274,7 +276,7 @@ def _verdict(samples: JointSamples, complete: Samples) -> dict[str, Any]:
 def _tree(
     study: Study, joint: JointPosterior, samples: JointSamples, kept: Kept, prior: FloatArray
 ) -> xr.DataTree:
-    names = joint.first.names
+    names, rows = joint.first.names, study.observations
     spaced = [keep(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
     alone = np.stack([x[: min(map(len, spaced))] for x in spaced])
     groups = {
@@ -285,19 +287,18 @@ def _tree(
                 **{name: (("chain", "draw"), values) for name, values in kept.labels.items()},
             }
         ),
-        "log_likelihood": _pointwise(joint, kept.chains),
+        "log_likelihood": _pointwise(joint, kept.chains).sel(row=list(rows.used().rows)),
         "prior": _dataset(joint, prior[None]),
         "alone": xr.Dataset(
             {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},
             coords={"group": list(joint.groups)},
         ),
-        "observed_data": xr.Dataset(
-            {name: (("row",), study.observations.values[name]) for name in study.noise},
-            coords={"row": list(study.observations.rows)},
-            attrs={"kind": study.kind},
-        ),
+        "observed_data": of_rows(observed_dataset(study), rows.use),
+        "constant_data": of_rows(conditions_dataset(study), rows.use),
     }
-    return xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+    if not rows.use.all():
+        groups["predictions_constant_data"] = left_out_dataset(study)
+    return labelled_tree(groups)
 
 
 def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
@@ -317,7 +318,7 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
 
 
 def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
-    """Log likelihood of every row in the fit, (chain, draw, used_row), all channels together."""
+    """Log likelihood of every row in the fit, (chain, draw, row), all channels together."""
     flat = chains.reshape(-1, chains.shape[2])
     D, L = joint.split(flat)
     parts, rows = [], []
@@ -326,4 +327,4 @@ def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
         parts.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
         rows += list(density.likelihood.observations.rows)
     values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
-    return xr.Dataset({"row": (("chain", "draw", "used_row"), values)}, coords={"used_row": rows})
+    return xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})

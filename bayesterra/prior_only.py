@@ -15,6 +15,7 @@ from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.derived import DERIVED, derive
 from bayesterra.diagnostics import hdi
+from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predictive import predict_curves, predict_rows, predictive_table
@@ -80,7 +81,7 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     }
     return PriorResult(
         study=study,
-        draws=xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()}),
+        draws=labelled_tree(groups),
         summary=_summary(study, cut.x),
         predictive=predictive_table(study, predictions),
         record=record.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)}),

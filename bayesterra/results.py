@@ -12,6 +12,7 @@ import xarray as xr
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood import Likelihood
+from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS
 from bayesterra.posteriors import Posterior
 from bayesterra.predictive import Curves, RowPredictions
@@ -29,6 +30,8 @@ class Result:
     study : what was asked.
     draws : xarray DataTree with ArviZ groups (posterior, sample_stats, log_prior, log_likelihood, prior,
         prior_predictive, posterior_predictive, observed_data, constant_data) and ``curves``; SI, radians.
+        Their ``row`` is one of the fit; rows left out stand in ``predictions`` and
+        ``predictions_constant_data``, the latter with the readings that they have.
     summary : one row per parameter and derived quantity, in field units.
     least_squares : point estimates of every method and where they stand in the posterior.
     identifiability : one row per parameter: verdict, contraction, strongest coupling.
@@ -92,6 +95,7 @@ def draws_tree(
     labels: Mapping[str, FloatArray],
     prior: FloatArray,
     predictions: Mapping[str, RowPredictions],
+    curves: xr.Dataset,
 ) -> xr.DataTree:
     """Assemble the ArviZ groups.
 
@@ -100,14 +104,16 @@ def draws_tree(
     chains : kept draws (chain, draw, d), walker after walker.
     labels : per draw (chain, draw): ``walker`` and ``step``.
     prior : draws of the cut prior (n, d).
-    predictions : by group, ``prior_predictive`` and ``posterior_predictive``.
+    predictions : by group, ``prior_predictive`` and ``posterior_predictive``; of all rows of the table.
+    curves : of :func:`curves_dataset`.
     """
     shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
     pointwise = posterior.log_terms(flat)
     apart = posterior.likelihood.rows_apart
     total = pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0]
     log_density = posterior.log_prior(flat) + total
-    laws = posterior.prior.laws
+    laws, use = posterior.prior.laws, study.observations.use
+    predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
     groups = {
         "posterior": parameter_dataset(posterior.names, chains),
         "sample_stats": _dataset(
@@ -124,28 +130,34 @@ def draws_tree(
         ),
         "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
         "prior": parameter_dataset(posterior.names, prior[None]),
-        **{name: predictions_dataset(study, rows) for name, rows in predictions.items()},
-        "observed_data": _observed(study),
-        "constant_data": conditions_dataset(study),
+        **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
+        "observed_data": of_rows(observed_dataset(study), use),
+        "constant_data": of_rows(conditions_dataset(study), use),
+        "curves": curves,
     }
-    groups["posterior_predictive"] = groups["posterior_predictive"].assign_coords(
-        chain=np.arange(shape[0]), draw=np.arange(shape[1])
-    )
-    return xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+    if not use.all():
+        groups["predictions"] = of_rows(predicted["posterior_predictive"], ~use)
+        groups["predictions_constant_data"] = left_out_dataset(study)
+    return labelled_tree(groups)
+
+
+def of_rows(dataset: xr.Dataset, chosen: BoolArray) -> xr.Dataset:
+    """Some rows of a dataset that has all rows of the table."""
+    return dataset.isel(row=np.flatnonzero(chosen))
 
 
 def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
     """Log likelihood of the rows in the fit, per term; NaN where nothing was measured.
 
-    A term is a channel, or ``row`` where a latent load joins the readings of a row.
+    A term is a channel, or ``readings`` where a latent load joins the readings of a row.
     """
     silent: BoolArray = np.isnan(likelihood.measured)
     if likelihood.terms != likelihood.channels:
         silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
-    dims = ("chain", "draw", "used_row")
+    dims = ("chain", "draw", "row")
     dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
-    return dataset.assign_coords(used_row=list(likelihood.observations.rows))
+    return dataset.assign_coords(row=list(likelihood.observations.rows))
 
 
 def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
@@ -157,7 +169,8 @@ def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     return dataset.assign_coords(row=list(study.observations.rows))
 
 
-def _observed(study: Study) -> xr.Dataset:
+def observed_dataset(study: Study) -> xr.Dataset:
+    """The readings of all rows of the table."""
     values = study.observations.values
     dataset = _dataset({name: (("row",), values[name]) for name in study.noise}, kind=study.kind)
     return dataset.assign_coords(row=list(study.observations.rows))
@@ -175,6 +188,12 @@ def conditions_dataset(study: Study) -> xr.Dataset:
     if study.drive == "sinkage":
         variables["sinkage"] = (("row",), observations.values["sinkage"])
     return _dataset(variables).assign_coords(row=list(observations.rows))
+
+
+def left_out_dataset(study: Study) -> xr.Dataset:
+    """Conditions and readings of the rows that are not in the fit."""
+    both = conditions_dataset(study).merge(observed_dataset(study))
+    return of_rows(both.assign_attrs(kind=study.kind), ~study.observations.use)
 
 
 def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:

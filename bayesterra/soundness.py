@@ -189,8 +189,13 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "prior_predictive": ("chain", "draw", "row"),
     "posterior_predictive": ("chain", "draw", "row"),
     "observed_data": ("row",),
+    "log_likelihood": ("chain", "draw", "row"),
 }
-"""Groups of ``draws.nc``, and the dimensions of all that is in them."""
+"""Groups of ``draws.nc``, and the dimensions of all that is in them.
+
+Older files have all rows of the table under ``row``, and the log likelihood of those in the fit under
+``used_row``.
+"""
 
 
 def check_record(record: Any, shape: Mapping[str, object] = RECORD) -> None:
@@ -288,7 +293,9 @@ def _check_column(table: pd.DataFrame, column: str, kind: object, place: str) ->
 
 def check_draws(tree: xr.DataTree, study: Study) -> None:
     """ValueError where groups, dimensions or parameters are not those of a result of this study."""
-    for group, dims in GROUPS.items():
+    older = "log_likelihood" in tree.children and "used_row" in tree["log_likelihood"].dims
+    of_fit = {"log_likelihood": ("chain", "draw", "used_row")} if older else {}
+    for group, dims in {**GROUPS, **of_fit}.items():
         if group not in tree.children:
             raise ValueError(f"draws.nc lacks the group '{group}'")
         for name, values in tree[group].data_vars.items():
@@ -304,7 +311,9 @@ def check_draws(tree: xr.DataTree, study: Study) -> None:
                 raise ValueError(f"draws.nc: '{group}' holds draws of '{name}' that are no numbers")
     if "lp" not in tree["sample_stats"].data_vars:
         raise ValueError("draws.nc lacks the log densities of its draws")
-    rows = [("observed_data", "row"), ("posterior_predictive", "row"), ("prior_predictive", "row")]
-    for group, dim in rows:
-        if tree[group].sizes[dim] != len(study.observations):
+    used = int(study.observations.use.sum())
+    rows = len(study.observations) if older else used
+    sizes = dict.fromkeys(("observed_data", "posterior_predictive", "prior_predictive"), rows)
+    for group, size in {**sizes, "log_likelihood": used}.items():
+        if tree[group].sizes[{**GROUPS, **of_fit}[group][-1]] != size:
             raise ValueError(f"draws.nc: '{group}' has other rows than the study")

@@ -68,7 +68,7 @@ class JointRows(Likelihood):
     @property
     def terms(self) -> tuple[str, ...]:
         """One term: all readings of a row together."""
-        return ("row",)
+        return ("readings",)
 
     @property
     def rows_apart(self) -> bool:

@@ -41,7 +41,7 @@ class LatentLoad(Likelihood):
     @property
     def terms(self) -> tuple[str, ...]:
         """One term: all readings of a row together."""
-        return ("row",)
+        return ("readings",)
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer for the lowest load of the range."""

@@ -23,6 +23,7 @@ from bayesterra.diagnostics import array_ess, array_r_hat
 from bayesterra.errors import StudyError
 from bayesterra.identifiability import Identifiability, identifiability
 from bayesterra.inference import PRIOR_DRAWS, Kept, keep
+from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import Parameter
 from bayesterra.posteriors import PriorDraws, draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions
@@ -319,7 +320,7 @@ class _Parts:
             ),
         }
         groups["log_likelihood"] = groups["log_likelihood"].assign_coords(name=list(readings.tests))
-        return xr.DataTree.from_dict({f"/{name}": _numbered(group) for name, group in groups.items()})
+        return labelled_tree({name: _numbered(group) for name, group in groups.items()})
 
     def _origin(self, seed: int) -> dict[str, Any]:
         content = self.test.content

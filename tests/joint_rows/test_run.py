@@ -36,7 +36,7 @@ def test_the_result_keeps_the_density_of_the_joint_law(result: RunResult) -> Non
     x = result.values()
     expected = posterior(result.study).log_density(x)
     assert_allclose(result.draws["sample_stats"]["lp"].to_numpy().ravel(), expected, rtol=1e-9, atol=1e-9)
-    assert list(result.draws["log_likelihood"].data_vars) == ["row"]
+    assert list(result.draws["log_likelihood"].data_vars) == ["readings"]
     assert "discrepancy_drawbar_pull" in result.names
     assert result.summary["parameter"].tolist()[:3] == ["n0", "phi", "discrepancy_drawbar_pull"]
 

@@ -52,10 +52,10 @@ def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     for name, truth in (("phi", np.degrees(0.5)), ("sinkage_offset", 1.5)):
         row = summary.loc[name]
         assert abs(row["mean"] - truth) < 4 * row["sd"]
-    levels = found.draws["log_likelihood"]["row"]
-    assert levels.sizes["used_row"] == 12
+    levels = found.draws["log_likelihood"]["readings"]
+    assert levels.sizes["row"] == 12
     assert np.isfinite(levels).all()
-    total = levels.sum("used_row") + sum(found.draws["log_prior"].data_vars.values())
+    total = levels.sum("row") + sum(found.draws["log_prior"].data_vars.values())
     np.testing.assert_allclose(total, found.draws["sample_stats"]["lp"], rtol=1e-9)
     assert set(found.predictive["channel"]) == {"normal_force", "sinkage", "drawbar_pull"}
     found.save(tmp_path / "out")

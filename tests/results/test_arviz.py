@@ -1,0 +1,128 @@
+"""ArviZ itself opens what is written; folders of the older layout are read."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bayesterra.models import Wheel
+from bayesterra.netcdf import write_tree
+from bayesterra.posteriors import posterior
+from bayesterra.predicting import predict
+from bayesterra.predictive import predict_curves, predict_rows
+from bayesterra.report import html
+from bayesterra.results import curves_dataset, draws_tree
+from bayesterra.side_by_side import side_by_side
+from bayesterra.storage import read_result
+from bayesterra.study import Study
+
+az: Any = pytest.importorskip("arviz", minversion="0.23")
+
+CHANNELS = ("sinkage", "drawbar_pull", "resistance_moment")
+TABLE = pd.DataFrame(
+    {
+        "slip": [0.1, 0.2, 0.3, 0.35, 0.4, 0.5],
+        "load [N]": 80.0,
+        "sinkage [mm]": [6.6, 10.0, 14.2, 16.1, 19.0, 23.5],
+        "drawbar_pull [N]": [13.6, 19.0, 20.5, 21.0, 21.5, 22.0],
+        "resistance_moment [N m]": [3.7, 4.8, 5.4, 5.5, 5.7, 5.9],
+        "use": [1, 1, 0, 1, 1, 1],
+    }
+)
+HELD = {"Ks": 2.5e6, "n0": 0.87, "n1": 1.1, "K": 0.0131, "c1": 0.39, "c2": -0.2}
+DRIVES: dict[str, dict[str, Any]] = {
+    "load": {},
+    "rows that hang together": {"ripple": {"drawbar_pull": {"sd": 0.5, "memory": 2.0}}},
+    "both": {"drive": "both", "load_range": ["50 N", "120 N"]},
+}
+OLDER = Path(__file__).parent / "older"
+"""A result of the version before rows that are left out had groups of their own, its draws thinned."""
+
+
+def written(path: Path, **given: Any) -> Study:
+    """Write draws around a soil that explains the table, with the third row left out."""
+    noise = {"sinkage": "1 mm", "drawbar_pull": "1 N", "resistance_moment": "0.2 N m"}
+    table = TABLE
+    if given.get("drive") == "both":
+        table, noise = (
+            TABLE.rename(columns={"load [N]": "normal_force [N]"}),
+            {**noise, "normal_force": "2 N"},
+        )
+    wheel = Wheel(0.135, 0.165, 0.015, 24, 0.75)
+    study = Study(table, {"A": wheel}, slip_reference="shearing", model="M2", noise=noise,
+                  priors={"set": "paper-box", **HELD}, **given)  # fmt: skip
+    target, rng = posterior(study), np.random.default_rng(3)
+    x = np.array([300.0, 0.5]) + np.array([30.0, 0.005]) * rng.standard_normal((4, 100, 2))
+    assert target.names == ("c", "phi")
+    flat, labels = x.reshape(-1, 2), {name: np.zeros(x.shape[:2]) for name in ("walker", "step")}
+    rows, before = (predict_rows(study, target, flat, rng, before=one) for one in (False, True))
+    by_chain = type(rows)(rows.channels, rows.modelled, rows.readings.reshape(4, 100, 6, -1))
+    tree = draws_tree(
+        study, target, x, labels, flat, {"posterior_predictive": by_chain, "prior_predictive": before},
+        curves_dataset(predict_curves(study, target, flat[:20], rng)),
+    )  # fmt: skip
+    write_tree(tree, path)
+    return study
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_rows_of_the_fit_have_one_dimension(drive: str, tmp_path: Path) -> None:
+    """Every group has the rows in the fit under ``row``; the one left out is kept, readings too."""
+    study = written(tmp_path / "draws.nc", **DRIVES[drive])
+    with xr.open_datatree(tmp_path / "draws.nc", engine="h5netcdf") as tree:
+        for name in (
+            "log_likelihood",
+            "prior_predictive",
+            "posterior_predictive",
+            "observed_data",
+            "constant_data",
+        ):
+            assert tree[name]["row"].to_numpy().tolist() == [1, 2, 4, 5, 6], name
+            for values in tree[name].data_vars.values():
+                assert values.dims[-1] == "row", (name, values.name)
+        assert set(tree["predictions"].data_vars) == set(study.noise)
+        left = tree["predictions_constant_data"]
+        for group in (tree["predictions"], left):
+            assert group["row"].to_numpy().tolist() == [3]
+        assert left["slip"].item() == 0.3
+        for name in study.noise:
+            assert left[name].item() == study.observations.values[name][2]
+        for node in tree.subtree:
+            assert node.attrs["inference_library"] == "bayesterra"
+            assert node.attrs["inference_library_version"] == "0.1.0"
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_arviz_leaves_rows_out(drive: str, tmp_path: Path) -> None:
+    """Summary and loo of every term; loo_pit, and its plot, where every reading has a term of its own."""
+    written(tmp_path / "draws.nc", **DRIVES[drive])
+    data = az.from_netcdf(tmp_path / "draws.nc")
+    assert az.summary(data).index.tolist() == ["c", "phi"]
+    terms = tuple(data.log_likelihood.data_vars)
+    assert terms == (CHANNELS if drive == "load" else ("readings",))
+    for term in terms:
+        found = az.loo(data, var_name=term)
+        assert found.n_data_points == 5
+        rows = data.log_likelihood[term].to_numpy().reshape(-1, 5)
+        raw = -np.log(np.mean(np.exp(-rows), axis=0)).sum()
+        assert found.elpd_loo == pytest.approx(raw, abs=0.2)
+    for channel in terms if drive == "load" else ():
+        pit = az.loo_pit(data, y=channel)
+        below = data.posterior_predictive[channel] <= data.observed_data[channel]
+        np.testing.assert_allclose(pit, below.mean(("chain", "draw")), atol=0.15)
+        az.plot_loo_pit(data, y=channel)
+    plt.close("all")
+
+
+def test_the_older_layout_is_read() -> None:
+    """Results with all rows under ``row``, and the fit's under ``used_row``, are read and reported on."""
+    result = read_result(OLDER)
+    assert result.draws["log_likelihood"].sizes["used_row"] == 5
+    assert result.draws["observed_data"].sizes["row"] == 6
+    assert "φ" in html(result)
+    assert not predict(result, slip=[0.3], load="80 N").table.empty
+    assert list(side_by_side({"one": result, "other": result}).results) == ["one", "other"]
