@@ -24,7 +24,13 @@ from bayesterra.identification import Fit, fit_all, report_table
 from bayesterra.mode import Mode, find_mode
 from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
-from bayesterra.predictive import RowPredictions, predict_curves, predict_rows, predictive_table
+from bayesterra.predictive import (
+    RowPredictions,
+    predict_at_read_loads,
+    predict_curves,
+    predict_rows,
+    predictive_table,
+)
 from bayesterra.results import Result, curves_dataset, draws_tree
 from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.journal import Journal
@@ -108,8 +114,8 @@ def run(
         check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    streams = SeedSequence(seed).spawn(7)
-    sampling, prior_stream, predicting, validating, weighing, nesting, informing = streams
+    streams = SeedSequence(seed).spawn(8)
+    sampling, prior_stream, predicting, validating, weighing, nesting, informing, loading = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report, journal=journal)
     report(Progress("comparing", 1.0))
@@ -123,7 +129,7 @@ def run(
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused)
     report(Progress("checking", 1.0))
-    result = analysis.result(seed, default_rng(predicting), (validating, informing), started)
+    result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
     if not crosscheck:
         return result
     ours = Weighted.equal("bayesterra", kept.flat, integral.log_z, integral.error)
@@ -146,16 +152,23 @@ class Analysis:
     refused: tuple[str, ...]
 
     def result(
-        self, seed: int, rng: Generator, streams: tuple[SeedSequence, SeedSequence], started: float
+        self,
+        seed: int,
+        rng: Generator,
+        streams: tuple[SeedSequence, SeedSequence, SeedSequence],
+        started: float,
     ) -> Result:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 
-        ``rng`` predicts; ``streams`` are for the checks and for what the data added to the prior.
+        ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, and for
+        loads before the readings.
         """
-        validating, informing = streams
+        validating, informing, loading = streams
         rows = predict_rows(self.study, self.posterior, self.kept.flat, rng)
         before = predict_rows(self.study, self.posterior, self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
+        if self.study.drive == "both":
+            before = predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading))
         standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
         found, directions = self.identifiability(default_rng(informing))
         findings = {

@@ -17,6 +17,7 @@ from bayesterra.posteriors import Posterior, likelihood_of
 from bayesterra.study import Study
 
 GRID = 41
+FORCE = "normal_force"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,23 @@ def predict_rows(
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
     )
+
+
+def predict_at_read_loads(
+    study: Study, posterior: Posterior, draws: FloatArray, rng: Generator
+) -> RowPredictions:
+    """Predictions before any reading but that of the normal force, drive ``both``.
+
+    A load is drawn given its row's normal force alone. That law, unlike the flat one, does not hang on how
+    wide the range of loads is, which serves the integral over loads and says nothing that is believed.
+    """
+    rows = study.observations
+    blank = np.full(len(rows), np.nan)
+    values = {name: column if name == FORCE else blank for name, column in rows.values.items()}
+    told = likelihood_of(study, replace(rows, values=values))
+    noise = posterior.noise_values(draws)
+    outcomes = told.explained(posterior.prior.soil_values(draws), noise, rng)
+    return RowPredictions(told.channels, told.predicted(outcomes), told.draw(outcomes, noise, rng))
 
 
 def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from scipy.special import ndtri
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.discrepancies import DISCREPANCIES, LARGEST, Discrepancy, Statistic, applicable, exceedance
 from bayesterra.posteriors import Posterior
-from bayesterra.predictive import RowPredictions
+from bayesterra.predictive import FORCE, RowPredictions
 from bayesterra.replicates import Modelled, Replicate, ReplicateOptions, replicates
 from bayesterra.study import Study
 
@@ -205,7 +205,7 @@ class PriorChecks:
 
     Attributes
     ----------
-    checks : every statistic of every channel.
+    checks : every statistic of every channel, but of the normal force where the load is latent.
     overall : smallest p times the number of checks (Bonferroni), 1 at most.
     """
 
@@ -219,10 +219,20 @@ class PriorChecks:
 
 
 def prior_checks(study: Study, predictions: RowPredictions) -> PriorChecks:
-    """Hold the readings in the fit against readings that draws of the cut prior predict."""
-    rows, checks = study.observations, []
+    """Hold the readings in the fit against readings that draws of the cut prior predict.
+
+    A latent load (drive ``both``) has a flat law over a range that nobody believes in: readings of the normal
+    force are not judged, and the others only where ``predictions`` are made at loads that these tell
+    (:func:`bayesterra.predictive.predict_at_read_loads`).
+    """
+    rows, checks, latent = study.observations, [], study.drive == "both"
+    told = (
+        ~np.isnan(rows.values[FORCE]) if latent and FORCE in rows.values else np.full(len(rows), not latent)
+    )
     for column, name in enumerate(predictions.channels):
-        chosen = np.flatnonzero(rows.use & ~np.isnan(rows.values[name]))
+        if latent and name == FORCE:
+            continue
+        chosen = np.flatnonzero(rows.use & told & ~np.isnan(rows.values[name]))
         slip, values = rows.slip[chosen], rows.values[name][chosen]
         drawn = predictions.readings[:, chosen, column]
         drawn = drawn[np.isfinite(drawn).all(axis=1)]

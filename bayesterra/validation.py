@@ -71,7 +71,7 @@ def validate(
     Parameters
     ----------
     draws : near-independent posterior draws (n, d).
-    before : readings of all rows that the cut prior predicts.
+    before : readings of all rows that the cut prior predicts, at known or read loads.
     """
     checking, leaving = seed.spawn(2)
     with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other

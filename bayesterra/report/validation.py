@@ -78,7 +78,14 @@ def prior_predictive(result: Result) -> Table:
         "The readings contradict the prior: they lie where it predicts next to nothing."
         if checks.conflict
         else "The prior can predict such readings."
+        if checks.checks
+        else "There is nothing to judge."
     )
+    if result.study.drive == "both" and all(check.channel != "normal_force" for check in checks.checks):
+        word += (
+            " Loads are taken as the normal force of each row tells them: the range of loads is one to"
+            " integrate over and no belief, so the normal force itself and rows without one are not judged."
+        )
     caption = Markup(
         "Prior-predictive check: statistics of the readings beside what draws of the prior predict. {} "
         "Overall <i>p</i> {} (smallest <i>p</i> times the number of statistics; conflict below {:g})."

@@ -7,6 +7,10 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.models import M2, Soil, Wheel
+from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.predictive import predict_at_read_loads
+from bayesterra.predictive_checks import prior_checks
+from bayesterra.report import html
 from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
 
@@ -31,9 +35,31 @@ def table(rng: np.random.Generator) -> pd.DataFrame:
     return readings
 
 
+FREE = {"phi": {"dist": "uniform", "lower": "0 deg", "upper": "50 deg"}}
+NOISE = {"normal_force": 1.2, "sinkage": 5e-4, "drawbar_pull": 0.3}
+
+
+def test_the_prior_check_does_not_judge_the_range_of_loads() -> None:
+    """Ranges ten times apart in width give the same answer, and none of them is about the normal force."""
+    found = []
+    for load_range in (None, ["20 N", "28 N"], ["1 N", "80 N"]):
+        study = Study(
+            table(np.random.default_rng(1)), {"A": WHEEL}, slip_reference="shearing", model="M2",
+            drive="both", noise=NOISE, priors={**TRUTH, **FREE}, load_range=load_range,
+        )  # fmt: skip
+        target = posterior(study)
+        x = draw_cut_prior(target, 2000, np.random.default_rng(1)).x
+        found.append(prior_checks(study, predict_at_read_loads(study, target, x, np.random.default_rng(2))))
+    for checks in found:
+        assert {check.channel for check in checks.checks} == {"sinkage", "drawbar_pull"}
+    for first, *others in zip(*(checks.checks for checks in found), strict=True):
+        for other in others:
+            assert abs(other.p - first.p) < 0.05, (first, other)
+            assert abs(other.high - first.high) < 0.1 * (first.high - first.low), (first, other)
+
+
 def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     """It converges, covers φ and the offset, keeps one likelihood per row, predicts forces and reports."""
-    free = {"phi": {"dist": "uniform", "lower": "0 deg", "upper": "50 deg"}}
     offset = {"sinkage_offset": {"dist": "norm", "scale": "2 mm"}}
     study = Study(
         table(np.random.default_rng(1)),
@@ -41,8 +67,8 @@ def test_a_run_with_latent_loads(tmp_path: Path) -> None:
         slip_reference="shearing",
         model="M2",
         drive="both",
-        noise={"normal_force": 1.2, "sinkage": 5e-4, "drawbar_pull": 0.3},
-        priors={**TRUTH, **free, **offset},
+        noise=NOISE,
+        priors={**TRUTH, **FREE, **offset},
         sampling=SamplingOptions(target_ess=400, walkers=32),
         least_squares={"methods": ("joint",)},
     )
@@ -62,3 +88,6 @@ def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "the load of a row is unknown" in page
     assert bt.load_result(tmp_path / "out").study.load_range == study.load_range
+    judged = {check["channel"] for check in found.record["prior_checks"]["checks"]}
+    assert judged == {"sinkage", "drawbar_pull"}
+    assert "the range of loads is one to integrate over and no belief" in html(found)
