@@ -301,15 +301,19 @@ def plain_coordinates(names: Sequence[str]) -> Coordinates:
 
 
 def coordinates(posterior: Posterior) -> Coordinates:
-    """Choose the map for a study: which parameters are free, and what is typical of its rows."""
+    """Choose the map for a study: which parameters are free, and what is typical of its rows.
+
+    A law that numbers do not resolve at its ends is sampled by its normal score, in no block with others.
+    """
     names, laws, fixed = posterior.names, posterior.prior.laws, posterior.prior.fixed
-    rows = _Typical.of(posterior)
-    stiffness = "kphi" if {"kc", "kphi"} <= set(names) else "Ks"
+    rows, alone = _Typical.of(posterior), {name for name, law in laws.items() if law.crowded}
+    loose = [name for name in names if name not in alone]
+    stiffness = "kphi" if {"kc", "kphi"} <= set(loose) else "Ks"
     wanted = (stiffness, "n0", "n1")
-    bearing = tuple(name for name in wanted if {stiffness, "n0"} <= set(names) and name in names)
+    bearing = tuple(name for name in wanted if {stiffness, "n0"} <= set(loose) and name in loose)
     limited = fixed.get("c3", 1.0) < 1.0 and _several_slips(posterior)
-    angles = ("c1", "c2") if {"c1", "c2"} <= set(names) and limited else ()
-    shear = tuple(name for name in ("c", "phi", "K") if {"c", "phi"} <= set(names) and name in names)
+    angles = ("c1", "c2") if {"c1", "c2"} <= set(loose) and limited else ()
+    shear = tuple(name for name in ("c", "phi", "K") if {"c", "phi"} <= set(loose) and name in loose)
     choices: list[tuple[tuple[str, ...], Block]] = []
     if bearing:
         score: Block = NormalScore(laws["Ks"]) if stiffness == "Ks" else Logarithm()
@@ -331,7 +335,7 @@ def coordinates(posterior: Posterior) -> Coordinates:
 def _alone(name: str, law: Law) -> Block:
     """The map of a parameter that forms no block with others."""
     scale = name == "K" or name.startswith(NOISE_PREFIX)
-    return Logarithm() if scale else NormalScore(law)
+    return Logarithm() if scale and not law.crowded else NormalScore(law)
 
 
 def _several_slips(posterior: Posterior) -> bool:

@@ -17,6 +17,12 @@ from bayesterra.errors import StudyError
 
 RANGED = ("uniform", "loguniform")
 """Laws whose range is given by ``lower`` and ``upper`` themselves."""
+FINITE = (*RANGED, "norm", "halfnorm")
+"""Common laws whose density is finite everywhere."""
+CROWDED = 1e-6
+"""Probability that numbers cannot tell from an end, from which only normal scores do justice to it."""
+TOO_CROWDED = 0.5
+"""Such a probability, both ends together, beyond which numbers do not represent the law."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,8 @@ class Law:
 
     Raises
     ------
-    StudyError : unknown law or argument, an empty range, or no probability inside it.
+    StudyError : unknown law or argument, an empty range, no probability inside it, or most of it nearer to an
+        end than numbers can tell.
     """
 
     dist: str
@@ -94,6 +101,11 @@ class Law:
             raise StudyError(
                 f"{self.dist} with {_listed(self.shape)} has no probability"
                 f" between {self.lower:g} and {self.upper:g}"
+            )
+        if sum(self.crowds) > TOO_CROWDED:
+            raise StudyError(
+                f"{self.dist} with {_listed(self.shape)} has {sum(self.crowds):.0%} of its probability nearer"
+                " to an end of its range than numbers can tell: cut it by 'lower' and 'upper'"
             )
 
     @cached_property
@@ -144,6 +156,48 @@ class Law:
         low, high = self._base.support()
         return max(self.lower, float(low)), min(self.upper, float(high))
 
+    @cached_property
+    def _inside(self) -> tuple[float, float]:
+        """Lowest and highest value that is drawn: the ends, or their neighbours where these have no density.
+
+        A pole is a point without density, so its neighbour stands for it. In coordinates of normal scores a
+        value has the probability of all scores that lead to it, and none is lost.
+        """
+        low, high = self.range
+        if self.dist in FINITE:
+            return low, high
+        return self._neighbour(low, high), self._neighbour(high, low)
+
+    def _neighbour(self, end: float, other: float) -> float:
+        """The first value with a density on the way from an end to the other one."""
+        width = abs(other - end)
+        with np.errstate(all="ignore"):
+            if not np.isfinite(end) or np.isfinite(self._log_density_inside(np.array([end]))[0]):
+                return end
+            steps = np.ldexp(abs(np.nextafter(end, other) - end), np.arange(1100))
+            values = end + np.sign(other - end) * steps[steps < 0.5 * min(width, 1e300)]
+            known = np.flatnonzero(np.isfinite(self._log_density_inside(values)))
+        return float(values[known[0]]) if known.size else end
+
+    @cached_property
+    def crowds(self) -> tuple[float, float]:
+        """Probability of the lowest and of the highest value that is drawn; large only at a pole.
+
+        Near 0 numbers lie close enough for any pole, near 1 they are 1e-16 apart: half the probability of a
+        beta law with a = b = 0.02, shifted to [1, 3], is nearer to its ends than that.
+        """
+        if self.dist in FINITE:
+            return 0.0, 0.0
+        low, high = self._inside
+        with np.errstate(all="ignore"):
+            found = self.cdf(np.array(low)), self.survival(np.array(high))
+        return np.nan_to_num(found[0]).item(), np.nan_to_num(found[1]).item()
+
+    @property
+    def crowded(self) -> bool:
+        """Whether some of its probability is nearer to an end of the range than numbers can tell."""
+        return max(self.crowds) > CROWDED
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density at ``x`` (any shape), −inf outside the range."""
         low, high = self.range
@@ -173,7 +227,7 @@ class Law:
             raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
         else:
             raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
-        return np.asarray(np.clip(raw, *self.range))
+        return np.asarray(np.clip(raw, *self._inside))
 
     def quantile(self, q: FloatArray) -> FloatArray:
         """Value below which the probability is ``q`` (any shape)."""
@@ -181,7 +235,7 @@ class Law:
             raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
         else:
             raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
-        return np.asarray(np.clip(raw, *self.range))
+        return np.asarray(np.clip(raw, *self._inside))
 
     def score(self, x: FloatArray) -> FloatArray:
         """Normal scores Φ⁻¹(cdf) of values ``x`` (any shape)."""

@@ -119,6 +119,12 @@ class Prior:
             for name in pair.split(", "):
                 if name not in self.laws:
                     raise StudyError(f"correlation of '{pair}': '{name}' must have a law of its own")
+                if self.laws[name].crowded:
+                    share = f"{max(self.laws[name].crowds):.2g}"
+                    raise StudyError(
+                        f"correlation of '{pair}': '{name}' must not have {share} of its probability nearer"
+                        " to an end than numbers can tell: cut its law by 'lower' and 'upper'"
+                    )
         if self.correlation and np.linalg.eigvalsh(self.score_correlation)[0] <= SINGULAR:
             pairs = "; ".join(f"'{pair}' {value:g}" for pair, value in self.correlation.items())
             raise StudyError(f"correlations must be such that all can hold at once (got {pairs})")

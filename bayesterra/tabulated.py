@@ -69,6 +69,11 @@ class Tabulated(Law):
         return self.lower, self.upper
 
     @cached_property
+    def crowds(self) -> tuple[float, float]:
+        """None: densities are finite at the ends."""
+        return 0.0, 0.0
+
+    @cached_property
     def _map(self) -> _Map:
         return _Map.through(np.array(self.scores), np.array(self.values), self.range)
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import Coordinates, NormalScore, coordinates, plain_coordinates
+from bayesterra.coordinates import Coordinates, Logarithm, NormalScore, coordinates, plain_coordinates
 from bayesterra.diagnostics import effective_size
 from bayesterra.noise import Noise
 from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
@@ -184,3 +184,18 @@ def _moments(chains: FloatArray) -> list[tuple[float, float]]:
     """Mean and variance with their Monte Carlo errors."""
     squares = (chains - chains.mean()) ** 2
     return [(q.mean(), q.std() / np.sqrt(effective_size(q))) for q in (chains, squares)]
+
+
+def test_a_law_with_a_pole_is_sampled_by_its_score(make_study: MakeStudy) -> None:
+    """Numbers do not resolve φ near its upper end, so it leaves the block of c and K; no prior is lost."""
+    width = float(np.radians(50.0))
+    law = Law("beta", {"a": 0.05, "b": 0.05, "scale": width})
+    density = posterior(make_study(free=("c", "phi", "K"), priors={"phi": law}))
+    blocks = dict(coordinates(density).blocks)
+    assert blocks[(1,)] == NormalScore(law)
+    assert all(isinstance(block, NormalScore | Logarithm) for block in blocks.values())
+    x = density.prior.sample(4000, np.random.default_rng(1))
+    assert np.isfinite(density.prior.log_density(x)).all()
+    assert np.mean(x[:, 1] > 0.999999 * width) == pytest.approx(
+        law.survival(np.array(0.999999 * width)), abs=0.03
+    )

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
+from bayesterra.coordinates import NormalScore
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.priors import PAPER_BOX, Law, Prior
@@ -213,3 +214,49 @@ def test_paper_box_is_flat_between_the_bounds_of_im1() -> None:
     assert bounds["K"] == (0.002, 0.05)
     assert [bounds[n] for n in ("n0", "n1", "c1", "c2")] == [(0, 2), (0, 2), (-1, 1), (-1, 1)]
     assert PAPER_BOX["c3"] == 0.0
+
+
+POLES = {
+    "beta": Law("beta", {"a": 0.02, "b": 0.02}),
+    "beta, cut below": Law("beta", {"a": 0.02, "b": 0.02}, lower=0.1),
+    "beta, cut above": Law("beta", {"a": 0.02, "b": 0.02}, upper=0.9),
+    "beta, shifted and scaled": Law("beta", {"a": 0.02, "b": 0.02, "loc": 1.0, "scale": 2.0}),
+    "beta, mirrored": Law("beta", {"a": 2.0, "b": 0.03, "loc": -1.0}),
+    "beta, mild": Law("beta", {"a": 0.1, "b": 0.1}),
+    "arcsine": Law("arcsine", {"loc": 3.0, "scale": 0.1}),
+    "powerlaw": Law("powerlaw", {"a": 0.05}),
+    "powerlaw, shifted": Law("powerlaw", {"a": 0.05, "loc": 1.0}),
+    "weibull_max": Law("weibull_max", {"c": 0.05, "loc": 1.0}),
+    "weibull_min, shifted and cut": Law("weibull_min", {"c": 0.05, "loc": 1.0}, upper=2.0),
+    "gamma": Law("gamma", {"a": 0.02}),
+    "gamma, shifted": Law("gamma", {"a": 0.03, "loc": 100.0}),
+    "betaprime, cut": Law("betaprime", {"a": 0.03, "b": 3.0}, upper=10.0),
+    "no pole": Law("beta", {"a": 2.0, "b": 5.0}),
+}
+
+
+@pytest.mark.parametrize("name", POLES)
+def test_a_pole_loses_no_probability(name: str) -> None:
+    """In its normal score the prior alone has the evidence 1, by quadrature, and every draw has a density."""
+    law, u = POLES[name], np.linspace(-9.0, 9.0, 20_001)
+    x, log_jacobian = NormalScore(law).to_physical(u[:, None])
+    density = np.exp(law.log_density(x[:, 0]) + log_jacobian)
+    assert np.log(np.trapezoid(density, u)) == pytest.approx(0.0, abs=1e-4)
+    drawn = law.sample(20_000, np.random.default_rng(1))
+    assert np.isfinite(law.log_density(drawn)).all()
+    low, high = law.range
+    cut = 0.5 * (low + min(high, low + 1.0))
+    assert np.mean(drawn <= cut) == pytest.approx(law.cdf(np.array(cut)), abs=0.015)
+
+
+def test_a_law_that_numbers_do_not_resolve_is_named() -> None:
+    """Most of the probability at the ends: refused; and so is a correlation with such a law."""
+    with pytest.raises(
+        StudyError, match=r"beta with a=0.001, b=0.001, loc=1 has 9\d% of its probability nearer to an"
+    ):
+        Law("beta", {"a": 0.001, "b": 0.001, "loc": 1.0})
+    entries = {**PAPER_BOX, "phi": POLES["beta, mild"]}
+    with pytest.raises(
+        StudyError, match=r"correlation of 'c, phi': 'phi' must not have 0\.013 of its probability"
+    ):
+        Prior(entries, correlation={"c, phi": 0.5})
