@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.arrays import FloatArray
+from bayesterra.joint_rows import TYPICAL, slip_doubts
 from bayesterra.model_errors import Discrepancy, Ripple, SlipError
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -29,7 +30,8 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     SupportError : no parameter set of the prior can explain the conditions.
     """
     console = console or PlainConsole()
-    cut = draw_cut_prior(posterior(study), 1000, np.random.default_rng(0))
+    target = posterior(study)
+    cut = draw_cut_prior(target, 1000, np.random.default_rng(0))
     console.print(_general(study))
     console.print(_measurements(study))
     console.print(_priors(study))
@@ -39,7 +41,9 @@ def print_overview(study: Study, console: Console | None = None) -> None:
         console.print(_correlations(study))
     shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
     console.print(f"Of the stated prior: {', '.join(shares)}")
-    for note in study.notes:
+    typical = cut.x[:TYPICAL]
+    doubts = slip_doubts(target.likelihood, target.prior.soil_values(typical), target.noise_values(typical))
+    for note in (*study.notes, *([doubts] if doubts else [])):
         console.print(f"Note: {note}")
 
 

@@ -25,7 +25,7 @@ from bayesterra.joint_rows._table import Drawn, Elsewhere, Layout, TableLaw
 from bayesterra.likelihood import Likelihood, Outcomes
 from bayesterra.model_errors import ModelErrors, Ripple
 
-__all__ = ["JointRows", "Stack", "TableLaw", "Whitening", "slip_slopes"]
+__all__ = ["TYPICAL", "JointRows", "Stack", "TableLaw", "Whitening", "slip_doubts", "slip_slopes"]
 
 STEP = 0.005
 """Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
@@ -33,6 +33,16 @@ HUGE = 1e100
 """Modelled values beyond this (in SI units) are as impossible as none."""
 DOUBLES = 2e7
 """Numbers that the matrices of parameter sets worked on at once may take."""
+NEAR = 2.0
+"""Standard deviations of a slip from a transition slip within which errors of slip are no straight line."""
+OFF = 0.2
+"""Error of the first order from which it is named, as a share of the scatter of a reading by noise and slip.
+
+Against integrals over the true slip, with all rows at transition slips, φ is then off by 0.2 of its sd.
+"""
+NODES = 15
+TYPICAL = 200
+"""Draws at which errors of slip are looked at."""
 
 
 def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = None) -> FloatArray:
@@ -52,6 +62,32 @@ def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = 
     slopes = np.zeros_like(values)
     np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
     return slopes
+
+
+def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArray) -> str:
+    """A sentence on the rows where errors of slip are poorly taken to first order; empty without any.
+
+    Parameters
+    ----------
+    soil, noise_values : parameter sets that are typical, of the prior or of the posterior.
+    """
+    if not isinstance(likelihood, JointRows) or likelihood.errors.slip is None:
+        return ""
+    numbers, parts = np.array(likelihood.observations.rows), []
+    sd = float(np.median(likelihood.sizes(len(soil), noise_values)[:, -1]))
+    near, off = likelihood.near_bends(sd), likelihood.beyond_first_order(soil, noise_values, sd) > OFF
+    ends = " and ".join(f"{slip:g}" for slip in likelihood.forward.model.transition_slips)
+    if near.any():
+        parts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
+    if off.any():
+        parts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
+    if not parts:
+        return ""
+    return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {'; '.join(parts)}"
+
+
+def _rows(numbers: IntArray) -> str:
+    return f"row{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
 
 
 @dataclass(frozen=True)
@@ -96,6 +132,38 @@ class JointRows(Likelihood):
         for good, law in self._laws(soil, noise_values):
             total[good], rows[good] = law.log_density(self.measured), law.row_terms(self.measured)
         return total, rows
+
+    def near_bends(self, sd: float) -> BoolArray:
+        """Rows (m,) whose slip, read with an error ``sd``, may lie on the other side of a transition slip."""
+        rows, model = self.forward.conditions, self.forward.model
+        distance = np.abs(rows.slip[:, None] - np.array(model.transition_slips)).min(axis=1)
+        bends = (rows.lug_height > 0) & (model.shear_start == "transition")
+        return np.asarray(bends & (distance < NEAR * sd))
+
+    def beyond_first_order(self, soil: FloatArray, noise_values: FloatArray, sd: float) -> FloatArray:
+        """How far the first order in errors of slip has mean and scatter of a row's readings off, (m,).
+
+        In standard deviations of a reading, at the channel where it is most; median over parameter sets.
+        """
+        forward, columns = self.forward, self._columns
+        outcomes = forward(soil, every_row=True)
+        middle = outcomes.values[:, :, columns]
+        slopes = slip_slopes(forward, soil, outcomes.values)[:, :, columns] * sd
+        nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+        values = np.stack([self._at_slip(soil, node * sd)[:, :, columns] for node in nodes])
+        share = np.where(np.isfinite(values), weights[:, None, None, None], 0.0)
+        share /= np.maximum(share.sum(axis=0), 1e-300)
+        mean = (share * np.nan_to_num(values)).sum(axis=0)
+        spread = np.sqrt((share * (np.nan_to_num(values) - mean) ** 2).sum(axis=0))
+        scatter = np.sqrt(self.scales(middle, noise_values) ** 2 + slopes**2)
+        worst = np.maximum(np.abs(mean - middle), np.abs(spread - np.abs(slopes))) / scatter
+        return np.asarray(np.median(np.where(self.known, np.nan_to_num(worst), 0.0).max(axis=2), axis=0))
+
+    def _at_slip(self, soil: FloatArray, shift: float) -> FloatArray:
+        """Outcomes (n, m, all) at slips that differ by ``shift``, as far as the model goes."""
+        rows = self.forward.conditions
+        slip = np.clip(rows.slip + shift, 0.0, np.nextafter(1.0, 0.0))
+        return replace(self.forward, conditions=replace(rows, slip=slip))(soil, every_row=True).values
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""

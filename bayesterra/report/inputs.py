@@ -9,10 +9,13 @@ from typing import Any
 
 from markupsafe import Markup
 
+from bayesterra.adequacy import spread_draws
 from bayesterra.figures.rows import summary_rows
+from bayesterra.joint_rows import TYPICAL, slip_doubts
 from bayesterra.model_errors import Size
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.posteriors import posterior
 from bayesterra.priors import Entry, Law, Tie
 from bayesterra.report.blocks import Block, Cell, Section, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, moments, share
@@ -38,8 +41,17 @@ DRIVES = {
 def data_section(result: Result) -> Section:
     """Data and model."""
     cut = Text(support(result.record["prior_support"]))
-    blocks = (*conditions(result.study), _priors(result), *prior_sources(result.study), cut)
+    blocks = (*conditions(result.study), *_slip(result), _priors(result), *prior_sources(result.study), cut)
     return Section("data", "Data and model", blocks)
+
+
+def _slip(result: Result) -> tuple[Text, ...]:
+    """Rows where errors of slip are not what the first order makes of them, at posterior draws."""
+    if result.study.errors.slip is None:
+        return ()
+    target, x = posterior(result.study), spread_draws(result, TYPICAL)
+    doubts = slip_doubts(target.likelihood, target.prior.soil_values(x), target.noise_values(x))
+    return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
 
 
 def conditions(study: Study) -> tuple[Block, ...]:

@@ -1,6 +1,8 @@
 """A run with a discrepancy: what it keeps, what its report says, and what is predicted from it."""
 
 import re
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,10 @@ from numpy.testing import assert_allclose
 from bayesterra import Wheel
 from bayesterra.errors import StudyError
 from bayesterra.missed import Missed, missed, trades
+from bayesterra.model_errors import Size, SlipError
 from bayesterra.posteriors import posterior
 from bayesterra.predicting import predict
+from bayesterra.report.inputs import data_section
 from bayesterra.report.missed import _sentence
 from bayesterra.roving import predict_rover
 from bayesterra.workflow import RunResult, load_result, run
@@ -51,6 +55,18 @@ def test_the_report_says_what_the_model_misses(result: RunResult, tmp_path: Path
     assert "standard deviation of the model&#39;s error in drawbar pull" in text
     again = load_result(tmp_path / "out")
     assert again.study.errors == result.study.errors
+
+
+def test_the_report_names_rows_where_the_first_order_is_doubtful(result: RunResult) -> None:
+    """An error of 0.06 reaches from rows 1 and 2 to one transition slip, from row 5 to the other."""
+    assert "taken to first order" not in str(data_section(result))
+    rough = replace(result.study.errors, slip=SlipError(Size(sd=0.06)))
+    study = copy(result.study)
+    object.__setattr__(study, "errors", rough)
+    shown = str(data_section(replace(result, study=study)))
+    assert (
+        "Note: errors of slip (sd 0.06) are taken to first order, which is doubtful in rows 1, 2, 5" in shown
+    )
 
 
 def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: RunResult) -> None:

@@ -9,9 +9,11 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.joint_rows import JointRows, slip_slopes
+from bayesterra.joint_rows import JointRows, slip_doubts, slip_slopes
 from bayesterra.likelihood import Likelihood
+from bayesterra.models import Wheel
 from bayesterra.posteriors import Posterior, posterior
+from bayesterra.study import Study
 
 from .conftest import HELD, NOISE, joined, sets
 
@@ -32,13 +34,13 @@ def by_quadrature(density: Posterior, x: FloatArray, sd: float) -> FloatArray:
     """Log likelihood (n,), the true slip of every row integrated out: a normal law around the one read."""
     whole = density.likelihood
     soil, total = density.prior.soil_values(x), np.zeros(len(x))
-    for row in range(len(ROWS)):
+    for row in range(len(whole.observations)):
         slip = whole.forward.conditions.slip[row] + 6 * sd * NODES
         levels = []
         for at in slip:
             forward = whole.forward.row(row)
             forward = replace(forward, conditions=replace(forward.conditions, slip=np.array([at])))
-            one = whole.observations.take(np.arange(len(ROWS)) == row)
+            one = whole.observations.take(np.arange(len(whole.observations)) == row)
             levels.append(Likelihood(forward, one, whole.noise).log_likelihood(soil, np.empty((len(x), 0))))
         prior = norm.logpdf(slip, whole.forward.conditions.slip[row], sd)
         total += logsumexp(np.array(levels) + (prior + np.log(6 * sd * WEIGHTS))[:, None], axis=0)
@@ -62,6 +64,57 @@ def test_the_first_order_gives_the_posterior_of_the_integral(sd: float, shift: f
     spread = [np.sqrt(w @ (x - w @ x) ** 2) for w in (found, exact)]
     assert (np.abs(found @ x - exact @ x) < shift * spread[1]).all()
     np.testing.assert_allclose(spread[0], spread[1], rtol=width)
+
+
+AT_BENDS = "rows 1, 2, 3 within 2 sd of the transition slips 0.15 and 0.5"
+
+
+@pytest.mark.parametrize(
+    ("sd", "distance", "shift", "doubts"),
+    [
+        (0.005, 0.0, 0.03, AT_BENDS),
+        (0.01, 0.0, 0.08, AT_BENDS),
+        (0.02, 0.0, 0.17, AT_BENDS),
+        (0.03, 0.0, 0.23, f"{AT_BENDS}; row 1, off by more than 20% of the scatter of a reading"),
+        (0.05, 0.0, 0.29, f"{AT_BENDS}; row 1, off by more than 20% of the scatter of a reading"),
+        (0.03, 1.0, 0.00, AT_BENDS),
+        (0.03, 3.0, -0.02, ""),
+        (0.01, 3.0, -0.01, ""),
+    ],
+)
+def test_rows_near_a_transition_slip_are_named(sd: float, distance: float, shift: float, doubts: str) -> None:
+    """The model bends there, and the first order shifts φ by up to 0.3 sd; farther away all is silent."""
+    slips = [0.15 + distance * sd, 0.5 - distance * sd, 0.5 + distance * sd]
+    rows = ROWS.assign(slip=slips)
+    blank = posterior(joined("phi", "n0", data=rows, slip={"sd": sd}))
+    middle = np.array([HELD[name] for name in blank.names])
+    forward = blank.likelihood.forward(blank.prior.soil_values(middle[None]))
+    exactly = blank.likelihood.predicted(forward)[0] / [1e-3, 1.0, 1.0]
+    rows = rows.assign(**dict(zip(ROWS.columns[2:5], exactly.T, strict=True)))
+    density = posterior(joined("phi", "n0", data=rows, slip={"sd": sd}))
+    x = middle * (1 + np.array([0.05, 0.08]) * np.random.default_rng(1).standard_normal((800, 2)))
+    levels = density.log_prior_and_likelihood(x)[1], by_quadrature(density, x, sd)
+    found, exact = (np.exp(level - logsumexp(level)) for level in levels)
+    phi = x[:, density.names.index("phi")]
+    spread = np.sqrt(exact @ (phi - exact @ phi) ** 2)
+    assert (found @ phi - exact @ phi) / spread == pytest.approx(shift, abs=0.03)
+    typical = middle[None]
+    said = slip_doubts(density.likelihood, density.prior.soil_values(typical), density.noise_values(typical))
+    first = f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in "
+    assert said == (first + doubts if doubts else "")
+
+
+def test_smooth_wheels_and_exact_slips_have_no_doubts() -> None:
+    """Without lugs nothing shifts at the transition slips; without [slip] there is nothing to say."""
+    rows = ROWS.assign(slip=[0.15, 0.3, 0.5])
+    exact = posterior(joined("phi", data=rows, ripple={"sinkage": {"sd": 1e-3, "memory": 2.0}}))
+    phi = {"dist": "uniform", "lower": 0.3, "upper": 0.7}
+    smooth = Study(rows, {"A": Wheel(0.135, 0.165)}, slip_reference="shearing", model="M2", noise=NOISE,
+                   priors={"set": "paper-box", **HELD, "phi": phi},
+                   slip={"sd": 0.005})  # fmt: skip
+    for density in (exact, posterior(smooth)):
+        x = density.prior.sample(5, np.random.default_rng(1))
+        assert slip_doubts(density.likelihood, density.prior.soil_values(x), density.noise_values(x)) == ""
 
 
 def test_slopes_are_those_of_the_model() -> None:

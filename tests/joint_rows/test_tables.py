@@ -178,6 +178,13 @@ def test_check_says_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert "drawbar_pull: sd estimated, a curve per wheel over slips of 0.2" in shown
     assert "resistance_moment: sd 0.2 N m, memory of 3 rows, crests 4 rows apart" in shown
     assert "read with an error of sd 0.01" in shown
+    assert "taken to first order" not in shown
+    data = TABLE.assign(slip=TABLE["slip"].replace(0.35, 0.49))
+    print_overview(joined("phi", data=data, slip={"sd": 0.01}))
+    shown = " ".join(capsys.readouterr().out.split())
+    assert (
+        "Note: errors of slip (sd 0.01) are taken to first order, which is doubtful in row 3 within" in shown
+    )
 
 
 def test_simulated_readings_hang_together(tmp_path: Path) -> None:
