@@ -287,7 +287,7 @@ def _tree(
                 **{name: (("chain", "draw"), values) for name, values in kept.labels.items()},
             }
         ),
-        "log_likelihood": _pointwise(joint, kept.chains).sel(row=list(rows.used().rows)),
+        "log_likelihood": row_likelihoods(joint, kept.chains, rows.used().rows),
         "prior": _dataset(joint, prior[None]),
         "alone": xr.Dataset(
             {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},
@@ -317,8 +317,8 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     return dataset
 
 
-def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
-    """Log likelihood of every row in the fit, (chain, draw, row), all channels together."""
+def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[int]) -> xr.Dataset:
+    """Log likelihood of every row in the fit, (chain, draw, row), in the table's order; all channels."""
     flat = chains.reshape(-1, chains.shape[2])
     D, L = joint.split(flat)
     parts, rows = [], []
@@ -327,4 +327,5 @@ def _pointwise(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
         parts.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
         rows += list(density.likelihood.observations.rows)
     values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
-    return xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
+    found = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
+    return found.sel(row=list(order))

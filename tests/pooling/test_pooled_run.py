@@ -13,15 +13,15 @@ import typer
 from bayesterra import workflow
 from bayesterra.cli.studies import run as run_command
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.pooled import PooledResult, as_stated, run_pooled
-from bayesterra.pooling.joint import joint_posterior
+from bayesterra.pooled import PooledResult, as_stated, row_likelihoods, run_pooled
+from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report import pooled_html
 from bayesterra.study import Study
 from bayesterra.workflow import PooledRun, load_result, load_single, run
 from bayesterra.writing import write_study
 
-from .conftest import HELD
+from .conftest import HELD, TABLE
 
 MakeStudy = Callable[..., Study]
 
@@ -41,6 +41,27 @@ def test_tables_name_everything(result: PooledResult) -> None:
     assert result.draws["posterior"]["phi"].dims == ("chain", "draw")
     assert set(result.left_out["what"]) == {"row", "group"}
     assert result.converged
+    for group in ("log_likelihood", "observed_data", "constant_data"):
+        rows = result.draws[group]["row"].to_numpy().tolist()
+        assert rows == list(result.study.observations.used().rows)
+    assert result.draws.attrs["inference_library"] == "bayesterra"
+
+
+def test_rows_of_mixed_groups_stand_as_in_the_table(make: MakeStudy) -> None:
+    """Groups whose rows alternate: the likelihood of each row is under its own number."""
+    mixed = TABLE.sample(frac=1.0, random_state=1)
+    joint = joint_posterior(make(data=mixed))
+    x = draw_joint_prior(joint, 8, np.random.default_rng(1))
+    rows = list(range(1, len(mixed) + 1))
+    found = row_likelihoods(joint, x.reshape(2, 4, -1), rows)["readings"]
+    assert found.dims == ("chain", "draw", "row")
+    assert found["row"].to_numpy().tolist() == rows
+    assert mixed["wheel"].iloc[:4].nunique() == 2
+    for g, (name, density) in enumerate(joint.groups.items()):
+        own = joint.of_group(*(part if i == 0 else part[g] for i, part in enumerate(joint.split(x))))
+        mine = [row for row, wheel in zip(rows, mixed["wheel"], strict=True) if wheel == name]
+        expected = density.log_rows(own)[1].reshape(2, 4, -1)
+        np.testing.assert_allclose(found.sel(row=mine), expected)
 
 
 def test_parameters_of_each_group_are_judged_as_the_study_states(make: MakeStudy) -> None:
