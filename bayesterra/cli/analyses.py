@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bayesterra.cli.common import Scheduler, Seed, StudyPath, Wheels, Workers, app, beside
+from bayesterra.cli.common import Scheduler, Seed, StudyPath, Wheels, Workers, app, beside, hushed
 
 
 @app.command()
@@ -29,7 +29,9 @@ def calibrate(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older calibration of that name, and begin anew.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the verdict.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdict.")
+    ] = False,
 ) -> None:
     """Simulate a study many times over and check that its posterior is right."""
     from bayesterra.study import load_study
@@ -64,7 +66,9 @@ def identify(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older analysis of that name.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the verdicts.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdicts.")
+    ] = False,
 ) -> None:
     """Say what these data determine, what is coupled, and what only repeats its prior."""
     from bayesterra.study import load_study
@@ -131,7 +135,9 @@ def design(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older design of that name, and begin anew.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the ranking.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the ranking.")
+    ] = False,
 ) -> None:
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.designing import design_into
@@ -170,7 +176,9 @@ def holdout(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older check of that name.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the scores.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the scores.")
+    ] = False,
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.engines import chosen

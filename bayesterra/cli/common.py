@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -51,6 +52,12 @@ def _options(
     ] = False,
 ) -> None:
     """Options that need no command."""
+
+
+def hushed(quiet: bool) -> bool:
+    """Value of --quiet, which keeps back the notes of the package, too."""
+    logging.getLogger("bayesterra").setLevel(logging.ERROR if quiet else logging.NOTSET)
+    return quiet
 
 
 def beside(study: Path, what: str) -> Path:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayesterra.cli.common import Seed, app
+from bayesterra.cli.common import Seed, app, hushed
 
 
 @app.command()
@@ -22,7 +22,9 @@ def soiltest(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older result of that name.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
+    ] = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
     from bayesterra.listing.soiltests import print_soil_test

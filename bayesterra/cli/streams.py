@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bayesterra.cli.common import Seed, app
+from bayesterra.cli.common import Seed, app, hushed
 
 
 @app.command()
@@ -49,7 +49,9 @@ def follow(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an older stream of that name.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No line per row, only alarms and the end.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No line per row, only alarms and the end.")
+    ] = False,
 ) -> None:
     """Update a posterior row by row as a rover drives, and say when the soil has changed."""
     from bayesterra import following

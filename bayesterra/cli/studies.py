@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayesterra.cli.common import Seed, StudyPath, app, beside
+from bayesterra.cli.common import Seed, StudyPath, app, beside, hushed
 from bayesterra.errors import printable
 
 
@@ -31,7 +31,9 @@ def run(
         bool,
         typer.Option("--crosscheck", help="Repeat it by nested sampling at two settings (needs dynesty)."),
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
+    ] = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
     from bayesterra.study import load_study

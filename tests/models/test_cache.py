@@ -1,0 +1,178 @@
+"""What was compiled is kept on disk; where that cannot be, or went wrong, it is compiled again."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+from numba.core import config
+
+import bayesterra
+from bayesterra.cli import app
+from bayesterra.cli.common import hushed
+from bayesterra.models import _cache
+from bayesterra.models._compiled import compiled
+
+ROOT = Path(bayesterra.__file__).parents[1]
+
+
+def halved(x: float) -> float:
+    """A function that is compiled in no time."""
+    return 0.5 * x
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of compiled functions for this test alone; nothing was said of it yet."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(_cache, "_told", [])
+    return tmp_path / "cache"
+
+
+def hits() -> int:
+    """Compile and call the function as another process would; how often the cache was of use."""
+    dispatcher: Any = compiled(halved)
+    assert dispatcher(3.0) == 1.5
+    return sum(dispatcher.stats.cache_hits.values())
+
+
+def entry(cache: Path) -> Path:
+    """The one file there is."""
+    (found,) = (path for path in cache.rglob("*") if not path.is_dir() or path.suffix == ".nbc")
+    return found
+
+
+def folder_in_place(path: Path) -> None:
+    """Put a folder where the entry was."""
+    path.unlink()
+    path.mkdir()
+
+
+def endless_link(path: Path) -> None:
+    """Put a link to itself where the entry was."""
+    path.unlink()
+    path.symlink_to(path)
+
+
+def one_bit(path: Path) -> None:
+    """Turn a bit in the middle: of machine code, which would run."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "empty": lambda path: path.write_bytes(b""),
+    "truncated": lambda path: path.write_bytes(path.read_bytes()[:-100]),
+    "of a few bytes": lambda path: path.write_bytes(path.read_bytes()[:10]),
+    "random": lambda path: path.write_bytes(np.random.default_rng(1).bytes(5000)),
+    "one bit": one_bit,
+    "folder": folder_in_place,
+    "endless link": endless_link,
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_a_damaged_entry_is_made_anew(kind: str, cache: Path) -> None:
+    """It counts as absent: the result is right, and the next start finds it whole (not where a folder is)."""
+    assert [hits(), hits()] == [0, 1]
+    DAMAGES[kind](entry(cache))
+    assert hits() == 0
+    assert hits() == (0 if kind == "folder" else 1)
+    assert entry(cache).is_dir() == (kind == "folder")  # and nothing else is left behind
+
+
+def test_other_sources_other_code(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry of other sources is compiled anew, and replaced."""
+    assert [hits(), hits()] == [0, 1]
+    monkeypatch.setattr(_cache, "_fingerprint", lambda source: "other")
+    assert [hits(), hits()] == [0, 1]
+    assert entry(cache).is_file()
+
+
+def test_without_a_folder_it_works_and_says_so_once(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One note that names the way out; none with --quiet."""
+    cache.write_text("a file where the folder should be", encoding="utf-8")
+    monkeypatch.setattr(_cache, "_writable", lambda folder: False)
+    assert [hits(), hits()] == [0, 0]
+    (note,) = caplog.messages
+    assert note.startswith(f"note: compiled models cannot be kept (no write access to {cache}")
+    assert note.endswith("NUMBA_CACHE_DIR may name a folder that can be written")
+    caplog.clear()
+    _cache._told.clear()
+    assert hushed(True)
+    assert hits() == 0
+    assert not hushed(False)
+    assert not caplog.messages
+
+
+def test_a_folder_that_can_only_be_read_is_read(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An image with a warm cache needs no other."""
+    assert hits() == 0
+    monkeypatch.setattr(_cache, "_writable", lambda folder: False)
+    assert hits() == 1
+
+
+def test_a_full_disk_is_no_reason_to_stop(tmp_path: Path) -> None:
+    """What does not fit is not kept: one note with the file, no part of it left, the right number."""
+    script = (
+        "import resource\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from test_cache import halved\n"
+        "from bayesterra.models._compiled import compiled\n"
+        "print(compiled(halved)(3.0))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "1.5\n")
+    (note,) = done.stderr.splitlines()
+    assert note.startswith(f"note: compiled models cannot be kept (File too large: {tmp_path}")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+READ_ONLY = "mount --bind models models && mount -o remount,ro,bind models models"
+
+
+def test_a_read_only_installation_runs() -> None:
+    """A cache beside the sources that can only be read, and no home: nothing is compiled or said."""
+    if subprocess.run(["unshare", "-m", "sh", "-c", READ_ONLY], cwd=ROOT, capture_output=True).returncode:
+        pytest.skip("needs the right to mount")
+    script = (
+        "from numba.core.event import install_recorder\n"
+        "with install_recorder('numba:compile') as recorder:\n"
+        "    from bayesterra.models import warm_up; warm_up()\n"
+        "print(len(recorder.buffer))\n"
+    )
+    environment = {**os.environ, "HOME": "/dev/null/nowhere", "PYTHONPATH": str(ROOT)}
+    environment.pop("XDG_CACHE_HOME", None)
+    command = [
+        "unshare",
+        "-m",
+        "sh",
+        "-c",
+        f'{READ_ONLY} && cd / && exec "$0" -c "$1"',
+        sys.executable,
+        script,
+    ]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
+
+
+def test_every_quiet_option_keeps_notes_back() -> None:
+    """Each command's --quiet hands its value on."""
+    options = [
+        get_args(hint)[1]
+        for command in app.registered_commands
+        if command.callback is not None
+        for name, hint in get_type_hints(command.callback, include_extras=True).items()
+        if name == "quiet" and get_origin(hint) is Annotated
+    ]
+    assert len(options) >= 7
+    assert all(option.callback is hushed for option in options)
