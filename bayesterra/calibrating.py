@@ -15,6 +15,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.engines import Engine
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, check_free, whole_folder, write_text
+from bayesterra.messages import check_kind
 from bayesterra.reading import damage
 from bayesterra.study import Study
 from bayesterra.taskfolders import task_folder
@@ -77,6 +78,7 @@ def calibrate(
     StudyError : too few replications, or nothing is free.
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
+    check_kind("bt.calibrate", study, Study)
     found = calibration.calibrate(
         study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )

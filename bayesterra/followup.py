@@ -19,6 +19,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.messages import check_kind, checked_path
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.notebook import comparison_table, prediction_table
@@ -184,6 +185,7 @@ def predict(
     ------
     StudyError : a slip or load outside the model's range, or an unknown wheel.
     """
+    check_kind("bt.predict", result, Result)
     if isinstance(wheel, Wheel):
         return PredictionSheet.of(predicting.predict(result, slip, load=load, wheel=wheel, seed=seed))
     name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))
@@ -235,9 +237,22 @@ def compare(
     ResultError : too few or too many results, or a folder that cannot be read.
     StudyError : an unknown wheel, or no load is known to compare them under.
     """
-    named = results if isinstance(results, Mapping) else load_results([Path(folder) for folder in results])
+    named = _named(results)
     chosen = None if wheel is None else _common_wheel(named, str(wheel))
     return ComparisonPage.of(side_by_side(named, load=load, wheel=chosen))
+
+
+def _named(results: object) -> Mapping[str, Result]:
+    """The results to compare by name, read where they are folders."""
+    if isinstance(results, Mapping):
+        for result in results.values():
+            check_kind("bt.compare", result, Result)
+        return {str(name): result for name, result in results.items()}
+    if not isinstance(results, list | tuple):
+        got = repr(results) if isinstance(results, str) else type(results).__name__
+        raise StudyError(f"bt.compare needs a list of result folders, or results by name (got {got})")
+    what = "a result folder in its list (results themselves go by name: {'a': result})"
+    return load_results([checked_path("bt.compare", folder, what) for folder in results])
 
 
 def _common_wheel(results: Mapping[str, Result], given: str) -> tuple[str, Wheel]:

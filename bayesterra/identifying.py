@@ -15,6 +15,7 @@ from bayesterra.engines import Engine
 from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
+from bayesterra.messages import check_kind
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
 from bayesterra.workflow import load_single
@@ -74,6 +75,7 @@ def identify(
     """
     if isinstance(what, Result):
         return IdentifyResult.of(identify_result(what, seed=seed, engine=engine, report=progress))
+    check_kind("bt.identify", what, Study, Result)
     return IdentifyResult.of(identify_study(what, seed=seed, engine=engine, report=progress))
 
 

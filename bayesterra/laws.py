@@ -73,7 +73,7 @@ class Law:
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        known = getattr(stats, self.dist, None)
+        known = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
         if not isinstance(known, stats.rv_continuous):
             raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
         if not self.lower < self.upper:

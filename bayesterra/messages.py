@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 
 from bayesterra.errors import StudyError
 
@@ -36,6 +38,49 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The suggestion, or the list of known names where none is close."""
     known = list(known)
     return suggestion(name, known) or f" (known: {', '.join(known)})"
+
+
+_KINDS = {
+    "Study": ("a study", "bt.load_study"),
+    "Result": ("a finished result", "bt.load_result"),
+    "DataFrame": ("a pandas.DataFrame of readings", "pandas.read_csv"),
+    "SoilTest": ("a soil test", "bt.load_soil_test"),
+}
+"""What objects of a kind are, and what makes one."""
+
+
+def check_kind(call: str, value: object, *kinds: type) -> None:
+    """Refuse a value that a public function was called with and that is of none of some kinds.
+
+    Raises
+    ------
+    StudyError : naming the call, what it needs and what makes that, and what was got.
+    """
+    if isinstance(value, kinds):
+        return
+    named = [_KINDS[kind.__name__] for kind in kinds]
+    wanted = " or ".join(what for what, _ in named)
+    if isinstance(value, str | os.PathLike):
+        loads = " or ".join(f"{maker}({os.fspath(value)!r})" for _, maker in named)
+        raise StudyError(f"{call} needs {wanted}, not a path: load it first with {loads}")
+    makers = " or ".join(maker for _, maker in named)
+    raise StudyError(f"{call} needs {wanted}, as {makers} returns it (got {_shown(value)})")
+
+
+def checked_path(call: str, value: object, what: str) -> Path:
+    """The path that a public function was called with.
+
+    Raises
+    ------
+    StudyError : it is none.
+    """
+    if not isinstance(value, str | Path):
+        raise StudyError(f"{call} needs the path of {what} (got {_shown(value)})")
+    return Path(value)
+
+
+def _shown(value: object) -> str:
+    return "None" if value is None else f"an object of type {type(value).__name__}"
 
 
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000

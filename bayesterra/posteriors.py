@@ -17,6 +17,7 @@ from bayesterra.forward import soil_at
 from bayesterra.joint_rows import JointRows
 from bayesterra.latent import LatentLoad
 from bayesterra.likelihood import Forward, Likelihood, Outcomes
+from bayesterra.messages import check_kind
 from bayesterra.models import Status
 from bayesterra.parameters import NOISE_PREFIX, SIZES
 from bayesterra.priors import Prior
@@ -203,15 +204,32 @@ def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096
 
 
 def _no_support(counts: Mapping[int, int], tried: int) -> str:
-    worst = max((code for code in counts if code != INSIDE), key=lambda code: counts[code])
+    reached = {code: count for code, count in counts.items() if count}
+    shares = _percentages(reached, tried)
+    listed = [f"{shares[code]}: {REASONS[code]}" for code in sorted(reached, key=lambda code: -reached[code])]
     return (
-        f"no parameter set of the prior fits the conditions of the data: of {tried} draws"
-        f" {100 * counts[worst] / tried:.0f} % fail because {REASONS[worst]}"
+        f"no parameter set of the prior fits the conditions of the data: of {tried} draws {', '.join(listed)}"
     )
 
 
+def _percentages(counts: Mapping[int, int], tried: int) -> dict[int, str]:
+    """Shares of ``tried`` as text, to a tenth of a percent, such that they add up to 100 %."""
+    exact = {code: 1000 * count / tried for code, count in counts.items()}
+    tenths = {code: int(share) for code, share in exact.items()}
+    left = 1000 - sum(tenths.values())
+    for code in sorted(exact, key=lambda code: tenths[code] - exact[code])[:left]:
+        tenths[code] += 1
+    return {code: f"{share / 10:g} %" if share else "less than 0.1 %" for code, share in tenths.items()}
+
+
 def posterior(study: Study) -> Posterior:
-    """Build the posterior density of a study."""
+    """Build the posterior density of a study.
+
+    Raises
+    ------
+    StudyError : no study is given.
+    """
+    check_kind("bt.posterior", study, Study)
     return Posterior(study.prior, likelihood_of(study, study.observations.used()))
 
 

@@ -107,6 +107,8 @@ class Prior:
     correlation: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.entries, Mapping):
+            raise StudyError(f"a prior needs laws or values by parameter (got {self.entries!r:.60})")
         unknown = [name for name in self.entries if name not in PARAMETERS]
         missing = [name for name in self._needed if name not in self.entries]
         if unknown or missing:

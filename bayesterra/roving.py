@@ -13,6 +13,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.rover import rover_outlook_png
 from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.messages import check_kind, checked_path
 from bayesterra.prediction import UNANSWERED
 from bayesterra.results import Result
 from bayesterra.rover.driving import SLOPES, drive_rover, rover_for
@@ -87,6 +88,9 @@ def predict_rover(
     ------
     StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
+    check_kind("bt.predict_rover", result, Result)
+    if not isinstance(rover, Rover):
+        rover = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
     return RoverSheet.of(drive_rover(result, rover_for(result.study, rover), slopes, tows))
 
 

@@ -14,6 +14,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.entries import parameter_value
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
+from bayesterra.messages import check_kind
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS
 from bayesterra.posteriors import REASONS, draw_cut_prior, likelihood_of, posterior
 from bayesterra.study import Study
@@ -86,8 +87,10 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
 
     Raises
     ------
+    StudyError : no study is given, or an unknown parameter.
     SupportError : the model has no answer at one of the rows.
     """
+    check_kind("bt.simulate", study, Study)
     values = true_values(study, truth).values
     rows = study.observations
     likelihood = likelihood_of(study, rows)

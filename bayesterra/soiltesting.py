@@ -16,6 +16,7 @@ from bayesterra import report
 from bayesterra.csvfiles import csv_text
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.laws import Law
+from bayesterra.messages import check_kind
 from bayesterra.netcdf import write_tree
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
@@ -85,11 +86,13 @@ def soil_test(
     SupportError : the prior leaves no physical parameter set.
     """
     if data is not None:
+        check_kind("bt.soil_test", data, pd.DataFrame)
         test = _from_python(data, tables)
     elif isinstance(test, str | Path):
         test = load_soil_test(test)
     if test is None or (tables and data is None):
         raise TypeError("soil_test() takes a file, a loaded test, or data with its tables")
+    check_kind("bt.soil_test", test, SoilTest)
     return SavedSoilTest.of(analyse(test, seed=seed, report=progress))
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 from bayesterra import assembly, schema
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.data import Observations, observations, read_table
-from bayesterra.messages import errors_in
+from bayesterra.messages import check_kind, checked_path, errors_in
 from bayesterra.model_errors import ModelErrors, check_groups
 from bayesterra.model_errors import described as errors_described
 from bayesterra.models import Wheel, WheelSoilModel
@@ -104,6 +104,7 @@ class Study:
         prior_only: bool = False,
         **tables: Any,
     ) -> None:
+        check_kind("bt.Study", data, pd.DataFrame)
         described = {
             "file": tables.pop("file", "the table of measurements"),
             "slip_reference": slip_reference,
@@ -183,7 +184,7 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
     ------
     StudyError : one line that begins with the file and names what is wrong and what was expected.
     """
-    path = Path(path)
+    path = checked_path("bt.load_study", path, "a study file or its folder")
     path = path / STUDY_FILE if path.is_dir() else path
     with errors_in(path):
         given = schema.checked(schema.read_toml(path), bare=False)

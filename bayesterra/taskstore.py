@@ -15,6 +15,7 @@ import pandas as pd
 
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, part_of
+from bayesterra.messages import checked_path
 from bayesterra.reading import parsed_json
 
 STORE_FILE = "tasks.sqlite"
@@ -173,7 +174,7 @@ def read_tasks(path: str | Path) -> pd.DataFrame:
     ------
     ResultError : there is no such file, or it is damaged.
     """
-    found = _store_at(Path(path))
+    found = _store_at(checked_path("bt.read_tasks", path, "a folder of tasks"))
     try:
         with closing(_reader(found)) as connection:
             _verify(connection)

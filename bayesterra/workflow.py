@@ -18,6 +18,7 @@ from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.folders import WORK, check_free, clear_up, part_of, saved_segments, whole_folder, write_text
 from bayesterra.identity import identity
+from bayesterra.messages import check_kind, checked_path
 from bayesterra.notebook import result_table
 from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.prior_only import PriorResult, run_prior
@@ -102,8 +103,9 @@ def run(
 
     Raises
     ------
-    StudyError : a cross-check is asked of a study with groups.
+    StudyError : no study is given, or a cross-check is asked of one with groups.
     """
+    check_kind("bt.run", study, Study)
     if study.pooling is not None:
         _no_crosscheck(crosscheck)
         return cast(RunResult, PooledRun.of(run_pooled(study, seed=seed, report=progress)))
@@ -116,10 +118,12 @@ def load_result(folder: str | Path) -> RunResult:
     Raises
     ------
     ResultError : the folder is missing, incomplete or damaged.
+    StudyError : no path is given.
     """
-    if is_pooled(Path(folder)):
-        return cast(RunResult, PooledRun.of(read_pooled(Path(folder))))
-    return RunResult.of(read_result(Path(folder)))
+    path = checked_path("bt.load_result", folder, "a result folder")
+    if is_pooled(path):
+        return cast(RunResult, PooledRun.of(read_pooled(path)))
+    return RunResult.of(read_result(path))
 
 
 def load_single(folder: str | Path) -> RunResult:

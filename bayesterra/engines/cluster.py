@@ -127,9 +127,11 @@ def dask_cluster(address: str, *, timeout: float = TIMEOUT) -> Engine:
 
     Raises
     ------
-    EngineError : the extra ``dask`` is not installed, nobody answers, there are no workers, or they have
-        other versions of bayesterra or of what it computes with.
+    EngineError : there is no address, the extra ``dask`` is not installed, nobody answers, there are no
+        workers, or they have other versions of bayesterra or of what it computes with.
     """
+    if not isinstance(address, str) or not address:  # Dask would start a cluster of its own
+        raise EngineError(f"bt.dask_cluster needs an address such as tcp://10.0.0.5:8786 (got {address!r})")
     return DaskCluster(address, timeout)
 
 

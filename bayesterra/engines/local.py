@@ -138,11 +138,11 @@ def local_pool(workers: int | None = None) -> Engine:
 
     Raises
     ------
-    EngineError : fewer than one.
+    EngineError : no whole number, or fewer than one.
     """
     number = usable_processors() if workers is None else workers
-    if number < 1:
-        raise EngineError(f"'workers' must be at least 1 (got {number})")
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise EngineError(f"'workers' must be at least 1 (got {number!r})")
     return LocalPool(number)
 
 

@@ -19,6 +19,7 @@ from bayesterra.identification.settings import Overrides, Settings, iteration_se
 from bayesterra.identification.steps import Plan, plan
 from bayesterra.identification.support import MARGIN, Clip, clip
 from bayesterra.likelihood import Forward
+from bayesterra.messages import check_kind
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.parameters import CHANNELS, OFFSET, SOIL_PARAMETERS
 from bayesterra.study import Study
@@ -54,6 +55,7 @@ def fit(
     StudyError : an unknown method or parameter, fewer readings than parameters, or nothing to be fitted.
     SupportError : joint finds no start value for which the model has an answer.
     """
+    check_kind("bt.fit", study, Study)
     overrides = Overrides(hold, start, lower, upper, delta)
     methods = _known_methods(study) if methods is None else methods
     if not methods:

@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.data import read_table
 from bayesterra.errors import StudyError
 from bayesterra.laws import Law
-from bayesterra.messages import errors_in
+from bayesterra.messages import checked_path, errors_in
 from bayesterra.reading import MOST_TOML, read_text
 from bayesterra.schema import SamplingOptions, read_toml
 from bayesterra.soiltests.data import Readings, readings
@@ -169,7 +169,7 @@ def load_soil_test(path: str | Path) -> SoilTest:
     ------
     StudyError : naming file, table, key or column, what must hold and the value got.
     """
-    path = Path(path)
+    path = checked_path("bt.load_soil_test", path, "a soil-test file")
     path = path / "soiltest.toml" if path.is_dir() else path
     with errors_in(path):
         tables = read_toml(path)

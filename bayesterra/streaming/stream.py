@@ -16,6 +16,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.data import Observations
 from bayesterra.errors import ResultError, StudyError, SupportError
 from bayesterra.folders import whole_folder, write_text
+from bayesterra.messages import check_kind, checked_path
 from bayesterra.posteriors import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.reading import damage
 from bayesterra.results import Result
@@ -65,6 +66,7 @@ class Stream:
         slip_reference: str = "shearing",
         sinkage_reference: str = "rim",
     ) -> None:
+        check_kind("bt.Stream", known, Study, Result)
         study = known.study if isinstance(known, Result) else known
         study.errors.refuse("following row by row")
         if not study.prior.names:
@@ -312,7 +314,7 @@ def load_stream(folder: str | Path) -> Stream:
     ------
     ResultError : the folder is missing, incomplete or damaged.
     """
-    folder = Path(folder)
+    folder = checked_path("bt.load_stream", folder, "the folder of a stream")
     record = read_record(folder)
     study = load_study(folder, prior_only=True)
     settings = ("seed", "particles", "false_alarms", "slip_reference", "sinkage_reference")
