@@ -15,7 +15,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.engines import Engine
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, check_free, whole_folder, write_text
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_number, check_seed
 from bayesterra.reading import damage
 from bayesterra.study import Study
 from bayesterra.taskfolders import task_folder
@@ -79,6 +79,8 @@ def calibrate(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     check_kind("bt.calibrate", study, Study)
+    check_seed(seed)
+    check_number("n", n)
     found = calibration.calibrate(
         study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )

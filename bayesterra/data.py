@@ -170,7 +170,10 @@ class Column:
     def _number(self, cell: Any, row: int) -> float:
         if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
             return float("nan")
+        truth = isinstance(cell, bool | np.bool_) and self.name != "use"  # which is what truth values are for
         try:
+            if truth:
+                raise TypeError
             value = float(cell.replace("_", "?")) if isinstance(cell, str) else float(cell)
         except (TypeError, ValueError):
             raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row})") from None

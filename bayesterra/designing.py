@@ -28,7 +28,7 @@ from bayesterra.engines import Engine
 from bayesterra.errors import StudyError
 from bayesterra.figures.design import gain_over_slip_png
 from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
-from bayesterra.messages import check_kind, did_you_mean
+from bayesterra.messages import check_kind, check_seed, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
@@ -215,6 +215,7 @@ def recommend(
     StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
     """
     check_kind("bt.recommend", known, Study, Result)
+    check_seed(seed)
     question = asked(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
         seed=seed,

@@ -19,7 +19,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
-from bayesterra.messages import check_kind, checked_path
+from bayesterra.messages import check_kind, check_seed, checked_path
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.notebook import comparison_table, prediction_table
@@ -186,6 +186,7 @@ def predict(
     StudyError : a slip or load outside the model's range, or an unknown wheel.
     """
     check_kind("bt.predict", result, Result)
+    check_seed(seed)
     if isinstance(wheel, Wheel):
         return PredictionSheet.of(predicting.predict(result, slip, load=load, wheel=wheel, seed=seed))
     name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))

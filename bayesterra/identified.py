@@ -18,7 +18,7 @@ from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, outlook
 from bayesterra.identifiability.wording import in_a_sentence
 from bayesterra.inference import PRIOR_DRAWS, keep
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.parameters import PARAMETERS
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.record import PACKAGES
@@ -130,6 +130,7 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
     SupportError : the prior leaves no parameter set that fits the conditions of the table.
     """
     check_kind("bt.foresee", study, Study)
+    check_seed(seed)
     target = posterior(study)
     if not target.names:
         raise StudyError("every parameter is fixed: there is nothing to determine")

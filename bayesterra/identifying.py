@@ -15,7 +15,7 @@ from bayesterra.engines import Engine
 from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
 from bayesterra.workflow import load_single
@@ -73,6 +73,7 @@ def identify(
     StudyError : every parameter is fixed.
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
+    check_seed(seed)
     if isinstance(what, Result):
         return IdentifyResult.of(identify_result(what, seed=seed, engine=engine, report=progress))
     check_kind("bt.identify", what, Study, Result)

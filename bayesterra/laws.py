@@ -14,6 +14,7 @@ from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
+from bayesterra.messages import check_number
 
 RANGED = ("uniform", "loguniform")
 """Laws whose range is given by ``lower`` and ``upper`` themselves."""
@@ -76,6 +77,10 @@ class Law:
         known = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
         if not isinstance(known, stats.rv_continuous):
             raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
+        if not isinstance(self.shape, Mapping):
+            raise StudyError(f"arguments of a law must be numbers by name (got {self.shape!r:.60})")
+        for name, value in {**self.shape, "lower": self.lower, "upper": self.upper}.items():
+            check_number(name, value)
         if not self.lower < self.upper:
             raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
         if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():

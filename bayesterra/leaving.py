@@ -17,7 +17,7 @@ from bayesterra.figures.holdout import bands_png, left_out_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.holdout import Holdout
 from bayesterra.holdout.levels import TOLERANCE, By
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.results import Result
 from bayesterra.study import Study, load_study
 from bayesterra.writing import write_study
@@ -99,6 +99,7 @@ def leave_out(
     StudyError : an unknown grouping, fewer than two groups, or nothing is free.
     """
     check_kind("bt.leave_out", what, Study, Result)
+    check_seed(seed)
     study = what.study if isinstance(what, Result) else what
     found = holdout.leave_out(
         study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress

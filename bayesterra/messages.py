@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from numbers import Integral, Real
 from pathlib import Path
 
 from bayesterra.errors import StudyError
@@ -77,6 +78,28 @@ def checked_path(call: str, value: object, what: str) -> Path:
     if not isinstance(value, str | Path):
         raise StudyError(f"{call} needs the path of {what} (got {_shown(value)})")
     return Path(value)
+
+
+def check_number(name: str, value: object) -> None:
+    """Refuse what is no number, truth values too: True is no reading of 1.
+
+    Raises
+    ------
+    StudyError : naming the value.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise StudyError(f"'{name}' must be a number (got {value!r:.60})")
+
+
+def check_seed(seed: object) -> None:
+    """Refuse what is no seed.
+
+    Raises
+    ------
+    StudyError : it is no whole number, or negative.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise StudyError(f"'seed' must be a whole number from 0 (got {seed!r:.60})")
 
 
 def _shown(value: object) -> str:

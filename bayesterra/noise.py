@@ -14,6 +14,7 @@ from scipy.special import gammaln, ndtri, stdtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
+from bayesterra.messages import check_number
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.priors import Law
 
@@ -43,6 +44,8 @@ class Noise:
     def __post_init__(self) -> None:
         if sum(given is not None for given in (self.sd, self.fraction, self.law)) != 1:
             raise StudyError(f"noise of '{self.channel}' must be one of: a value, a fraction, an estimate")
+        for value in (self.sd, self.fraction, self.floor, self.dof):
+            check_number(f"noise of '{self.channel}'", 0.0 if value is None else value)
         if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
             raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
         if self.fraction is not None and not (0 < self.fraction < 10 and self.floor > 0):

@@ -97,6 +97,8 @@ def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
 
 def checked_slips(slip: ArrayLike) -> FloatArray:
     """Slips in ascending order, each once; StudyError where one lies outside [0, 1)."""
+    if np.asarray(slip).dtype.kind not in "iuf":
+        raise StudyError(f"'slip' must be a number or numbers (got {slip!r:.60})")
     slips = np.unique(np.atleast_1d(np.asarray(slip, dtype=np.float64)))
     wrong = slips[~((slips >= 0) & (slips < 1))]
     if wrong.size or not slips.size:

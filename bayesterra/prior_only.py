@@ -17,6 +17,7 @@ from bayesterra.derived import DERIVED, derive
 from bayesterra.diagnostics import hdi
 from bayesterra.netcdf import labelled_tree
 from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predictive import predict_curves, predict_rows, predictive_table
@@ -71,6 +72,7 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     SupportError : the prior leaves no parameter set that fits the conditions of the table.
     """
     check_kind("bt.run_prior", study, Study)
+    check_seed(seed)
     drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
     target = posterior(study)
     cut = draw_cut_prior(target, DRAWS, drawing)

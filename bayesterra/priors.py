@@ -15,6 +15,7 @@ from scipy.special import ndtri
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.laws import RANGED, Law
+from bayesterra.messages import check_number
 from bayesterra.parameters import (
     LOAD_EFFECT,
     MODEL_PARAMETERS,
@@ -113,6 +114,9 @@ class Prior:
         missing = [name for name in self._needed if name not in self.entries]
         if unknown or missing:
             raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
+        for name, entry in self.entries.items():
+            if not isinstance(entry, Law | Tie):
+                check_number(name, entry)
         if self.uses_moduli and "Ks" in self.entries:
             raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
         for name in self.ties:

@@ -14,7 +14,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.entries import parameter_value
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import whole_folder, write_text
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS
 from bayesterra.posteriors import REASONS, draw_cut_prior, likelihood_of, posterior
 from bayesterra.study import Study
@@ -91,6 +91,7 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     SupportError : the model has no answer at one of the rows.
     """
     check_kind("bt.simulate", study, Study)
+    check_seed(seed)
     values = true_values(study, truth).values
     rows = study.observations
     likelihood = likelihood_of(study, rows)

@@ -16,7 +16,7 @@ from bayesterra import report
 from bayesterra.csvfiles import csv_text
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.laws import Law
-from bayesterra.messages import check_kind
+from bayesterra.messages import check_kind, check_seed
 from bayesterra.netcdf import write_tree
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
@@ -93,6 +93,7 @@ def soil_test(
     if test is None or (tables and data is None):
         raise TypeError("soil_test() takes a file, a loaded test, or data with its tables")
     check_kind("bt.soil_test", test, SoilTest)
+    check_seed(seed)
     return SavedSoilTest.of(analyse(test, seed=seed, report=progress))
 
 

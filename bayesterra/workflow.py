@@ -18,7 +18,7 @@ from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.folders import WORK, check_free, clear_up, part_of, saved_segments, whole_folder, write_text
 from bayesterra.identity import identity
-from bayesterra.messages import check_kind, checked_path
+from bayesterra.messages import check_kind, check_seed, checked_path
 from bayesterra.notebook import result_table
 from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.prior_only import PriorResult, run_prior
@@ -106,6 +106,7 @@ def run(
     StudyError : no study is given, or a cross-check is asked of one with groups.
     """
     check_kind("bt.run", study, Study)
+    check_seed(seed)
     if study.pooling is not None:
         _no_crosscheck(crosscheck)
         return cast(RunResult, PooledRun.of(run_pooled(study, seed=seed, report=progress)))

@@ -10,6 +10,8 @@ BoolArray = NDArray[np.bool_]
 def as_floats(name: str, value: ArrayLike) -> FloatArray:
     """Return `value` as a float array; ValueError where it is not numbers or not finite."""
     try:
+        if np.asarray(value).dtype == np.bool_:  # True is no length of 1 m
+            raise TypeError
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"'{name}' must be a number or an array of numbers (got {value!r})") from None

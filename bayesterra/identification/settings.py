@@ -9,6 +9,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError
+from bayesterra.messages import check_number
 from bayesterra.parameters import MODEL_PARAMETERS, MODULI, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.priors import PAPER_BOX, Entry, Law
 from bayesterra.study import Study
@@ -97,6 +98,7 @@ class Overrides:
 def _check(name: str, value: float) -> None:
     if name not in MODEL_PARAMETERS:
         raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(MODEL_PARAMETERS)})")
+    check_number(name, value)
     if not np.isfinite(value):
         raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
 

@@ -16,7 +16,7 @@ from bayesterra.csvfiles import csv_text
 from bayesterra.data import Observations
 from bayesterra.errors import ResultError, StudyError, SupportError
 from bayesterra.folders import whole_folder, write_text
-from bayesterra.messages import check_kind, checked_path
+from bayesterra.messages import check_kind, check_seed, checked_path
 from bayesterra.posteriors import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.reading import damage
 from bayesterra.results import Result
@@ -67,6 +67,7 @@ class Stream:
         sinkage_reference: str = "rim",
     ) -> None:
         check_kind("bt.Stream", known, Study, Result)
+        check_seed(seed)
         study = known.study if isinstance(known, Result) else known
         study.errors.refuse("following row by row")
         if not study.prior.names:

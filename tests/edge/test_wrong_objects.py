@@ -120,3 +120,82 @@ def test_wheels_that_are_none() -> None:
     for wrong in (None, "x", [1], 3):
         with pytest.raises(bt.StudyError, match="'wheels' must be a table"):
             bt.Study(ROWS, wrong, slip_reference="rim")  # type: ignore[arg-type]
+
+
+WHEEL = bt.Wheel(0.157, 0.165)
+FIXED = {"set": "paper-box", "Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "K": 0.01, "c1": 0.3, "c2": 0.0}
+
+
+def study(**columns: object) -> bt.Study:
+    """Two rows in which columns were replaced; only φ is free."""
+    rows = pd.DataFrame({"slip": [0.1, 0.2], "load [N]": [80.0, 80.0], "sinkage [mm]": [5.0, 7.0]})
+    return bt.Study(
+        rows.assign(**{name.replace("_", " ", 1): column for name, column in columns.items()}),
+        {"W": WHEEL},
+        slip_reference="shearing",
+        model="M2",
+        noise={"sinkage": 1e-3},
+        priors=FIXED,
+    )
+
+
+@pytest.mark.parametrize(
+    ("column", "cells"),
+    [
+        ("load_[N]", [80.0, True]),
+        ("load_[N]", [True, True]),
+        ("sinkage_[mm]", [5.0, True]),
+        ("sinkage_[mm]", pd.array([False, True])),
+        ("slip", [0.1, False]),
+    ],
+)
+def test_truth_values_are_no_readings(column: str, cells: object) -> None:
+    """True in a table is a mistake, not 1 mm; only the column ``use`` is for them."""
+    cells = pd.Series(cells, dtype=object)  # type: ignore[call-overload]
+    name = column.split("_")[0]
+    with pytest.raises(
+        bt.StudyError, match=rf"'{name}' must be a number or empty \(got (True|False), row \d"
+    ):
+        study(**{column: cells})
+    used = study(use=[True, False])
+    assert used.observations.use.tolist() == [True, False]
+
+
+NUMBERS: dict[str, Call] = {
+    "Law.lower": lambda wrong: bt.Law("uniform", lower=wrong, upper=2.0),
+    "Law.loc": lambda wrong: bt.Law("norm", {"loc": wrong, "scale": 1.0}),
+    "Noise.sd": lambda wrong: bt.Noise("sinkage", sd=wrong),
+    "Noise.dof": lambda wrong: bt.Noise("sinkage", sd=1.0, dof=wrong),
+    "Prior": lambda wrong: bt.Prior({**bt.posterior(study()).prior.entries, "c": wrong}),
+    "Wheel": lambda wrong: bt.Wheel(wrong, 0.1),
+    "Soil": lambda wrong: bt.Soil(2.5e6, 0.8, 1.0, wrong, 0.5, 0.01, 0.3, 0.0),
+    "fit.hold": lambda wrong: bt.fit(study(), hold={"c": wrong}),
+    "calibrate.n": lambda wrong: bt.calibrate(study(), n=wrong),
+}
+
+
+@pytest.mark.parametrize("wrong", [True, "x"])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_truth_values_and_texts_are_no_numbers(name: str, wrong: object) -> None:
+    """Neither in laws nor in noise, soils, wheels and options."""
+    with pytest.raises(ValueError, match=rf"must be a number.*\(got {wrong!r}\)"):
+        NUMBERS[name](wrong)
+
+
+@pytest.mark.parametrize("wrong", ["x", None, -1, 1.5, True])
+def test_seeds_are_whole_numbers(wrong: object) -> None:
+    """One line for every other object, wherever a seed is taken."""
+    calls: list[Call] = [
+        lambda seed: bt.run(study(), seed=seed),
+        lambda seed: bt.run_prior(study(), seed=seed),
+        lambda seed: bt.simulate(study(), seed=seed),
+        lambda seed: bt.identify(study(), seed=seed),
+        lambda seed: bt.foresee(study(), seed=seed),
+        lambda seed: bt.leave_out(study(), seed=seed),
+        lambda seed: bt.calibrate(study(), n=20, seed=seed),
+        lambda seed: bt.recommend(study(), seed=seed),
+        lambda seed: bt.Stream(study(), seed=seed),
+    ]
+    for call in calls:
+        with pytest.raises(bt.StudyError, match=r"^'seed' must be a whole number from 0 \(got "):
+            call(wrong)
