@@ -16,6 +16,7 @@ from bayesterra.errors import StudyError
 from bayesterra.messages import checked_name, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
+from bayesterra.noise import LEAST
 from bayesterra.parameters import CHANNELS, OUTCOMES
 from bayesterra.units import column_header, factor
 
@@ -27,6 +28,8 @@ DRIVE_OUTCOMES = {
 """Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
 
 SD_SUFFIX = "_sd"
+MOST = 1e5
+"""N and N m, at most, of a reading: ten tonnes on one wheel."""
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
 _PLAIN = ("slip", "wheel", "use")
@@ -267,9 +270,10 @@ def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArra
         channel, values = name.removesuffix(SD_SUFFIX), column.si()
         if channel not in columns:
             raise StudyError(f"column '{name}' needs a column '{channel}' beside it")
-        if (values <= 0).any():
-            row = _first(values <= 0)
-            raise StudyError(f"'{name}' must be above 0 (got {column.cells[row - 1]}, row {row})")
+        if (values < LEAST).any():
+            row = _first(values < LEAST)
+            rule = "above 0" if values[row - 1] <= 0 else f"at least {LEAST:g} in SI units"
+            raise StudyError(f"'{name}' must be {rule} (got {column.cells[row - 1]}, row {row})")
         given[channel] = values
     return given
 
@@ -315,6 +319,11 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
     if not 0 <= converted < 1:
         became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
         return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row})"
+    for name, column in {"load": rows.load, **rows.values}.items():
+        most = radius if name == "sinkage" else MOST
+        if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
+            unit = CHANNELS[name].dimension
+            return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"
     if load <= 0:
         return f"'load' must be above 0 (got {load:g} N, row {row})"
     if "sinkage" in rows.values and rows.values["sinkage"][index] >= radius:

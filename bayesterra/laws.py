@@ -24,6 +24,8 @@ CROWDED = 1e-6
 """Probability that numbers cannot tell from an end, from which only normal scores do justice to it."""
 TOO_CROWDED = 0.5
 """Such a probability, both ends together, beyond which numbers do not represent the law."""
+MOST = 1e30
+"""SI, at most, of a finite limit or argument of a law: beyond, sums and squares overflow."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ class Law:
             raise StudyError(f"arguments of a law must be numbers by name (got {self.shape!r:.60})")
         for name, value in {**self.shape, "lower": self.lower, "upper": self.upper}.items():
             check_number(name, value)
+            if np.isfinite(value) and abs(value) > MOST:
+                raise StudyError(f"'{name}' must lie within ±{MOST:g} (got {value:g})")
         if not self.lower < self.upper:
             raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
         if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():

@@ -18,6 +18,9 @@ from bayesterra.messages import check_number
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.priors import Law
 
+LEAST = 1e-15
+"""SI, at least, of a given standard deviation."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -48,6 +51,11 @@ class Noise:
             check_number(f"noise of '{self.channel}'", 0.0 if value is None else value)
         if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
             raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
+        smallest = min(size for size in (self.sd, self.floor or None, np.inf) if size is not None)
+        if smallest < LEAST:
+            raise StudyError(
+                f"noise of '{self.channel}' must be at least {LEAST:g} in SI units (got {smallest:g})"
+            )
         if self.fraction is not None and not (0 < self.fraction < 10 and self.floor > 0):
             raise StudyError(
                 f"noise of '{self.channel}' needs a fraction above 0 and a floor above 0"

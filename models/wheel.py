@@ -27,6 +27,7 @@ class Wheel:
         for name in ("radius", "width"):
             value = as_floats(name, getattr(self, name))
             require(value > 0, name, "must be positive", value)
+            require((value >= 1e-6) & (value <= 1e3), name, "must lie between 1e-6 and 1000 m", value)
         for name in ("lug_height", "lug_count"):
             value = as_floats(name, getattr(self, name))
             require(value >= 0, name, "must not be negative", value)
