@@ -24,6 +24,13 @@ CROWDED = 1e-6
 """Probability that numbers cannot tell from an end, from which only normal scores do justice to it."""
 TOO_CROWDED = 0.5
 """Such a probability, both ends together, beyond which numbers do not represent the law."""
+SLOW = frozenset(
+    (
+        "dpareto_lognorm", "gausshyper", "genhyperbolic", "geninvgauss", "irwinhall", "ksone", "kstwo",
+        "levy_stable", "norminvgauss", "rel_breitwigner", "studentized_range", "vonmises", "vonmises_line",
+    )
+)  # fmt: skip
+"""Laws of which scipy takes 2 ms to 1 s for a quantile, measured over all; many thousands are needed."""
 MOST = 1e30
 """SI, at most, of a finite limit or argument of a law: beyond, sums and squares overflow."""
 
@@ -79,6 +86,12 @@ class Law:
         known = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
         if not isinstance(known, stats.rv_continuous):
             raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
+        if self.dist in SLOW:
+            raise StudyError(
+                f"the law {self.dist} is too slow: scipy needs milliseconds or more for every quantile;"
+                ' give some of them, { dist = "tabulated", scores = [...], values = [...] } with values'
+                " at normal scores such as -3 to 3, or take another law"
+            )
         if not isinstance(self.shape, Mapping):
             raise StudyError(f"arguments of a law must be numbers by name (got {self.shape!r:.60})")
         for name, value in {**self.shape, "lower": self.lower, "upper": self.upper}.items():
