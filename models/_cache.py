@@ -21,6 +21,10 @@ from uuid import uuid4
 import numba
 from numba.core import caching, compiler, config, serialize
 
+_LOCATORS: Any = caching  # numba has no types
+_CONFIG: Any = config
+_COMPILED: Any = compiler.CompileResult
+_PACKING: Any = serialize
 _DIGEST = sha256().digest_size
 _told: list[str] = []
 """Why nothing can be kept, once that was said."""
@@ -44,9 +48,9 @@ class CompiledFiles:
     @cached_property
     def _folders(self) -> list[Path]:
         """Folders to read, the one to write last; where none can be written, all of them."""
-        kinds = [caching.InTreeCacheLocator, caching.UserWideCacheLocator]
-        if config.CACHE_DIR:
-            kinds.insert(0, caching.UserProvidedCacheLocator)
+        kinds = [_LOCATORS.InTreeCacheLocator, _LOCATORS.UserWideCacheLocator]
+        if _CONFIG.CACHE_DIR:
+            kinds.insert(0, _LOCATORS.UserProvidedCacheLocator)
         found: list[Path] = []
         for kind in kinds:
             found.append(Path(kind(self._function, str(self._source)).get_cache_path()))
@@ -67,7 +71,7 @@ class CompiledFiles:
             with suppress(Exception):  # whatever is wrong with an entry, compiling again is right
                 content = (folder / name).read_bytes()
                 if content[:_DIGEST] == sha256(stamp + content[_DIGEST:]).digest():
-                    return compiler.CompileResult._rebuild(context, *serialize.loads(content[_DIGEST:]))
+                    return _COMPILED._rebuild(context, *_PACKING.loads(content[_DIGEST:]))
         return None
 
     def save_overload(self, signature: Any, made: Any) -> None:
@@ -78,7 +82,7 @@ class CompiledFiles:
             _tell(f"no write access to {' or '.join(map(str, self._folders))}")
             return
         name, stamp = self._entry(signature, made.codegen)
-        content = serialize.dumps(made._reduce())
+        content = _PACKING.dumps(made._reduce())
         try:
             _write(self._folders[-1] / name, sha256(stamp + content).digest() + content)
         except OSError as error:
