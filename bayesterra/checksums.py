@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
+from collections.abc import Iterable
 from pathlib import Path
 
 from bayesterra.errors import ResultError
+from bayesterra.reading import MEGABYTE, read_bytes, sha256_of
 
 SUMS = "SHA256SUMS"
 """File in a finished folder: one line per file with its SHA-256."""
+MOST_SUMS = 4 * MEGABYTE
 
 
-def sums_of(folder: Path, *, without: str = "") -> str:
-    """Text of ``SHA256SUMS`` for all files below a folder, but for those in its subfolder ``without``."""
-    names = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
-    kept = [name for name in names if name.parts[0] not in (without, SUMS)]
-    return "".join(f"{_sum(folder / name)}  {name.as_posix()}\n" for name in kept)
+def sums_of(folder: Path, names: Iterable[str]) -> str:
+    """Text of ``SHA256SUMS`` for files of a folder."""
+    return "".join(f"{sha256_of(folder / name)}  {name}\n" for name in sorted(names))
 
 
 def check_sums(folder: Path, *names: str) -> None:
@@ -25,11 +25,11 @@ def check_sums(folder: Path, *names: str) -> None:
     ------
     ResultError : a file is missing or not what it was, or cannot be read; the message names it.
     """
-    known = _known(folder)
+    known = listed(folder)
     for name in names if known is not None else ():
         path = folder / name
         try:
-            found = _sum(path) if path.exists() else None
+            found = sha256_of(path) if path.exists() else None
         except OSError as error:
             raise ResultError(f"'{path}' cannot be read: {error.strerror or error}") from error
         if known is not None and found != known.get(name):
@@ -37,18 +37,21 @@ def check_sums(folder: Path, *names: str) -> None:
             raise ResultError(f"'{path}' {why} (see its checksum in {SUMS})")
 
 
-def _known(folder: Path) -> dict[str, str] | None:
-    """Checksum by name; None where the folder has none, as those of older versions."""
+def listed(folder: Path) -> dict[str, str] | None:
+    """Checksums of a folder by name of file; None where it has none, as those of older versions.
+
+    Raises
+    ------
+    ResultError : they are there, and cannot be read.
+    """
     path = folder / SUMS
     try:
-        lines = path.read_bytes().decode("utf-8", "replace").splitlines()
-    except (FileNotFoundError, NotADirectoryError):
+        lines = read_bytes(path, MOST_SUMS).decode("utf-8", "replace").splitlines()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        if path.is_symlink():
+            raise ResultError(f"'{path}' cannot be read: it is a link to nothing") from error
         return None
     except OSError as error:
         raise ResultError(f"'{path}' cannot be read: {error.strerror or error}") from error
     pairs = (line.partition("  ") for line in lines)
     return {name: digest for digest, _, name in pairs}
-
-
-def _sum(path: Path) -> str:
-    return sha256(path.read_bytes()).hexdigest()

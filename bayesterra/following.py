@@ -17,7 +17,7 @@ from bayesterra.data import Observations
 from bayesterra.drawn import is_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.figures.stream import bands_over_rows_png
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.messages import errors_in
 from bayesterra.reading import damage
 from bayesterra.streaming.rows import read_row
@@ -89,7 +89,7 @@ class Following:
         write_text(folder / UPDATES, csv_text(updates, "%.7g"))
         study = self.stream.study
         truth = dict(study.truth.values) if study.truth else None
-        (folder / FIGURE).write_bytes(bands_over_rows_png(updates, truth))
+        write_bytes(folder / FIGURE, bands_over_rows_png(updates, truth))
 
 
 def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:

@@ -20,6 +20,7 @@ from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.messages import check_kind, check_seed, checked_path
+from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.notebook import comparison_table, prediction_table
@@ -112,7 +113,7 @@ def predict_into(folder: Path, cases: Sequence[Case], *, overwrite: bool = False
         write_text(part / "bands.csv", csv_text(pd.concat([at.table for at in points])))
         write_text(part / "draws.csv", csv_text(pd.concat([at.to_dataframe() for at in points])))
         write_text(part / "derived.csv", csv_text(pd.concat(derived)))
-        (part / "prediction.png").write_bytes(predictions_png(cases))
+        write_bytes(part / "prediction.png", predictions_png(cases))
         write_text(part / PREDICTION, json.dumps(_record(points), indent=1, ensure_ascii=False) + "\n")
 
 

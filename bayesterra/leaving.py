@@ -14,7 +14,7 @@ from bayesterra.calibration import Fit
 from bayesterra.csvfiles import csv_text
 from bayesterra.engines import Engine
 from bayesterra.figures.holdout import bands_png, left_out_png
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.holdout import Holdout
 from bayesterra.holdout.levels import TOLERANCE, By
 from bayesterra.messages import check_kind, check_seed
@@ -47,8 +47,8 @@ class HoldoutResult(Holdout):
         with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
             for name, table in tables.items():
                 write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
-            (part / "holdout.png").write_bytes(left_out_png(self.table))
-            (part / "bands.png").write_bytes(bands_png(self))
+            write_bytes(part / "holdout.png", left_out_png(self.table))
+            write_bytes(part / "bands.png", bands_png(self))
             text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
             write_text(part / MARK, text + "\n")
             write_text(part / "report.html", report.holdout_html(self))

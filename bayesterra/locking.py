@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 
 from bayesterra.errors import ResultError
 
 
-@contextmanager
-def locked(path: Path, place: str) -> Iterator[Callable[[], bool]]:
-    """Hold the lock of a file, which is made with its folders; the file may move or vanish meanwhile.
+class Lock:
+    """A held lock: called, it tells whether its file is still where it was."""
 
-    What is yielded tells whether the file is still where it was. The operating system gives the lock back
-    when the process ends, so a killed one is in nobody's way.
+    def __init__(self, handle: int, path: Path) -> None:
+        self._handle, self._path = handle, path
+
+    def __call__(self) -> bool:
+        """Whether the file is still where it was."""
+        return _is_at(self._handle, self._path)
+
+    def sign(self) -> None:
+        """Write this process into the file, for the message that others get."""
+        with suppress(OSError):
+            os.truncate(self._handle, 0)
+            os.write(self._handle, f"{os.getpid()}\n".encode())
+
+
+@contextmanager
+def locked(path: Path, place: str) -> Iterator[Lock]:
+    """Hold the lock of a file, which is made in an existing folder; it may move or vanish meanwhile.
+
+    The operating system gives the lock back when the process ends, so a killed one is in nobody's way.
 
     Raises
     ------
@@ -25,27 +40,27 @@ def locked(path: Path, place: str) -> Iterator[Callable[[], bool]]:
     """
     handle = _held(path, place)
     try:
-        yield partial(_is_at, handle, path)
+        yield Lock(handle, path)
     finally:
         os.close(handle)
 
 
 def _held(path: Path, place: str) -> int:
-    while True:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
-        except FileNotFoundError:
-            continue  # its holder has just given the folder its final name
-        except OSError as error:
-            raise ResultError(f"{place} cannot be written: {error.strerror}") from error
-        _take(handle, place)
-        if _is_at(handle, path):
-            with suppress(OSError):  # it only serves a message
-                os.truncate(handle, 0)
-                os.write(handle, f"{os.getpid()}\n".encode())
-            return handle
-        os.close(handle)  # likewise: what we hold is no longer what others would ask for
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+    except FileNotFoundError as error:
+        raise _gone(place) from error
+    except OSError as error:
+        raise ResultError(f"{place} cannot be written: {error.strerror}") from error
+    _take(handle, place)
+    if not _is_at(handle, path):  # what we hold is no longer what others would ask for
+        os.close(handle)
+        raise _gone(place)
+    return handle
+
+
+def _gone(place: str) -> ResultError:
+    return ResultError(f"{place} was removed, or finished by another run, just now: begin again")
 
 
 def _take(handle: int, place: str) -> None:

@@ -8,6 +8,7 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -59,16 +60,41 @@ def read_bytes(path: Path, most: int) -> bytes:
     ------
     OSError : it cannot be read, is a device, a pipe or a folder, or has more than ``most`` bytes.
     """
+    content = bytearray()
+    for block in _blocks(path, most):  # not all at once: that would reserve what the size only claims
+        content += block
+    return bytes(content)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of an ordinary file, which need not fit into the memory.
+
+    Raises
+    ------
+    OSError : it cannot be read, or is a device, a pipe or a folder.
+    """
+    digest = sha256()
+    for block in _blocks(path, None):
+        digest.update(block)
+    return digest.hexdigest()
+
+
+def _blocks(path: Path, most: int | None) -> Iterator[bytes]:
+    """Content of an ordinary file, block by block; OSError as :func:`read_bytes`.
+
+    Without ``most`` the limit is the size that the file has at first.
+    """
     # without O_NONBLOCK a pipe without a writer would hold us here for ever
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:
-        check_ordinary(os.fstat(handle), path, most)
-        content = bytearray()
-        while block := file.read(MEGABYTE):  # not all at once: that would reserve what the size only claims
-            content += block
-            if len(content) > most:  # it grew meanwhile, or its size was a lie, as in /proc
-                raise _too_large(path, most)
-    return bytes(content)
+        found, size = os.fstat(handle), 0
+        limit = found.st_size if most is None else most
+        check_ordinary(found, path, limit)
+        while block := file.read(MEGABYTE):
+            size += len(block)
+            if size > limit:  # it grew meanwhile, or its size was a lie, as in /proc
+                raise _too_large(path, limit) if most is not None else _growing(path)
+            yield block
 
 
 def check_ordinary(found: os.stat_result, path: Path, most: int) -> None:
@@ -83,6 +109,10 @@ def check_ordinary(found: os.stat_result, path: Path, most: int) -> None:
 
 def _too_large(path: Path, most: int) -> OSError:
     return OSError(errno.EFBIG, f"it is larger than {most // MEGABYTE} MB", str(path))
+
+
+def _growing(path: Path) -> OSError:
+    return OSError(errno.EFBIG, "it grows while it is read", str(path))
 
 
 def read_text(path: Path, most: int) -> str:

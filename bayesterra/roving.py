@@ -14,6 +14,7 @@ from bayesterra.errors import StudyError
 from bayesterra.figures.rover import rover_outlook_png
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.messages import check_kind, checked_path
+from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.prediction import UNANSWERED
 from bayesterra.results import Result
 from bayesterra.rover.driving import SLOPES, drive_rover, rover_for
@@ -45,7 +46,7 @@ class RoverSheet(RoverOutlook):
             write_text(part / "draws.csv", csv_text(self.to_dataframe()))
             write_text(part / "greatest.csv", csv_text(self.greatest_table))
             write_text(part / "climb.csv", csv_text(self.climb_table))
-            (part / "rover.png").write_bytes(rover_outlook_png(self))
+            write_bytes(part / "rover.png", rover_outlook_png(self))
             write_text(part / ROVER, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
         return Path(folder)
 

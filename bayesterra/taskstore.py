@@ -16,9 +16,10 @@ import pandas as pd
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, part_of
 from bayesterra.messages import checked_path
+from bayesterra.ownership import TASKS
 from bayesterra.reading import parsed_json
 
-STORE_FILE = "tasks.sqlite"
+STORE_FILE = TASKS
 FORMAT = 1
 """Of the tables; another one is another version's file."""
 NO_DAMAGE = {

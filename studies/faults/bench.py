@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from trials import CLEAR, RIGHT, Process, content, emptied, sums_hold
+from trials import CLEAR, RIGHT, Process, content, emptied, everything, sums_hold
 
 INTERRUPTED = 130
 """Exit code after a signal that leaves time to put things down."""
@@ -117,6 +117,7 @@ class Bench:
 
     def ended(self, saved: set[str]) -> tuple[str, str] | None:
         """What is wrong with the repetition."""
+        before = everything(self.place)
         process = self.begun_again()
         code = process.code()
         stood = code == 2 and "exists already" in process.error
@@ -129,6 +130,9 @@ class Bench:
             return None if kept == self.all_saved else ("wrong", f"not all {len(self.all_saved)} are there")
         if content(self.place / "out") != self.after or not sums_hold(self.place / "out"):
             return "wrong", "the result is not that of an undisturbed one"
+        if stood:  # a refusal leaves also what a kill in the last moment left: the next run clears it
+            changed = everything(self.place) != before
+            return ("lost", "a refusal has changed something") if changed else None
         remains = {path.name for path in self.place.iterdir()} - {"out"}
         remains |= {path.name for path in (self.place / "out").iterdir()} & {"checkpoint", "status.json"}
         return ("remains", " ".join(sorted(remains))) if remains else None

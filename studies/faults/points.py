@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import shutil
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -136,29 +137,35 @@ def _library() -> ctypes.CDLL:
     return ctypes.CDLL(None)
 
 
-def _arm(place: Path, call: int, kind: int) -> None:
+def arm(place: Path, call: int, kind: int) -> None:
+    """From now on count the calls below a place, and let one of them fail."""
     _library().arm(str(place).encode() + b"/", ctypes.c_long(call), kind)
+
+
+def counted(save: Callable[[], int], place: Path, work: Path, code: int = 0) -> int:
+    """How many calls there are in undisturbed work, of that exit code."""
+
+    def count() -> int:
+        ended = save()
+        (work / "count").write_text(str(_library().counted()), encoding="utf-8")
+        return ended
+
+    assert Process.begun(count, work / "notes", partial(arm, place, 0, 0)).code() == code
+    return int((work / "count").read_text(encoding="utf-8"))
 
 
 def calls(saving: Saving, work: Path) -> int:
     """How many calls there are in an undisturbed saving."""
     with emptied(work / "trial") as place:
-
-        def save() -> int:
-            saving.save(place)
-            (work / "count").write_text(str(_library().counted()), encoding="utf-8")
-            return 0
-
         saving.prepare(place)
-        assert Process.begun(save, work / "notes", partial(_arm, place, 0, 0)).code() == 0
-    return int((work / "count").read_text(encoding="utf-8"))
+        return counted(lambda: saving.save(place), place, work)
 
 
 def trial(bench: Bench, call: int, kind: int) -> tuple[str, str]:
     """Fail at one call, look, repeat, look again; outcome and detail."""
     with emptied(bench.place):
         bench.fresh()
-        process = bench.begun(partial(_arm, bench.place, call, kind))
+        process = bench.begun(partial(arm, bench.place, call, kind))
         return bench.judged(process, killed=kind < 3)
 
 

@@ -1,10 +1,10 @@
 """Kills, full disks, damaged files and shared folders, thousands of times; every trial must end right.
 
 Run ``python studies/faults/run.py``, or parts of it: ``points``, ``moments``, ``damage``, ``disks``,
-``sharing``, ``workers``, ``table``. Tables are gone on with where they end: remove them to begin anew.
-Linux; ``points`` needs a C compiler; a small file system and files that are not readable need root. About
-half an hour of a processor. ``--out DIR`` writes elsewhere, ``--share 0.1`` makes a tenth of the trials,
-``--only NAME`` those at one place.
+``sharing``, ``workers``, ``renames``, ``owned``, ``table``. Tables are gone on with where they end: remove
+them to begin anew. Linux; ``points`` and ``renames`` need a C compiler; a small file system and files that
+are not readable need root. About half an hour of a processor. ``--out DIR`` writes elsewhere, ``--share 0.1``
+makes a tenth of the trials, ``--only NAME`` those at one place.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from pathlib import Path
 import pandas as pd
 
 HERE = Path(__file__).parent
-PARTS = ("points", "moments", "damage", "disks", "sharing", "workers")
+PARTS = ("points", "moments", "damage", "disks", "sharing", "workers", "renames", "owned")
 COLUMNS = ("fault", "where", "trial", "moment", "outcome", "detail")
 BARE = {"calibrate", "a store of tasks", "a store of tasks that is read"}
 """Places whose trials need no result that was made before."""
+ALONE = {"renames"}
+"""Parts of which that is so."""
 RIGHT, CLEAR = "right", "clear error"
 MARK = "<!-- table: made by run.py from the stored trials -->\n"
 
@@ -35,13 +37,15 @@ def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> No
     import damage
     import disks
     import moments
+    import owned
     import points
+    import renames
     import sharing
     import trials
     import workers
 
     modules = {"points": points, "moments": moments, "damage": damage, "disks": disks}
-    modules |= {"sharing": sharing, "workers": workers}
+    modules |= {"sharing": sharing, "workers": workers, "renames": renames, "owned": owned}
     parent = Path("/dev/shm") if Path("/dev/shm").is_dir() else None  # noqa: S108
     with tempfile.TemporaryDirectory(dir=parent) as folder:
         work = Path(folder)
@@ -49,7 +53,7 @@ def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> No
         made = work / "made"
         made.mkdir()
         trials.make_quick()
-        if not only or {*only} - BARE:
+        if ({*names} - ALONE) and (not only or {*only} - BARE):
             trials.make_results(made)
             moments.prepare(made)
         for name in names:
@@ -69,11 +73,11 @@ def built() -> Path | None:
 def started(names: list[str], arguments: argparse.Namespace) -> int:
     """Make the trials of some parts in a new process; its exit status."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    if "points" in names:
+    if counting := {"points", "renames"} & {*names}:
         library = built()
         if library is None:
-            print("points: needs Linux and a C compiler; left out")
-            names = [name for name in names if name != "points"]
+            print("points, renames: need Linux and a C compiler; left out")
+            names = [name for name in names if name not in counting]
         else:
             environment["LD_PRELOAD"] = str(library)
     command = [sys.executable, __file__, *names, "--within", "--out", str(arguments.out)]

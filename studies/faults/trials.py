@@ -311,6 +311,15 @@ def sums_hold(folder: Path) -> bool:
     return known == {name: sha256(path.read_bytes()).hexdigest() for name, path in there.items()}
 
 
+def everything(folder: Path) -> dict[str, bytes | str | None]:
+    """All that is below a folder: content of files, targets of links, and None for folders."""
+    return {
+        path.relative_to(folder).as_posix(): os.readlink(path) if path.is_symlink()
+        else path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }  # fmt: skip
+
+
 @dataclass
 class Table:
     """Trials that have been made, one row each; a row is on the disk once it is added."""

@@ -168,7 +168,7 @@ def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
 
 
 def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) -> None:
-    """The calibration stands whole, and what is left of the work is cleared."""
+    """The calibration stands whole; a refusal leaves what is left of the work, the next one removes it."""
     out, kept = tmp_path / "out", tmp_path / "kept"
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(30))
@@ -177,6 +177,8 @@ def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) ->
     shutil.copytree(kept, out / "checkpoint")
     with pytest.raises(ResultError, match="out' exists already"):
         calibrate_study(job, out, resume=True, quiet=True)
+    assert {path.name for path in out.iterdir()} == {*FILES, "checkpoint"}
+    calibrate_study(job, out, overwrite=True, quiet=True)
     assert {path.name for path in out.iterdir()} == FILES
     assert {path.name for path in tmp_path.iterdir()} == {"out", "kept"}
 

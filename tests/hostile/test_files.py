@@ -308,18 +308,27 @@ def test_nothing_is_written_through_links(tmp_path: Path) -> None:
     part.mkdir(exist_ok=True)
     (part / "checkpoint").mkdir()
     (part / "checkpoint" / "lock").symlink_to(precious / "thesis.tex")
-    with pytest.raises(ResultError, match="cannot be written"), whole_folder(out, resume=True):
+    with pytest.raises(ResultError, match="was not made by bayesterra"), whole_folder(out, resume=True):
         pass
-    (part / "checkpoint" / "lock").unlink()
     (part / "checkpoint" / "a.segment").touch()
-    (part / "checkpoint" / "begun.json.new").symlink_to(precious / "thesis.tex")
-    (part / "run.json.new").symlink_to(precious / "thesis.tex")
-    (part / "old").symlink_to(precious)
+    for name in ("checkpoint/lock", "checkpoint/begun.json.new", "run.json.new", "run.json", "old"):
+        (part / name).unlink(missing_ok=True)
+        (part / name).symlink_to(precious / "thesis.tex")
+        with (
+            pytest.raises(ResultError, match=rf"{name}' was not written by bayesterra"),
+            whole_folder(out, resume=True),
+        ):
+            pass
+        assert (part / name).is_symlink()
+        (part / name).unlink()
     with whole_folder(out, resume=True) as inner:
+        (inner / "checkpoint" / "begun.json.new").symlink_to(precious / "thesis.tex")
+        (inner / "run.json.new").symlink_to(precious / "thesis.tex")
         Checkpoints.opened(inner / "checkpoint", {"seed": 1})
         write_text(inner / "run.json", "{}")
     assert (precious / "thesis.tex").read_text() == "mine"
     assert os.listdir(precious) == ["thesis.tex"]
+    assert not (out / "run.json").is_symlink()
 
 
 def test_finished_tasks_are_not_looked_for_through_links(tmp_path: Path) -> None:

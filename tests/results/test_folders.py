@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from hashlib import sha256
@@ -9,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from bayesterra.checkpoints import Checkpoints
 from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError, SupportError
-from bayesterra.folders import check_free, whole_folder, write_text
+from bayesterra.folders import check_free, part_of, tidy, whole_folder, write_text
 from bayesterra.locking import locked
 
 
@@ -146,11 +149,22 @@ def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
 
 
 def test_remains_of_an_earlier_run_do_not_mix_in(tmp_path: Path) -> None:
-    """A new run starts from an empty DIR.part."""
-    (tmp_path / "out.part").mkdir()
-    (tmp_path / "out.part" / "stale.csv").write_text("", encoding="utf-8")
+    """A new run starts from an empty DIR.part, whatever a killed one had begun to write there."""
+
+    def begin() -> None:
+        with whole_folder(tmp_path / "out") as part:
+            (part / "state").mkdir()
+            for name in ("stale.csv", "state/stale.txt"):
+                write_text(part / name, "half")
+            (part / "stale.csv.new").write_text("a quarter", encoding="utf-8")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        begin()
+    assert names(tmp_path / "out.part") == {"checkpoint", "state", "stale.csv", "stale.csv.new"}
     with whole_folder(tmp_path / "out") as part:
         write_text(part / "a.txt", "a")
+        assert names(part) == {"checkpoint", "a.txt"}
     assert names(tmp_path / "out") == {"a.txt", "SHA256SUMS"}
 
 
@@ -276,3 +290,268 @@ def test_a_file_that_is_not_as_it_was_written_is_named(tmp_path: Path) -> None:
     (out / "SHA256SUMS").mkdir()
     with pytest.raises(ResultError, match=r"out/SHA256SUMS' cannot be read: Is a directory"):
         check_sums(out, "run.json")
+
+
+def everything(folder: Path) -> dict[str, str]:
+    """Content of all files below a folder, and the targets of its links."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        found[name] = os.readlink(path) if path.is_symlink() else path.read_text() if path.is_file() else ""
+    return found
+
+
+def killed(folder: Path, *, overwrite: bool = False) -> Path:
+    """Begin a folder with one saved segment and leave it as a kill would; returns the segment."""
+
+    def begin() -> None:
+        with whole_folder(folder, overwrite=overwrite) as part:
+            Checkpoints.opened(part / "checkpoint", {"seed": 1}).save("one", {})
+            write_text(part / "run.json", "half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        begin()
+    return part_of(folder) / "checkpoint" / "one.segment"
+
+
+def refused(folder: Path, message: str) -> None:
+    """All ways to make a folder are refused, and nothing changes."""
+    before = everything(folder.parent)
+    for overwrite, resume in ((False, False), (True, False), (False, True), (True, True)):
+        with (
+            pytest.raises(ResultError, match=message),
+            whole_folder(folder, overwrite=overwrite, resume=resume),
+        ):
+            pass
+        assert everything(folder.parent) == before
+
+
+@pytest.mark.parametrize("name", ["out.part/notes.txt", "out.part/checkpoint/notes.txt", "out.part"])
+def test_a_users_own_part_is_never_touched(name: str, tmp_path: Path) -> None:
+    """A folder or file of that name which lacks the mark is neither removed, replaced nor written into."""
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    refused(
+        tmp_path / "out", r"out\.part' was not made by bayesterra and is left alone: move it away, or give"
+    )
+
+
+def test_an_empty_part_of_a_user_is_not_taken(tmp_path: Path) -> None:
+    """Not even that."""
+    (tmp_path / "out.part").mkdir()
+    refused(tmp_path / "out", r"out\.part' was not made by bayesterra")
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "checkpoint/notes.txt", "figures/notes.txt", "run.json.bak"])
+def test_a_users_file_in_an_unfinished_folder_is_never_touched(name: str, tmp_path: Path) -> None:
+    """It is named in one line; the segments stay too. Once it is away all goes on."""
+    segment = killed(tmp_path / "out")
+    (segment.parents[1] / name).parent.mkdir(exist_ok=True)
+    (segment.parents[1] / name).write_text("mine")
+    refused(tmp_path / "out", "out.part/.*' was not written by bayesterra and is left alone: move it away")
+    shutil.move(segment.parents[1] / name, tmp_path / "elsewhere")
+    shutil.rmtree(segment.parents[1] / "figures", ignore_errors=True)
+    with whole_folder(tmp_path / "out", resume=True) as part:
+        assert segment.exists()
+        assert names(part) == {"checkpoint"}
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "checkpoint/notes.txt", "state/notes.txt", "plan.csv"])
+def test_a_users_file_in_a_finished_folder_is_never_touched(name: str, tmp_path: Path) -> None:
+    """What the checksums do not list is not replaced, whatever its name, nor is a folder named checkpoint."""
+    make(tmp_path / "out")
+    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+    (tmp_path / "out" / name).write_text("mine")
+    refused(
+        tmp_path / "out", r"was not written by bayesterra and is left alone|exists already: add --overwrite"
+    )
+    with pytest.raises(ResultError, match="was not written by bayesterra"):
+        make(tmp_path / "out")
+
+
+def test_a_users_file_that_comes_while_a_folder_is_made_is_kept(tmp_path: Path) -> None:
+    """In the folder in the making it stays, also after an error; in the old one it goes over into the new."""
+    make(tmp_path / "out")
+    with whole_folder(tmp_path / "out", overwrite=True) as part:
+        write_text(part / "run.json", "newer")
+        (part / "a.txt").write_text("mine")
+        (tmp_path / "out" / "b.txt").write_text("mine")
+    assert names(tmp_path / "out") == {"run.json", "SHA256SUMS", "a.txt", "b.txt"}
+    assert (tmp_path / "out" / "SHA256SUMS").read_text().split()[1::2] == ["run.json"]
+
+    def lose() -> None:
+        with whole_folder(tmp_path / "other") as part:
+            write_text(part / "run.json", "new")
+            (part / "a.txt").write_text("mine")
+            raise SupportError("no")
+
+    with pytest.raises(SupportError, match=r"^no$"):
+        lose()
+    assert everything(tmp_path / "other.part").keys() == {"a.txt", "checkpoint", "checkpoint/made.txt"}
+
+
+def test_users_folders_with_hidden_names_are_never_touched(tmp_path: Path) -> None:
+    """Not even those that are named as if a killed run had left them."""
+    for name in (".out.removed-7", ".out.removed-mine", ".out.replaced-7", ".out.begun-0"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "notes.txt").write_text("mine")
+    before = everything(tmp_path)
+    make(tmp_path / "out")
+    make(tmp_path / "out")
+    shutil.rmtree(tmp_path / "out")
+    assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("left", ["lock", "begun.json", "one.segment"])
+def test_folders_without_the_mark_are_known_by_what_older_versions_left(left: str, tmp_path: Path) -> None:
+    """What was saved before there was a mark can be resumed."""
+    segment = killed(tmp_path / "out")
+    for path in list(segment.parent.iterdir()):
+        if path.name not in (left, "one.segment"):
+            path.unlink()
+    with whole_folder(tmp_path / "out", resume=True):
+        assert segment.exists()
+
+
+def test_a_refusal_after_two_kills_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kill before the last tidying, then one of a run over it: what that saved is gone on with."""
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesterra.folders.tidy", lambda place: None)
+        make(tmp_path / "out")
+    assert (tmp_path / "out" / "checkpoint").is_dir()
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesterra.folders.clear_up", lambda place: None)
+        segment = killed(tmp_path / "out", overwrite=True)
+    before = everything(tmp_path)
+    for resume in (False, True):
+        with (
+            pytest.raises(ResultError, match="exists already: add --overwrite"),
+            whole_folder(tmp_path / "out", resume=resume),
+        ):
+            pass
+    assert everything(tmp_path) == before
+    with whole_folder(tmp_path / "out", resume=True, overwrite=True) as part:
+        assert segment.exists()
+        write_text(part / "run.json", "newer")
+    assert everything(tmp_path).keys() == {"out", "out/run.json", "out/SHA256SUMS"}
+
+
+def test_an_old_folder_under_the_name_of_the_new_one_is_cleared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kill just after two folders changed names: the next run knows the old one, and removes no other."""
+    make(tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesterra.folders._discard", lambda old, place: None)
+        make(tmp_path / "out")
+    assert names(tmp_path) == {"out", "out.part"}
+    tidy(tmp_path / "out")
+    assert (tmp_path / "out" / "checkpoint").exists()
+    shutil.copytree(tmp_path, tmp_path.with_name("copy"))
+    make(tmp_path / "out")
+    assert names(tmp_path) == {"out"}
+    with pytest.raises(ResultError, match=r"out\.part' was not made by bayesterra"):
+        make(tmp_path.with_name("copy") / "out")
+    shutil.rmtree(tmp_path.with_name("copy"))
+
+
+@pytest.mark.parametrize("begun", [True, False])
+def test_a_folder_that_is_a_link_is_written_where_it_leads(begun: bool, tmp_path: Path) -> None:
+    """The link stays; its target is the old folder, then the new one; nothing is left beside either."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "here").mkdir()
+    if begun:
+        make(tmp_path / "disk" / "result")
+    (tmp_path / "here" / "out").symlink_to(Path("..") / "disk" / "result")
+    with whole_folder(tmp_path / "here" / "out", overwrite=begun) as part:
+        assert part == tmp_path / "disk" / "result.part"
+        write_text(part / "run.json", "newer")
+    assert names(tmp_path / "here") == {"out"}
+    assert (tmp_path / "here" / "out").is_symlink()
+    assert names(tmp_path / "disk") == {"result"}
+    assert (tmp_path / "disk" / "result" / "run.json").read_text() == "newer"
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(ResultError, match="loop' is a link that leads back to itself"):
+        make(tmp_path / "loop")
+
+
+def test_places_without_a_name_are_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The working directory is neither replaced as a result nor taken for one."""
+    make(tmp_path / "out")
+    monkeypatch.chdir(tmp_path / "out")
+    assert part_of(Path()) == tmp_path / "out.part"
+    for name, message in (
+        (".", "is the working directory: leave it first"),
+        ("..", "is not a result folder"),
+    ):
+        with pytest.raises(ResultError, match=message):
+            make(Path(name))
+    with pytest.raises(ResultError, match="'/' is not a result folder"):
+        make(Path("/"))
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="Linux")
+def test_a_place_where_nothing_can_be_made_is_said(tmp_path: Path) -> None:
+    """In /proc even root cannot make a folder, and is told so at once."""
+    with pytest.raises(ResultError, match=r"cannot be (written|made)"):
+        make(Path("/proc/nothing"))
+
+
+def test_what_another_command_saved_is_not_removed(tmp_path: Path) -> None:
+    """Finished tasks are not lost to a run of that name, nor segments to a calibration."""
+    segment = killed(tmp_path / "out")
+    before = everything(tmp_path)
+    for resume in (False, True):
+        with (
+            pytest.raises(ResultError, match="holds an unfinished run of another command"),
+            whole_folder(tmp_path / "out", resume=resume, unfinished=lambda part: ""),
+        ):
+            pass
+    segment.rename(segment.with_name("tasks.sqlite"))
+    before = everything(tmp_path)
+    for resume in (False, True):
+        with (
+            pytest.raises(ResultError, match="holds finished tasks of another command"),
+            whole_folder(tmp_path / "out", resume=resume),
+        ):
+            pass
+    assert everything(tmp_path) == before
+
+
+def test_checksums_are_read_like_all_else(tmp_path: Path) -> None:
+    """Pipes, devices and links to nothing are named, and neither wait nor fill the memory."""
+    out = tmp_path / "out"
+    make(out)
+    for path in (out / "run.json", out / "SHA256SUMS"):
+        kept = path.read_bytes()
+        for plant in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+            path.unlink()
+            plant(path)
+            with pytest.raises(ResultError, match=rf"{path.name}' cannot be read: it is a device or a pipe"):
+                check_sums(out, "run.json")
+        path.unlink()
+        path.symlink_to("/nowhere")
+        with pytest.raises(
+            ResultError, match=r"run\.json' is missing|SHA256SUMS' cannot be read: it is a link to n"
+        ):
+            check_sums(out, "run.json")
+        path.unlink()
+        path.write_bytes(kept)
+    check_sums(out, "run.json")
+
+
+def test_a_large_file_is_not_read_at_once(tmp_path: Path) -> None:
+    """The checksum of 600 MB takes little memory."""
+    make(tmp_path / "out")
+    with (tmp_path / "out" / "run.json").open("wb") as file:
+        file.truncate(600 * 2**20)
+    program = (
+        "import resource, sys; from pathlib import Path; from bayesterra.reading import sha256_of;"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss; sha256_of(Path(sys.argv[1]));"
+        "sys.exit(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before > 100_000)"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "out" / "run.json")]
+    assert subprocess.run(command, check=False, timeout=300).returncode == 0

@@ -1,0 +1,171 @@
+"""Ownership of files: what in a folder the package wrote itself, and nothing else may be removed or replaced.
+
+A folder in the making carries a mark, which lists what is written there before it is written; a finished one
+has ``SHA256SUMS``. Everything else in them is someone else's.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+
+from bayesterra.checksums import SUMS, listed
+from bayesterra.reading import MEGABYTE, read_bytes
+
+WORK = "checkpoint"
+"""Folder in ``<folder>.part`` for what only serves the making: the lock, and what to resume from."""
+SEGMENT = ".segment"
+"""Ending of files that would be a loss (see :mod:`bayesterra.checkpoints`)."""
+TASKS = "tasks.sqlite"
+"""File of finished tasks in ``WORK`` (see :mod:`bayesterra.taskstore`)."""
+MADE, REPLACES = "made.txt", "replaces.txt"
+"""The mark in ``WORK``; and, while an old folder is being replaced, which one that is."""
+
+_HEAD = "bayesterra makes the folder above this one, and has written there:\n"
+_TEMPORARY = re.compile(r"\.new\d*$")
+_AT_WORK = re.compile(
+    rf"(lock|begun\.json|{re.escape(MADE)}|{re.escape(REPLACES)}|.*{re.escape(SEGMENT)}"
+    rf"|{re.escape(TASKS)}(-wal|-shm|-journal)?)(\.new\d*)?"
+)
+_NOBODYS = {".DS_Store"}
+"""What a file manager leaves in every folder that someone looks at."""
+_OLDER = frozenset(
+    f"{name}.csv"
+    for name in (
+        "summary", "least_squares", "identifiability", "predictive", "pooling", "sharing", "left_out",
+        "measurements", "ranks", "design", "plan", "bands", "draws", "derived", "comparison", "predictions",
+        "evidence", "scores", "skills", "refits", "updates", "greatest", "climb", "readings", "verdicts",
+        "combinations", "groups", "directions", "information", "coupling", "coupling_of_groups", "profiles",
+        "profile_points", "compensation", "local", "local_at_best", "spectrum", "collinearity", "importance",
+        "structure", "cloning", "cloning_directions", "power_scaling",
+    )
+) | {
+    SUMS, "status.json", "run.json", "report.html", "draws.nc", "study.toml", "prediction.json",
+    "prediction.png", "comparison.html", "holdout.json", "holdout.png", "bands.png", "identifiability.json",
+    "design.json", "design.png", "rover.json", "rover.png", "calibration.json", "soiltest.toml",
+    "stream.json", "rows.png", "state/begun.json", "state/state.segment",
+}  # fmt: skip
+"""Names that versions wrote whose folders had no mark yet, or no checksums."""
+
+
+def begin_mark(work: Path) -> None:
+    """Put the mark into a folder for work that may hold an earlier one."""
+    if not _is_mark(work / MADE):
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
+        with os.fdopen(os.open(work / MADE, flags, 0o644), "wb") as file:
+            file.write(_HEAD.encode())
+
+
+def note(path: Path) -> None:
+    """Note in the mark of a folder in the making that a file will be written there; elsewhere do nothing."""
+    for folder in list(path.parents)[:2]:
+        mark = folder / WORK / MADE
+        name = path.relative_to(folder).as_posix()
+        if path.parent == folder / WORK or not _is_mark(mark):
+            continue
+        before = _text(mark)
+        if name not in before.splitlines():
+            gap = "" if before.endswith("\n") else "\n"  # after a kill the last line may be a half one
+            with mark.open("ab") as file:
+                file.write(f"{gap}{name}\n".encode())
+        return
+
+
+def is_work(work: Path) -> bool:
+    """Whether a folder named ``checkpoint`` is the package's own; earlier versions left no mark in it."""
+    if work.is_symlink() or not work.is_dir():
+        return False
+    older = (work / "begun.json", work / TASKS, *work.glob("*" + SEGMENT))
+    begun = _is_file(work / MADE) and _HEAD.startswith(_text(work / MADE))  # killed as it was written
+    return begun or _is_mark(work / MADE) or _is_lock(work / "lock") or any(map(_is_file, older))
+
+
+def own_names(folder: Path, *, finished: bool) -> frozenset[str]:
+    """Names of what the package has written into a folder, relative to it.
+
+    Raises
+    ------
+    ResultError : its checksums cannot be read.
+    """
+    known = listed(folder)
+    if finished:
+        return _OLDER if known is None else frozenset((*known, SUMS))
+    return _OLDER | frozenset(known or ()) | frozenset(_text(folder / WORK / MADE).splitlines()[1:])
+
+
+def strangers(folder: Path, names: Collection[str]) -> Iterator[Path]:
+    """What in a folder is not the package's: files of other names, links, and folders without files of it."""
+    inner = {str(parent) for name in names for parent in PurePosixPath(name).parents}
+    for path in sorted(folder.iterdir()):
+        yield from _strange(path, path.name, names, inner)
+
+
+def _strange(path: Path, name: str, names: Collection[str], inner: Collection[str]) -> Iterator[Path]:
+    if path.is_dir() and not path.is_symlink():
+        at_work = name == WORK and is_work(path)
+        if not at_work and name not in inner:
+            yield path
+            return
+        for below in sorted(path.iterdir()):
+            if not at_work:
+                yield from _strange(below, f"{name}/{below.name}", names, inner)
+            elif not (_AT_WORK.fullmatch(below.name) and _is_file(below)):
+                yield below
+    elif os.path.lexists(path) and not (_is_file(path) and _is_own(name, names)):
+        yield path
+
+
+def _is_own(name: str, names: Collection[str]) -> bool:
+    return name in names or _TEMPORARY.sub("", name) in names or name in _NOBODYS
+
+
+def remove_ours(folder: Path, names: Collection[str], kept: Collection[Path] = ()) -> None:
+    """Remove what is the package's from a folder, but for files and folders that are to be kept.
+
+    Where nothing else is in it the folder goes too; its marks go last.
+    """
+    marks = [folder / SUMS, folder / WORK / MADE]
+    others = {*strangers(folder, names), *kept}
+    folders = []
+    for place, below, files in os.walk(folder):
+        below[:] = [name for name in below if Path(place, name) not in others]
+        folders.append(Path(place))
+        for path in (Path(place, name) for name in files):
+            if path not in others and path not in marks:
+                path.unlink(missing_ok=True)
+    for mark in marks if not others else ():
+        mark.unlink(missing_ok=True)
+    for path in reversed(folders):
+        with suppress(OSError):  # something that stays is in it
+            path.rmdir()
+
+
+def _is_mark(path: Path) -> bool:
+    return _text(path).startswith(_HEAD)
+
+
+def _is_lock(path: Path) -> bool:
+    """Whether it is a lock: nothing, or the number of a process."""
+    try:
+        return _is_file(path) and re.fullmatch(rb"\d*\n?", read_bytes(path, MEGABYTE)) is not None
+    except OSError:
+        return False
+
+
+def _is_file(path: Path) -> bool:
+    """Whether it is an ordinary file, and no link."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def _text(mark: Path) -> str:
+    try:
+        return read_bytes(mark, MEGABYTE).decode("utf-8", "replace") if _is_file(mark) else ""
+    except OSError:
+        return ""
