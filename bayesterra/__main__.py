@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FrameType
 
 import typer
 
@@ -24,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without arguments it shows the help."""
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        with _termination_as_interruption():
+        with _signals_as_interruption():
             code = app(args=arguments, prog_name="bayesterra", standalone_mode=False)
     except BayesterraError as error:
         return _report(str(error), BAD_INPUT)
@@ -34,7 +36,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(f"{error.strerror or error}: {error.filename or ''}".rstrip(": "), BAD_INPUT)
     except MemoryError:
         return _report("there is not enough memory for this", BAD_INPUT)
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except typer.Abort as abort:  # Click makes one of every EOFError, which no key has caused here
+        if isinstance(abort.__cause__, EOFError):
+            return _report(_bug(abort.__cause__), BUG)
         code = INTERRUPTED
     except Exception as error:  # whatever it is, nobody should have to read a traceback
         return _report(_bug(error), BUG)
@@ -44,16 +50,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _termination_as_interruption() -> Iterator[None]:
+def _signals_as_interruption() -> Iterator[None]:
     """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C: time to put things down."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    taken = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the shell has it ignored
+        taken.append(signal.SIGINT)
+    before = [signal.signal(sign, _interrupt) for sign in taken]
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for sign, handler in zip(taken, before, strict=True):
+            signal.signal(sign, handler)
+
+
+def _interrupt(sign: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, but end by the signal while something is imported: that may swallow errors."""
+    importing = frame
+    while importing is not None:
+        if importing.f_code.co_filename == "<frozen importlib._bootstrap>":
+            signal.signal(sign, signal.SIG_DFL)
+            os.kill(os.getpid(), sign)
+        importing = importing.f_back
+    raise KeyboardInterrupt
 
 
 def _report(message: str, code: int) -> int:
@@ -63,15 +84,32 @@ def _report(message: str, code: int) -> int:
     return code
 
 
-def _bug(error: Exception) -> str:
+def _bug(error: BaseException) -> str:
     """What to say of an error that is ours, with all about it in a file of its own."""
     import traceback
-    from tempfile import NamedTemporaryFile
 
-    with NamedTemporaryFile("w", prefix="bayesterra-", suffix=".log", delete=False, encoding="utf-8",
-                            errors="backslashreplace") as log:  # fmt: skip
-        log.write("".join(traceback.format_exception(error)))
-    return f"this is a bug in bayesterra ({type(error).__name__}): please report it with {log.name}"
+    bug = f"this is a bug in bayesterra ({type(error).__name__}): please report it with"
+    text = "".join(traceback.format_exception(error))
+    for folder in (None, "."):  # the one for temporary files may be full
+        with suppress(OSError):
+            return f"{bug} {_log(text, folder)}"
+    calls = traceback.extract_tb(error.__traceback__)[-3:]
+    place = ", ".join(f"{call.filename}:{call.lineno}" for call in reversed(calls))
+    return f"{bug} this line, as no log can be written: {error} (at {place})"
+
+
+def _log(text: str, folder: str | None) -> str:
+    """Write a text to a new file, whole or not at all; its path."""
+    from tempfile import mkstemp
+
+    handle, path = mkstemp(prefix="bayesterra-", suffix=".log", dir=folder)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as log:
+            log.write(text)
+    except OSError:
+        os.unlink(path)
+        raise
+    return path
 
 
 def _usage(error: Exception) -> str:

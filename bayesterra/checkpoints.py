@@ -120,7 +120,7 @@ def _refuse_what_is_no_file(folder: Path) -> None:
     """A folder in the place of a file is not ours to remove."""
     for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
         if path.exists() and not path.is_file():
-            raise ResultError(f"'{path}' is not a file: remove it, or begin anew with --overwrite")
+            raise ResultError(f"'{path}' is not a file: move it away")
 
 
 def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:

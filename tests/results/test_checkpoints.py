@@ -78,9 +78,7 @@ def test_a_folder_in_place_of_a_file_is_named_and_left(tmp_path: Path, name: str
     path = saved(tmp_path).with_name(name)
     path.unlink()
     path.mkdir()
-    with pytest.raises(
-        ResultError, match=rf"{name}' is not a file: remove it, or begin anew with --overwrite"
-    ):
+    with pytest.raises(ResultError, match=rf"{name}' is not a file: move it away"):
         opened(tmp_path)
     assert path.is_dir()
 
