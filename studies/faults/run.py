@@ -55,7 +55,8 @@ def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> No
         trials.make_quick()
         if ({*names} - ALONE) and (not only or {*only} - BARE):
             trials.make_results(made)
-            moments.prepare(made)
+            if {*names} - {*ALONE, "owned"}:
+                moments.prepare(made)
         for name in names:
             modules[name].fill(trials.Table.opened(out / f"{name}.csv"), work, made, share=share, only=only)
 

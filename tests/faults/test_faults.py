@@ -22,6 +22,7 @@ PLACES = (
     "follow over an old stream",
     "a result whose posterior is a prior",
     "a store of tasks that is read",
+    "simulate",
 )
 
 
@@ -42,7 +43,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes and signals as Linux has them")
 def test_a_few_of_every_fault(tmp_path: Path) -> None:
     """Each ends right or with one line of error, and loses nothing that was saved."""
-    parts = ["points", "moments", "damage", "disks", "sharing"]
+    parts = ["points", "moments", "damage", "disks", "sharing", "owned"]
     if shutil.which("cc") is None:
         parts.remove("points")
     command = [sys.executable, str(STUDY / "run.py"), *parts, "--out", str(tmp_path), "--share", "0.04"]
@@ -76,6 +77,14 @@ def test_stored_trials_keep_the_promise(study_script: Load) -> None:
     assert (kills["where"] == "a store of tasks").sum() >= 100
     assert {"run", "calibrate", "follow over an old stream", "design over an old one"} <= set(kills["where"])
     assert set(trials["part"]) == set(run.PARTS)
+    lives = trials[trials["part"] == "renames"]
+    assert len(lives) >= 200
+    assert lives["fault"].str.startswith("kill").all()
+    assert set(lives["outcome"]) == {"right"}
+    own = trials[trials["part"] == "owned"]
+    assert {"run", "run --resume", "run --prior-only", "simulate", "predict", "calibrate"} <= set(
+        own["where"]
+    )
     assert not trials.duplicated(["fault", "where", "trial"]).any()
 
 
