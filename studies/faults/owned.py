@@ -78,12 +78,14 @@ def in_a_result(made: Path) -> dict[str, Callable[[Path], None]]:
 
 
 def refused(work: Callable[[], int], place: Path, notes: Path) -> tuple[str, str]:
-    """Outcome of a command that must end with one line and touch nothing."""
+    """Outcome of a command that must end with one line and touch nothing; 3 where it only reads a result."""
     before = everything(place)
     process = Process.begun(work, notes)
-    code, error = process.code(), process.error
+    code, error = process.code(), process.error.replace(str(place), "DIR")
     if everything(place) != before:
         return "lost", "something of the user's was touched"
+    if code == 3 and (place / "out" / "run.json").exists():
+        return RIGHT, "the result is read"
     clear = code == 2 and error.startswith("error: ")
     return (CLEAR, error) if clear else ("no clear error", f"{code} {error}")
 
