@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import bayesterra.__main__ as command_line
-import bayesterra.cli.studies as studies
 import bayesterra.study
 
 STUDY = Path(__file__).parents[2] / "studies" / "hit-wh32" / "study.toml"
@@ -22,7 +21,6 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def fail(path: Path) -> None:
         raise error
 
-    assert studies.check
     monkeypatch.setattr(bayesterra.study, "load_study", fail)
 
 
