@@ -17,8 +17,10 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.diagnostics import effective_size
 from bayesterra.errors import StudyError
 from bayesterra.posteriors import Posterior
+from bayesterra.sampling.evidence import Evidence
 
 LIVE = (500, 1500)
 """Live points of the two settings."""
@@ -40,25 +42,51 @@ class Weighted:
     name : what a reader calls it.
     x : parameter sets (n, d).
     weights : (n,), summing to one.
-    size : effective draws behind them.
-    log_z, error : log evidence under the stated prior.
+    sizes : effective draws behind the mean and the share below every one of ``QUANTILES``, per parameter
+        (d, statistics).
+    log_z, error : log evidence under the stated prior; NaN where it is not known.
     """
 
     name: str
     x: FloatArray
     weights: FloatArray
-    size: float
+    sizes: FloatArray
     log_z: float
     error: float
 
     @classmethod
+    def independent(
+        cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float
+    ) -> Weighted:
+        """Independent draws with weights; their effective number is Kish's."""
+        size = 1.0 / (weights**2).sum()
+        return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
+
+    @classmethod
     def equal(cls, name: str, x: FloatArray, log_z: float, error: float) -> Weighted:
-        """Near-independent draws of equal weight."""
-        return cls(name, x, np.full(len(x), 1 / len(x)), float(len(x)), log_z, error)
+        """Independent draws of equal weight."""
+        return cls.independent(name, x, np.full(len(x), 1 / len(x)), log_z, error)
+
+    @classmethod
+    def of_ensembles(cls, name: str, chains: FloatArray, evidence: Evidence | None) -> Weighted:
+        """Draws of ensembles (ensembles, steps, walkers, d), which depend on each other.
+
+        Every statistic has the effective size that the diagnosis of the sampling would give it.
+        """
+        flat = chains.reshape(-1, chains.shape[-1])
+        sizes = np.array([_sizes(chains[..., i]) for i in range(chains.shape[-1])])
+        log_z, error = (evidence.log_z, evidence.error) if evidence else (np.nan, np.nan)
+        return cls(name, flat, np.full(len(flat), 1 / len(flat)), sizes, log_z, error)
 
     def share_below(self, i: int, value: float) -> float:
         """Probability that parameter ``i`` lies at or below a value."""
         return float(self.weights[self.x[:, i] <= value].sum())
+
+
+def _sizes(chains: FloatArray) -> list[float]:
+    """Effective draws behind the mean and the shares below quantiles of a parameter's chains."""
+    shares = [(chains <= value).astype(float) for value in np.quantile(chains, QUANTILES)]
+    return [max(1.0, min(effective_size(part), chains.size)) for part in (chains, *shares)]
 
 
 @dataclass(frozen=True)
@@ -107,7 +135,8 @@ def compare(samplers: tuple[Weighted, ...], names: tuple[str, ...]) -> CrossChec
     rows = []
     for k, one in enumerate(samplers):
         for other in samplers[k + 1 :]:
-            z = {("", "log evidence"): (other.log_z - one.log_z) / np.hypot(one.error, other.error)}
+            z = {("", "log evidence"): float((other.log_z - one.log_z) / np.hypot(one.error, other.error))}
+            z = {what: value for what, value in z.items() if not np.isnan(value)}
             for i, name in enumerate(names):
                 z |= {(name, what): value for what, value in _differences(one, other, i).items()}
             pair = {"one": one.name, "other": other.name}
@@ -118,13 +147,14 @@ def compare(samplers: tuple[Weighted, ...], names: tuple[str, ...]) -> CrossChec
 def _differences(one: Weighted, other: Weighted, i: int) -> dict[str, float]:
     """Differences of a parameter's mean and of the probability below quantiles, in standard errors."""
     (m, sd), (n, other_sd) = _moments(one, i), _moments(other, i)
-    found = {"mean": (n - m) / np.hypot(sd / np.sqrt(one.size), other_sd / np.sqrt(other.size))}
+    errors = 1 / one.sizes[i], 1 / other.sizes[i]
+    found = {"mean": (n - m) / np.hypot(sd * np.sqrt(errors[0][0]), other_sd * np.sqrt(errors[1][0]))}
     order = np.argsort(one.x[:, i])
     steps = np.cumsum(one.weights[order])
-    for q in QUANTILES:
+    for q, variance in zip(QUANTILES, (errors[0] + errors[1])[1:], strict=True):
         at = min(int(np.searchsorted(steps, q)), len(order) - 1)
         value = float(one.x[order[at], i])
-        error = np.sqrt(q * (1 - q) * (1 / one.size + 1 / other.size))
+        error = np.sqrt(q * (1 - q) * variance)
         found[f"{100 * q:.0f} % quantile"] = (other.share_below(i, value) - q) / error
     return {name: float(value) for name, value in found.items()}
 
@@ -187,8 +217,9 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
         found = sampler.results
     weights = np.asarray(found.importance_weights())
     weights /= weights.sum()
-    size, name = float(1.0 / (weights**2).sum()), f"nested ({live})"
-    return Weighted(name, found.samples, weights, size, float(found.logz[-1]), float(found.logzerr[-1]))
+    return Weighted.independent(
+        f"nested ({live})", found.samples, weights, float(found.logz[-1]), float(found.logzerr[-1])
+    )
 
 
 def _moves(d: int) -> str:

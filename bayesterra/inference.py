@@ -132,7 +132,7 @@ def run(
     result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
     if not crosscheck:
         return result
-    ours = Weighted.equal("bayesterra", kept.flat, integral.log_z, integral.error)
+    ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
     found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
     return replace(result, record={**result.record, "crosscheck": found.record()})
 

@@ -71,10 +71,31 @@ def test_weights_count() -> None:
     log_weights = -0.5 * (wide**2).sum(axis=1) * (1 - 1 / 4)
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
-    nested = Weighted("nested", wide, weights, float(1 / (weights**2).sum()), 0.0, 0.1)
+    nested = Weighted.independent("nested", wide, weights, 0.0, 0.1)
     assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), nested), NAMES).verdict == "agree"
-    unweighted = replace(nested, weights=np.full(N, 1 / N), size=float(N))
+    unweighted = Weighted.equal("nested", wide, 0.0, 0.1)
     assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), unweighted), NAMES).verdict != "agree"
+
+
+def walk(seed: int, memory: float) -> FloatArray:
+    """Chains (4, 500, 8, 2) of a standard normal law, whose steps remember the one before."""
+    noise = default_rng(seed).standard_normal((4, 500, 8, 2))
+    for step in range(1, 500):
+        noise[:, step] = memory * noise[:, step - 1] + np.sqrt(1 - memory**2) * noise[:, step]
+    return noise
+
+
+def test_draws_that_hang_together_count_for_as_many_as_they_are_worth() -> None:
+    """Chains of memory 0.8 have a ninth of their draws: z against independent draws is a standard score."""
+    z = []
+    for k in range(60):
+        ours = Weighted.of_ensembles("ours", walk(k, 0.8), None)
+        assert 1200 < ours.sizes[0, 0] < 2400
+        assert (ours.sizes[:, 1:] > 0.8 * ours.sizes[:, :1]).all()
+        table = compare((ours, Weighted.equal("nested", draws(1000 + k), 0.0, 0.1)), NAMES).table
+        assert "log evidence" not in set(table["statistic"])
+        z.append(table["z"].to_numpy())
+    assert 0.8 < np.std(z) < 1.25
 
 
 def test_every_setting_is_run_with_a_stream_of_its_own(
