@@ -38,11 +38,13 @@ class Evidence:
     value : log of the density of the readings, averaged over the prior that is cut to the physical support.
     error : its standard error, from the importance weights and the count behind the cut.
     outcomes : fingerprint of the readings it is the density of; only equal ones compare.
+    reliable : whether the run found that value and error hold.
     """
 
     value: float
     error: float
     outcomes: str
+    reliable: bool = True
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,7 @@ class Comparison:
                     "drive": self.results[name].study.drive,
                     "log_evidence": self.evidence[name].value,
                     "error": self.evidence[name].error,
+                    "reliable": self.evidence[name].reliable,
                     "difference": self.difference(first, name)[0],
                     "difference_error": self.difference(first, name)[1],
                     "word": "" if name == first else self.word(first, name),
@@ -165,6 +168,9 @@ class Comparison:
         value, error = self.difference(first, second)
         if np.isnan(value):
             return "not comparable" if not self.comparable(first, second) else "not known"
+        doubtful = [name for name in (first, second) if not self.evidence[name].reliable]
+        if doubtful:
+            return f"not known: the evidence of {' and '.join(doubtful)} cannot be relied on"
         if abs(value) < max(BARE, 2 * error):
             return "not distinguishable"
         strength = next(word for limit, word in STRENGTHS if abs(value) < limit)
@@ -229,7 +235,8 @@ def log_evidence(result: Result) -> Evidence:
     if found is None:
         return Evidence(np.nan, np.nan, outcomes_of(result))
     error = float(np.hypot(found["error"], found["log_share_error"]))
-    return Evidence(found["log_z"] - found["log_share"], error, outcomes_of(result))
+    value = found["log_z"] - found["log_share"]
+    return Evidence(value, error, outcomes_of(result), bool(found["reliable"]))
 
 
 def outcomes_of(result: Result) -> str:

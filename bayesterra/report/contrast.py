@@ -86,6 +86,9 @@ def _evidence(comparison: Comparison) -> Verdict:
     best, second = sorted(known, key=lambda name: -comparison.evidence[name].value)[:2]
     word = comparison.word(second, best)
     difference = rounded(comparison.difference(second, best)[0], 0.1)
+    if word.startswith("not known"):
+        text = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
+        return Verdict("Evidence", "not known", "fair", text + _left_out(comparison, second, best))
     if word == "not distinguishable":
         text = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
         return Verdict(

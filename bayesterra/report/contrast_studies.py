@@ -101,7 +101,8 @@ def judged_section(comparison: Comparison) -> Section:
         "Log evidence: log of the probability density of the readings, averaged over the prior after the "
         "physical cut; it favours the result that foretold the readings better, and depends on the width of "
         "the priors. Difference from {}: below 1 not worth more than a bare mention, to 3 positive, to 5 "
-        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors."
+        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors. * the run "
+        "itself found that its evidence cannot be relied on: its true error may be much larger."
     ).format(comparison.names[0])
     header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
     table = Table(caption, "lrrlcrrl", header, tuple(rows))
@@ -116,7 +117,9 @@ def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, 
     verdict = result.record["verdict"]
     return (
         coloured(comparison, name, name),
-        Markup("{} ± {}").format(*with_error(float(row["log_evidence"]), float(row["error"]))),
+        Markup("{} ± {}{}").format(
+            *with_error(float(row["log_evidence"]), float(row["error"])), "" if row["reliable"] else "*"
+        ),
         _difference(comparison, name, row["difference"], row["difference_error"]),
         str(row["word"]),
         "yes" if result.converged else Markup("<b>no</b>"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -15,6 +15,9 @@ from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.mixture import ProposalLaw
 
 DRAWS = 16384
+SPREAD = 0.3
+"""Root mean square distance of the ensembles' own log evidences from the pooled one, above which it cannot be
+relied on. Proposals that cover their posterior agree to some hundredths."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,13 @@ class Evidence:
     Attributes
     ----------
     log_z : log evidence; the prior is the stated one, cut to the physical support and not renormalised.
-    error : its Monte Carlo standard error.
+    error : its Monte Carlo standard error, with what the ensembles' own values say of it.
     efficiency : effective share of the draws.
     k_hat : Pareto shape of the greatest weights; above ``limit`` the error cannot be relied on.
     limit : largest reliable k̂ for this number of draws.
     draws : importance draws.
+    spread : root mean square distance of the ensembles' own values from ``log_z``, see :meth:`beside`; 0
+        where they are not known.
     """
 
     log_z: float
@@ -37,11 +42,26 @@ class Evidence:
     k_hat: float
     limit: float
     draws: int
+    spread: float = 0.0
 
     @property
     def reliable(self) -> bool:
-        """Whether the weights have a tail light enough for the error to hold."""
-        return self.k_hat <= self.limit
+        """Whether the weights have a tail light enough for the error to hold, and the ensembles agree."""
+        return self.k_hat <= self.limit and self.spread <= SPREAD
+
+    def beside(self, own: Sequence[float]) -> Evidence:
+        """The same with the log evidences that every ensemble found alone, from draws of its own proposal.
+
+        Where all proposals miss the same part of a posterior, draws of theirs cannot show it: neither the
+        spread of their weights nor the tail. Each proposal alone misses more, though, and each another
+        share, so that what they have apart from the pooled value, as of so many estimates, joins the error.
+        """
+        known = np.array([value for value in own if np.isfinite(value)])
+        if not len(known):
+            return self
+        spread = float(np.sqrt(np.mean((known - self.log_z) ** 2)))
+        error = float(np.hypot(self.error, spread / np.sqrt(len(known))))
+        return replace(self, error=error, spread=spread)
 
 
 def evidence(

@@ -138,7 +138,7 @@ def analyse(
     left_out = leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving)
     integral = evidence(
         target.densities, [adapted.proposal for adapted in samples.adaptations], default_rng(weighing)
-    )
+    ).beside([adapted.log_evidence for adapted in samples.adaptations])
     return _Parts(test, posterior, prior, samples, kept, left_out, fit(test.readings)).result(
         seed, record.of_evidence(integral, prior), default_rng(predicting), started
     )

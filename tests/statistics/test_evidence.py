@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.random import SeedSequence, default_rng
-from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
+from scipy.special import logsumexp, ndtr
+from scipy.stats import multivariate_normal, norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
 from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.mixture import StudentMixture
 from bayesterra.sampling.sampler import Target, sample
@@ -80,6 +80,66 @@ def test_points_outside_the_support_weigh_nothing() -> None:
 
     found = evidence(half, [ball(CENTRE, 0.12)], default_rng(4))
     assert abs(found.log_z - KNOWN - np.log(0.5)) < 4 * found.error
+
+
+LOW, WIDTH = np.array([-10.0, *[-50.0] * 9]), np.array([20.0, *[100.0] * 9])
+FLAT = -float(np.log(WIDTH).sum())
+"""Log density of the flat prior of the next two, and their log evidence but for what the prior cuts off."""
+PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), more=(8,))
+
+
+def boxed(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points of a flat prior, and its log density in normal scores."""
+    return LOW + WIDTH * ndtr(u), norm.logpdf(u).sum(axis=1)
+
+
+def funnel(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Neal's funnel in ten dimensions: the spread of nine of them is the exponential of the first."""
+    x, prior = boxed(u)
+    spread = np.exp(0.5 * x[:, :1])
+    return prior, norm.logpdf(x[:, 0], 0.0, 3.0) + norm.logpdf(x[:, 1:], 0.0, spread).sum(axis=1)
+
+
+def plain(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ten independent normal laws."""
+    x, prior = boxed(u)
+    return prior, norm.logpdf(x, 0.0, np.array([1.0, *[5.0] * 9])).sum(axis=1)
+
+
+def adapted(densities: Densities, seed: int) -> tuple[Evidence, list[float]]:
+    """Evidence from four adaptations, and what each of them found alone."""
+    streams = SeedSequence(seed).spawn(5)
+    starts = [default_rng(stream) for stream in streams]
+    found = [adapt(densities, rng.standard_normal((512, 10)), PLAN, rng) for rng in starts[:4]]
+    own = [one.log_evidence for one in found]
+    return evidence(densities, [one.proposal for one in found], starts[4]).beside(own), own
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_funnel_that_all_proposals_miss_a_part_of_is_not_called_reliable(seed: int) -> None:
+    """The weights show nothing; what each ensemble found alone does, and the error covers the truth."""
+    found, own = adapted(funnel, seed)
+    assert found.k_hat < found.limit
+    assert not found.reliable
+    assert found.spread == pytest.approx(np.sqrt(np.mean((np.array(own) - found.log_z) ** 2)))
+    assert abs(found.log_z - FLAT) < 3 * found.error
+
+
+def test_ensembles_that_agree_leave_value_and_error_as_they_are() -> None:
+    """Independent normal laws: still reliable, the closed form within errors of a hundredth."""
+    found, _ = adapted(plain, 1)
+    assert found.reliable
+    assert found.error < 0.03
+    assert abs(found.log_z - FLAT) < 4 * found.error
+
+
+def test_own_values_move_no_evidence() -> None:
+    """Beside its own values an evidence keeps its value; values that are not known change nothing."""
+    found = evidence(normal, [ball(CENTRE, 0.12)], default_rng(1), draws=4000)
+    assert found.beside([]) == found.beside([-np.inf]) == found
+    apart = found.beside([found.log_z - 1.0, found.log_z + 1.0])
+    assert (apart.log_z, apart.spread, apart.reliable) == (found.log_z, pytest.approx(1.0), False)
+    assert apart.error == pytest.approx(np.hypot(found.error, np.sqrt(0.5)))
 
 
 def from_the_prior(study: Study, n: int) -> tuple[float, float]:
