@@ -157,6 +157,7 @@ def _status(progress: Progress) -> dict[str, object]:
     return {
         "stage": "calibrating",
         "done": progress.done / progress.of,
+        "steps": progress.done,
         "replications": progress.done,
         "of": progress.of,
         "not_converged": progress.unsettled,

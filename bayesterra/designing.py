@@ -294,6 +294,7 @@ def _status(progress: Progress) -> dict[str, object]:
     return {
         "stage": f"judging for drive {progress.drive}",
         "done": progress.done / progress.of,
+        "steps": progress.done,
         "candidates": progress.done,
         "of": progress.of,
         "judged": progress.judged,

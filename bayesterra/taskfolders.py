@@ -4,39 +4,66 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from bayesterra.errors import ResultError
 from bayesterra.folders import WORK, whole_folder, write_text
 from bayesterra.taskstore import STORE_FILE, TaskStore, read_tasks
 
 STATUS_FILE = "status.json"
-EVERY = 0.5
-"""Seconds between two versions of the status file."""
+EVERY, BEAT = 0.5, 2.0
+"""Seconds between two versions of the status file, at least and at most."""
 
 
 class Status:
-    """The file ``status.json``, for those who poll: replaced whole, at most twice a second and at the end."""
+    """The file ``status.json``, for those who poll: always whole, and never older than some seconds.
+
+    While it is open a thread of its own writes what was noted last again, with the time, so that a poller
+    can tell long work from a process that is gone. Only what is noted says how far the work is.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._path, self._next = folder / STATUS_FILE, 0.0
-        self._waiting: Mapping[str, Any] | None = None
+        self._content: Mapping[str, Any] | None = None
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._beating = threading.Thread(target=self._beat, name="status", daemon=True)
 
-    def note(self, content: Mapping[str, Any]) -> None:
-        """Take note of how far the work is."""
-        self._waiting = content
-        if time.monotonic() >= self._next:
-            self.write()
+    def __enter__(self) -> Self:
+        self._beating.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        self._beating.join()
+
+    def note(self, content: Mapping[str, Any], *, now: bool = False) -> None:
+        """Take note of how far the work is; written at most twice a second, or ``now``. From any thread."""
+        with self._lock:
+            self._content = content
+            if now or time.monotonic() >= self._next:
+                self._write()
 
     def write(self) -> None:
-        """Write what was noted last, where it was not."""
-        if self._waiting is not None:
-            write_text(self._path, json.dumps({**self._waiting, "process": os.getpid()}) + "\n")
-            self._waiting, self._next = None, time.monotonic() + EVERY
+        """Write what was noted last."""
+        with self._lock:
+            self._write()
+
+    def _write(self) -> None:
+        if self._content is not None:
+            stamp = {"time": datetime.now(UTC).isoformat(timespec="milliseconds"), "pid": os.getpid()}
+            write_text(self._path, json.dumps({**self._content, **stamp}) + "\n")
+            self._next = time.monotonic() + EVERY
+
+    def _beat(self) -> None:
+        while not self._closed.wait(BEAT):
+            with suppress(OSError):  # a full disk ends the work where it needs the disk
+                self.write()
 
 
 @contextmanager
@@ -68,8 +95,7 @@ def task_folder(
         return _finished(part, tasks)
 
     with whole_folder(out, mark=mark, resume=resume, overwrite=overwrite, unfinished=unfinished) as part:
-        status = Status(part)
-        with TaskStore(part / WORK / STORE_FILE, made_with) as store:
+        with Status(part) as status, TaskStore(part / WORK / STORE_FILE, made_with) as store:
             try:
                 yield part, store, status
             finally:

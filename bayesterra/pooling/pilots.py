@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.random import Generator
@@ -31,7 +31,13 @@ def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> La
 
 
 def piloted(
-    family: Family, D: FloatArray, L: FloatArray, walkers: int, pilots: Sequence[int], rng: Generator
+    family: Family,
+    D: FloatArray,
+    L: FloatArray,
+    walkers: int,
+    pilots: Sequence[int],
+    rng: Generator,
+    watch: Callable[[str], None] = lambda step: None,
 ) -> PooledEnsemble:
     """An ensemble whose laws are fitted to starting points, then to what each of some pilot runs found.
 
@@ -39,13 +45,16 @@ def piloted(
     ----------
     D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
     pilots : sweeps of each pilot run, of which the second half is used.
+    watch : told what is at work, step by step.
     """
+    watch("first laws")
     inside = np.isfinite(Walkers.at(family, D, L).log_density)
     D, L = D[inside], L[:, inside]
     laws = fit_laws(family, D, L, rng)
     start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
     ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
     for sweeps in pilots:
+        watch(f"pilot run of {sweeps} sweeps")
         D, L, _ = ensemble.run(sweeps)
         ensemble = refitted(ensemble, D[sweeps // 2 :], L[sweeps // 2 :])
     return ensemble

@@ -26,7 +26,7 @@ from bayesterra.pooling.moves import Counts, Laws, PooledEnsemble
 from bayesterra.pooling.pilots import FITTED, piloted, refitted
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.journal import Journal, NoJournal, Segment
-from bayesterra.sampling.sampler import Progress, Samples, sample
+from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
 from bayesterra.schema import SamplingOptions
 
 ROUND_SWEEPS = 200
@@ -150,11 +150,13 @@ def sample_joint(
     family = JointFamily(joint)
     _ = family.widths  # before threads ask for it
 
+    watch = Steps(report)
+
     def piloted_by(number: int) -> PooledEnsemble:
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
         D, L = starting_points(family, chains, rng)
-        ensemble = piloted(family, D, L, options.walkers, plan.pilots, rng)
+        ensemble = piloted(family, D, L, options.walkers, plan.pilots, rng, watch.of(number))
         ensemble.counts.accepted.clear()
         ensemble.counts.tried.clear()
         return ensemble
@@ -223,6 +225,7 @@ def _produced(
         if diagnosis.converged or kept.steps >= options.max_steps:
             return chains, kept.accepted, diagnosis, ensembles
         if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
+            report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
             ensembles = list(pool.map(refitted, ensembles, kept.drivers, kept.locals))
             kept, refits = _Kept(), refits + 1
 

@@ -102,13 +102,20 @@ def _systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
     return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
 
 
-def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, rng: Generator) -> Adaptation:
+def adapt(
+    densities: Densities,
+    start: FloatArray,
+    options: AdaptationOptions,
+    rng: Generator,
+    watch: Callable[[str], None] = lambda step: None,
+) -> Adaptation:
     """Carry points from the prior to the posterior and fit a proposal to them.
 
     Parameters
     ----------
     densities : log prior and log likelihood in sampling coordinates.
     start : draws of the cut prior in sampling coordinates (particles, d).
+    watch : told what is at work, step by step.
     """
     particles = _Particles(start.copy(), *densities(start))
     evaluations, temperature, travelled = len(start), 0.0, [0.0]
@@ -118,9 +125,10 @@ def adapt(densities: Densities, start: FloatArray, options: AdaptationOptions, r
         particles = particles.resampled(step * particles.log_likelihood, rng)
         evaluations += _move(particles, densities, temperature, start.std(axis=0), options, rng)
         travelled.append(temperature)
+        watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    refined = refine(proposal, particles.u, widths, densities, options, rng)
+    refined = refine(proposal, particles.u, widths, densities, options, rng, watch)
     evaluations += refined.draws + options.shores * (len(start) // 2)
     return Adaptation(
         particles.u, tuple(travelled), evaluations, refined.proposal, refined.efficiency, refined.log_evidence
@@ -212,6 +220,7 @@ def refine(
     densities: Densities,
     options: AdaptationOptions,
     rng: Generator,
+    watch: Callable[[str], None] = lambda step: None,
 ) -> Refined:
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
@@ -223,9 +232,11 @@ def refine(
     for number, draws in enumerate((*options.refinements, *options.more)):
         if number >= len(options.refinements) and efficiency >= options.enough:
             break
+        watch(f"proposal, round {number + 1}")
         efficiency, log_evidence = drawn.extend(proposal, draws * len(u), densities, rng)
         points, weights = _weighted(drawn.log_weights(), drawn.u, u, rng)
         proposal = _fitted(points, weights, widths, options, rng)
+    watch("proposal, thin places")
     known = Known(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
     proposal = shored(proposal, known, rng, components=options.shores, draws=len(u) // 2)
     return Refined(proposal, efficiency, log_evidence, len(drawn.u))

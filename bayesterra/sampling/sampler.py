@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import repeat
+from threading import Lock
 
 import numpy as np
 from numpy.random import SeedSequence, default_rng
@@ -30,12 +31,17 @@ ROUND_STEPS = 200
 
 @dataclass(frozen=True)
 class Progress:
-    """What a progress bar shows: the stage, and once sampling, the latest diagnosis and time left (s)."""
+    """What a progress bar shows: the stage, and once sampling, the latest diagnosis and time left (s).
+
+    ``step`` says what of the stage is at work, ``steps`` how many of them were begun, where that is known.
+    """
 
     stage: str
     done: float
     diagnosis: Diagnosis | None = None
     seconds_left: float | None = None
+    step: str = ""
+    steps: int | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +197,8 @@ def sample_target(
     journal: Journal | None = None,
 ) -> Samples:
     """Sample any density in coordinates of its own; see :func:`sample`."""
-    task = _Task(target, options, adaptation or AdaptationOptions(), journal or NoJournal(), Clock())
+    watch = Steps(report)
+    task = _Task(target, options, adaptation or AdaptationOptions(), journal or NoJournal(), Clock(), watch)
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
@@ -215,6 +222,24 @@ def sample_target(
     )
 
 
+class Steps:
+    """Reports the steps of ensembles that adapt at the same time, one at a time."""
+
+    def __init__(self, report: Callable[[Progress], None]) -> None:
+        self._report, self._lock, self._count = report, Lock(), 0
+
+    def of(self, number: int) -> Callable[[str], None]:
+        """What ensemble ``number`` tells its steps."""
+
+        def told(step: str) -> None:
+            with self._lock:
+                self._count += 1
+                named = f"ensemble {number + 1}: {step}"
+                self._report(Progress("adapting", 0.0, step=named, steps=self._count))
+
+        return told
+
+
 @dataclass(frozen=True)
 class _Task:
     """What is sampled how, and what was done of it already."""
@@ -224,12 +249,13 @@ class _Task:
     plan: AdaptationOptions
     journal: Journal
     clock: Clock
+    watch: Steps
 
     def begun(self, number: int, stream: SeedSequence) -> Begun:
         """An adapted ensemble, from the journal where it is there."""
 
         def adapted() -> Begun:
-            return _prepare(self.target, self.options, stream, self.plan, self.clock)
+            return _prepare(self.target, self.options, stream, self.plan, self.clock, self.watch.of(number))
 
         found = self.journal.holds(name := f"ensemble-{number + 1}")
         begun = noted(self.journal, name, Begun, adapted)
@@ -276,17 +302,23 @@ class _Task:
 
 
 def _prepare(
-    target: Target, options: SamplingOptions, stream: SeedSequence, plan: AdaptationOptions, clock: Clock
+    target: Target,
+    options: SamplingOptions,
+    stream: SeedSequence,
+    plan: AdaptationOptions,
+    clock: Clock,
+    watch: Callable[[str], None],
 ) -> Begun:
     """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
     adapting, walking = stream.spawn(2)
     rng = default_rng(adapting)
     prior = draw_cut_prior(target.posterior, max(plan.particles, options.walkers), rng)
-    adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng)
+    adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng, watch)
     chosen = rng.choice(len(adapted.u), size=options.walkers, replace=False)
     proposal = adapted.proposal
     start, _ = proposal.unbending.straighten(adapted.u[chosen])
     ensemble = Ensemble(target.straightened(proposal.unbending), start, proposal.mixture, walking)
+    watch("first steps")
     ensemble.advance(WARM_UP_STEPS, keep=False)
     return Begun(adapted, ensemble.stand, clock.elapsed())
 

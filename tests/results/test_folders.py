@@ -1,10 +1,14 @@
 """Folders that appear whole or not at all."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from hashlib import sha256
 from pathlib import Path
@@ -16,6 +20,7 @@ from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.folders import check_free, part_of, tidy, whole_folder, write_text
 from bayesterra.locking import locked
+from bayesterra.taskfolders import Status
 
 
 def result_folder(path: Path) -> Path:
@@ -555,3 +560,33 @@ def test_a_large_file_is_not_read_at_once(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", program, str(tmp_path / "out" / "run.json")]
     assert subprocess.run(command, check=False, timeout=300).returncode == 0
+
+
+def test_the_status_is_renewed_while_nothing_is_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last stage and step stay with a newer time, every version is whole, and it ends with the work."""
+    monkeypatch.setattr("bayesterra.taskfolders.BEAT", 0.02)
+    seen = list[dict[str, object]]()
+    before = threading.active_count()
+    with Status(tmp_path) as status:
+        status.note({"stage": "adapting", "step": "temperature 0.1"}, now=True)
+        for _ in range(200):
+            seen.append(json.loads((tmp_path / "status.json").read_text(encoding="utf-8")))
+            time.sleep(0.002)
+    assert threading.active_count() == before
+    assert {(one["stage"], one["step"], one["pid"]) for one in seen} == {
+        ("adapting", "temperature 0.1", os.getpid())
+    }
+    times = [str(one["time"]) for one in seen]
+    assert times == sorted(times)
+    assert len(set(times)) >= 4
+
+
+def test_what_is_noted_from_several_threads_is_never_torn(tmp_path: Path) -> None:
+    """Notes and renewals take turns: the file is one of what was noted, and the last one stays."""
+    with Status(tmp_path) as status, ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda i: status.note({"step": str(i)}, now=True), range(40)))
+        status.note({"step": "last"}, now=True)
+    assert json.loads((tmp_path / "status.json").read_text(encoding="utf-8"))["step"] == "last"
+    assert names(tmp_path) == {"status.json"}
