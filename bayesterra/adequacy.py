@@ -103,7 +103,7 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     What a record fills in to place an estimate in the posterior is left out.
     """
     fits, standings = result.record["fits"], result.record["standings"]
-    found = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in fits}
+    found = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
     references = {"published": result.study.published, "truth": result.study.truth}
     return found | {name: dict(known.values) for name, known in references.items() if known is not None}
 

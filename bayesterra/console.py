@@ -14,6 +14,7 @@ from rich.table import Table
 
 from bayesterra.calibration import Progress as CalibrationProgress
 from bayesterra.design.judging import Progress as DesignProgress
+from bayesterra.failures import sentences
 from bayesterra.figures.rows import Found, found_rows
 from bayesterra.parameters import PARAMETERS
 from bayesterra.prior_only import PriorResult
@@ -125,7 +126,16 @@ def print_result(result: Result, report: Path) -> None:
         console.print(
             f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
         )
+    _print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def _print_failures(console: PlainConsole, record: Mapping[str, Any]) -> None:
+    """Say what could not be computed; nothing where all could."""
+    if text := sentences(record):
+        console.print(
+            f"{text} run.json says where it failed: please report it.", highlight=False, soft_wrap=True
+        )
 
 
 def print_pooled(record: Mapping[str, Any], report: Path) -> None:
@@ -150,6 +160,7 @@ def print_pooled(record: Mapping[str, Any], report: Path) -> None:
             f"With the other parameters as this study has them: {found['sentence_as_stated']}",
             highlight=False,
         )
+    _print_failures(console, record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
@@ -166,6 +177,7 @@ def print_prior(result: PriorResult, report: Path) -> None:
     console.print(table)
     share = result.record["prior_support"]["shares"]["inside the support"]
     console.print(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it.", highlight=False)
+    _print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
@@ -203,7 +215,7 @@ def verdict_line(result: Result) -> str:
     verdict = result.record["verdict"]
     figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
     if verdict["converged"]:
-        return f"Sampling converged: {figures}."
+        return f"Sampling converged: {figures} (a mode that no ensemble found does not show)."
     failed = "; ".join(
         f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
         for check in verdict["checks"]

@@ -145,18 +145,26 @@ def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     """Importance weights (n,) with a Pareto-smoothed tail, and its shape k̂ (Vehtari et al. 2024).
 
     Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on;
-    it is infinite where so few draws have all the weight that the tail cannot be fitted, and 0 where the
-    largest weights are one and the same.
+    it is infinite where the tail cannot be fitted, as so few draws have all the weight or the tail is one
+    weight over and over, and 0 where the largest fifth of the weights are one and the same.
     """
     raw = np.asarray(log_weights, dtype=float)
     plain = raw - logsumexp(raw)
-    if np.ptp(np.sort(raw)[-max(5, len(raw) // 5) :]) == 0.0:
+    ordered, tail = np.sort(raw), _pareto_tail(len(raw))
+    if np.ptp(ordered[-max(5, len(raw) // 5) :]) == 0.0:
         return plain, 0.0
+    if tail < 5 or np.ptp(ordered[-tail:]) == 0.0:  # the same draw over and over, from a walker that stood
+        return plain, np.inf
     with np.errstate(divide="ignore", invalid="ignore"):
         smoothed, k = array_stats.psislw(-raw)
     if np.isnan(smoothed).any() or np.isnan(k):
         return plain, np.inf
     return np.asarray(smoothed), float(k)
+
+
+def _pareto_tail(draws: int) -> int:
+    """Number of the largest weights that the Pareto law is fitted to, as ArviZ takes them."""
+    return int(3 * draws**0.5 if draws > 225 else draws / 5)
 
 
 def pareto_limit(draws: int) -> float:
@@ -178,6 +186,9 @@ class Check:
 @dataclass(frozen=True)
 class Diagnosis:
     """Verdict on a set of ensembles.
+
+    It tells whether they agree with each other and within themselves. It cannot tell of a mode that none of
+    them found: they follow one recipe, and a narrow mode that escapes it escapes all of them.
 
     Attributes
     ----------

@@ -18,9 +18,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.forecast import predictions_png
-from bayesterra.folders import check_free, whole_folder, write_text
-from bayesterra.messages import check_kind, check_seed, checked_path
 from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.messages import check_kind, check_seed, checked_path
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.notebook import comparison_table, prediction_table

@@ -17,11 +17,12 @@ from bayesterra.arrays import FloatArray
 from bayesterra.comparison import Standing, stand
 from bayesterra.crosscheck import Weighted, against_nested, check_installed
 from bayesterra.diagnostics import thinning
-from bayesterra.identifiability import Identifiability, identifiability
+from bayesterra.failures import Failures, with_failures
+from bayesterra.identifiability import Identifiability, identifiability, undetermined
 from bayesterra.identifiability import structure as structures
 from bayesterra.identifiability.information import information
 from bayesterra.identification import Fit, fit_all, report_table
-from bayesterra.mode import Mode, find_mode
+from bayesterra.mode import Mode, densest, find_mode
 from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.predictive import (
@@ -31,6 +32,7 @@ from bayesterra.predictive import (
     predict_rows,
     predictive_table,
 )
+from bayesterra.predictive import RowPredictions, no_rows, predict_curves, predict_rows, predictive_table
 from bayesterra.results import Result, curves_dataset, draws_tree
 from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.journal import Journal
@@ -103,7 +105,8 @@ def run(
 
     Returns
     -------
-    Result : also when the sampling did not converge; ``result.converged`` says so.
+    Result : also when the sampling did not converge; ``result.converged`` says so. And also when something
+        that is computed from the draws fails: the entry ``failures`` of its record says what and why.
 
     Raises
     ------
@@ -120,26 +123,37 @@ def run(
     samples = sample(target, study.sampling, sampling, report, journal=journal)
     report(Progress("comparing", 1.0))
     kept = keep(samples.chains)
-    fits, refused = fit_all(study)
-    mode = find_mode(target, kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()])
-    integral = evidence(
-        Target(target, samples.coordinates).densities,
-        [adaptation.proposal for adaptation in samples.adaptations],
-        default_rng(weighing),
+    failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
+    fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
+    spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
+    mode = failures.attempt(
+        "mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced)
     )
-    analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused)
+    integral = failures.attempt("evidence", lambda: _evidence(target, samples, weighing), lambda: None)
+    analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
     result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
     if not crosscheck:
         return result
-    ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
-    found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
-    return replace(result, record={**result.record, "crosscheck": found.record()})
+
+    def against() -> dict[str, Any]:
+        ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
+        found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+        return {"crosscheck": found.record()}
+
+    found = failures.attempt("crosscheck", against, dict[str, Any])
+    return replace(result, record=with_failures({**result.record, **found}, failures))
+
+
+def _evidence(target: Posterior, samples: Samples, seed: SeedSequence) -> Evidence | None:
+    proposals = [adaptation.proposal for adaptation in samples.adaptations]
+    found = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
+    return found.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything a run found, before it is put into tables."""
+    """Everything a run found, before it is put into tables; ``failures``: what it did not find."""
 
     study: Study
     posterior: Posterior
@@ -147,9 +161,10 @@ class Analysis:
     samples: Samples
     kept: Kept
     mode: Mode
-    evidence: Evidence
+    evidence: Evidence | None
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
+    failures: Failures
 
     def result(
         self,
@@ -164,57 +179,91 @@ class Analysis:
         loads before the readings.
         """
         validating, informing, loading = streams
-        rows = predict_rows(self.study, self.posterior, self.kept.flat, rng)
-        before = predict_rows(self.study, self.posterior, self.prior.x, rng, before=True)
+        failures, draws_of = self.failures, self.kept.flat
+        rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
         if self.study.drive == "both":
-            before = predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading))
-        standings = self.standings(draws["sample_stats"]["lp"].to_numpy().ravel())
-        found, directions = self.identifiability(default_rng(informing))
+            before = failures.attempt(
+                "prior_predictive",
+                lambda: predict_at_read_loads(
+                    self.study, self.posterior, self.prior.x, default_rng(loading)
+                ),
+                lambda: no_rows(self.study, len(self.prior.x)),
+            )
+        standings = failures.attempt(
+            "standings",
+            lambda: self.standings(draws["sample_stats"]["lp"].to_numpy().ravel()),
+            dict[str, Standing],
+        )
+        table, directions = self.identifiability(default_rng(informing))
+        checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
         findings = {
             "verdict": record.of_diagnosis(self.samples.diagnosis),
             "sampling": record.of_samples(self.samples, self.kept.every),
-            "evidence": record.of_evidence(self.evidence, self.prior),
+            **({"evidence": record.of_evidence(self.evidence, self.prior)} if self.evidence else {}),
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
             "mode": {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing},
             "fits": {name: record.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
             "standings": {name: record.of_standing(standing) for name, standing in standings.items()},
-            "directions": directions,
-            **validate(self.study, self.posterior, self.kept.flat, before, validating).record(),
+            **directions,
+            **checked.record(),
         }
         summary = summary_table(
-            self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis
-        )
+            self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis,
+            failures,
+        )  # fmt: skip
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
         return Result(
             study=self.study,
             draws=draws,
             summary=summary,
             least_squares=self.least_squares(standings),
-            identifiability=found.table,
+            identifiability=table,
             predictive=predictive_table(self.study, rows),
-            record=record.run_record(self.study, seed, findings, seconds),
+            record=with_failures(record.run_record(self.study, seed, findings, seconds), failures),
         )
 
-    def identifiability(self, rng: Generator) -> tuple[Identifiability, dict[str, Any]]:
+    def identifiability(self, rng: Generator) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Verdicts on the parameters, and the record of the directions that design and data determine."""
         names, prior, draws = self.posterior.names, self.prior.x, self.kept.flat
-        seen = structures.structure(self.posterior, prior[: structures.DRAWS])
-        ranges = [self.study.prior.laws[name].range for name in names]
-        structural = np.isin(names, seen.determined)
-        found = identifiability(names, ranges, prior, draws, structural)
-        return found, record.of_directions(found, seen, information(self.posterior, prior, draws, rng))
+
+        def found() -> tuple[structures.Structure, Identifiability]:
+            seen = structures.structure(self.posterior, prior[: structures.DRAWS])
+            ranges = [self.study.prior.laws[name].range for name in names]
+            return seen, identifiability(names, ranges, prior, draws, np.isin(names, seen.determined))
+
+        both = self.failures.attempt("identifiability", found, lambda: None)
+        if both is None:
+            return undetermined(names, prior, draws), {}
+        seen, verdicts = both
+
+        def directions() -> dict[str, Any]:
+            added = information(self.posterior, prior, draws, rng)
+            return {"directions": record.of_directions(verdicts, seen, added)}
+
+        return verdicts.table, self.failures.attempt("directions", directions, dict[str, Any])
+
+    def _rows(self, x: FloatArray, rng: Generator, *, before: bool = False) -> RowPredictions:
+        """Readings of all rows that parameter sets (n, d) predict."""
+        return self.failures.attempt(
+            "prior_predictive" if before else "posterior_predictive",
+            lambda: predict_rows(self.study, self.posterior, x, rng, before=before),
+            lambda: no_rows(self.study, len(x)),
+        )
 
     def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
         shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
         by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
         predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
-        curves = predict_curves(self.study, self.posterior, self.kept.spaced(CURVE_DRAWS), rng)
         kept = self.kept
+
+        def curves() -> xr.Dataset:
+            return curves_dataset(predict_curves(self.study, self.posterior, kept.spaced(CURVE_DRAWS), rng))
+
         return draws_tree(
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
-            curves_dataset(curves),
+            self.failures.attempt("curves", curves, lambda: None),
         )  # fmt: skip
 
     def points(self) -> dict[str, dict[str, float]]:

@@ -60,6 +60,13 @@ def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping
     return Mode(ends[best], float(levels[best]), agreeing, len(starts))
 
 
+def densest(posterior: Posterior, draws: FloatArray) -> Mode:
+    """The densest of posterior draws (n, d), where no optimiser has an answer."""
+    density = posterior.log_density(draws)
+    best = int(density.argmax())
+    return Mode(draws[best], float(density[best]), 0, 0)
+
+
 def _spaced(n: int) -> list[int]:
     """Ranks of the starting points: the densest, then ever further down the list."""
     return sorted({min(n - 1, int(n * 0.5 * (i / (STARTS - 1)) ** 2)) for i in range(STARTS)})

@@ -15,10 +15,18 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import hdi
+from bayesterra.failures import Failures, with_failures
 from bayesterra.inference import Kept, keep
 from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import PARAMETERS, Parameter
-from bayesterra.pooling.degrees import COMPLETE, degrees_of, preferred
+from bayesterra.pooling.degrees import (
+    COMPLETE,
+    DEGREE_COLUMNS,
+    LEFT_OUT_COLUMNS,
+    Degree,
+    degrees_of,
+    preferred,
+)
 from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
@@ -108,17 +116,38 @@ def run_pooled(
     sampling, whole, weighing, prior_stream, _ = family_streams
     samples = sample_joint(joint, study.sampling, sampling, report, plan, journal)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
-    complete = sample(posterior(study), asked, whole, report, (plan or PoolingOptions()).lone, journal)
+    failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
+    lone = (plan or PoolingOptions()).lone
+    complete = failures.attempt(
+        "complete",
+        lambda: sample(posterior(study), asked, whole, report, lone, journal),
+        lambda: None,
+    )
     report(Progress("comparing", 1.0))
-    rng = default_rng(weighing)
-    degrees = degrees_of(joint, samples, complete, rng)
+    degrees: tuple[Degree, ...] = ()
+    if complete is not None:
+        degrees = failures.attempt(
+            "degrees",
+            lambda: degrees_of(joint, samples, complete, default_rng(weighing)),
+            tuple[Degree, ...],
+        )
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = keep(samples.chains)
-    verdicts = shared_or_not(joint, samples.lone, default_rng(prior_stream))
-    stated = as_stated(joint, kept.chains, default_rng(prior_stream))
+    verdicts = failures.attempt(
+        "sharing",
+        lambda: shared_or_not(joint, samples.lone, default_rng(prior_stream)),
+        tuple[Sharing, ...],
+    )
+    stated = failures.attempt(
+        "sharing_as_stated",
+        lambda: as_stated(joint, kept.chains, default_rng(prior_stream)),
+        dict[str, Sharing],
+    )
     summary = _summary(samples, kept, prior)
-    table = pd.DataFrame([degree.row() for degree in degrees])
+    rows = [degree.row() for degree in degrees]
+    table = pd.DataFrame(rows) if rows else pd.DataFrame(columns=DEGREE_COLUMNS)
     shares = _sharing_table(joint, verdicts, stated, kept)
+    draws = _tree(study, joint, samples, kept, prior, failures)
     findings = {
         "verdict": _verdict(samples, complete),
         "pooling": {
@@ -129,7 +158,7 @@ def run_pooled(
             "hierarchical": list(joint.populations),
             "degrees": table.to_dict("records"),
             "preferred": preferred(degrees),
-            "sentence": sentence(verdicts),
+            "sentence": sentence(verdicts) if verdicts else "",
             "sentence_as_stated": sentence(tuple(stated.values())) if stated else "",
         },
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
@@ -137,12 +166,14 @@ def run_pooled(
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
         study=study,
-        draws=_tree(study, joint, samples, kept, prior),
+        draws=draws,
         summary=summary,
         pooling=table,
         sharing=shares,
-        left_out=pd.concat([degree.left_out for degree in degrees], ignore_index=True),
-        record=record.run_record(study, seed, findings, seconds),
+        left_out=pd.concat([degree.left_out for degree in degrees], ignore_index=True)
+        if degrees
+        else pd.DataFrame(columns=LEFT_OUT_COLUMNS),
+        record=with_failures(record.run_record(study, seed, findings, seconds), failures),
     )
 
 
@@ -229,7 +260,7 @@ def _sharing_table(
                 "spread_median": float(np.median(values)), "spread_hdi90_lo": low, "spread_hdi90_hi": high
             }  # fmt: skip
         rows.append({**row, **spread})
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows) if rows else pd.DataFrame(columns=["parameter", "role", "verdict"])
 
 
 def role(joint: JointPosterior, name: str) -> str:
@@ -265,16 +296,21 @@ def _summary(samples: JointSamples, kept: Kept, prior: FloatArray) -> pd.DataFra
     )  # fmt: skip
 
 
-def _verdict(samples: JointSamples, complete: Samples) -> dict[str, Any]:
+def _verdict(samples: JointSamples, complete: Samples | None) -> dict[str, Any]:
     """The joint sampling's verdict; those of the posteriors it is compared with beside it."""
     found = record.of_diagnosis(samples.diagnosis)
-    beside = {COMPLETE: complete.diagnosis.converged}
+    beside = {COMPLETE: complete is not None and complete.diagnosis.converged}
     beside |= {f"{name} alone": lone.diagnosis.converged for name, lone in samples.lone.items()}
     return {**found, "compared_with": beside}
 
 
 def _tree(
-    study: Study, joint: JointPosterior, samples: JointSamples, kept: Kept, prior: FloatArray
+    study: Study,
+    joint: JointPosterior,
+    samples: JointSamples,
+    kept: Kept,
+    prior: FloatArray,
+    failures: Failures,
 ) -> xr.DataTree:
     names, rows = joint.first.names, study.observations
     spaced = [keep(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
@@ -287,7 +323,11 @@ def _tree(
                 **{name: (("chain", "draw"), values) for name, values in kept.labels.items()},
             }
         ),
-        "log_likelihood": row_likelihoods(joint, kept.chains, rows.used().rows),
+        **failures.attempt(
+            "log_likelihood",
+            lambda: {"log_likelihood": row_likelihoods(joint, kept.chains, rows.used().rows)},
+            dict[str, xr.Dataset],
+        ),
         "prior": _dataset(joint, prior[None]),
         "alone": xr.Dataset(
             {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},

@@ -71,6 +71,13 @@ def predict_at_read_loads(
     return RowPredictions(told.channels, told.predicted(outcomes), told.draw(outcomes, noise, rng))
 
 
+def no_rows(study: Study, n: int) -> RowPredictions:
+    """Predictions of ``n`` parameter sets without an answer for any row."""
+    channels = tuple(study.noise)
+    empty = np.full((n, len(study.observations), len(channels)), np.nan)
+    return RowPredictions(channels, empty, empty)
+
+
 def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
     """Predictive mean, 5, 50 and 95 % of every row and channel beside the reading, in field units."""
     records = []

@@ -18,9 +18,10 @@ from bayesterra.diagnostics import hdi
 from bayesterra.netcdf import labelled_tree
 from bayesterra.messages import check_kind
 from bayesterra.messages import check_kind, check_seed
+from bayesterra.failures import Failures, with_failures
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.predictive import predict_curves, predict_rows, predictive_table
+from bayesterra.predictive import no_rows, predict_curves, predict_rows, predictive_table
 from bayesterra.results import conditions_dataset, curves_dataset, parameter_dataset, predictions_dataset
 from bayesterra.study import Study
 
@@ -76,31 +77,43 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
     target = posterior(study)
     cut = draw_cut_prior(target, DRAWS, drawing)
-    predictions = predict_rows(study, target, cut.x, predicting, before=True)
-    curves = predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting)
+    failures = Failures()
+    predictions = failures.attempt(
+        "prior_predictive",
+        lambda: predict_rows(study, target, cut.x, predicting, before=True),
+        lambda: no_rows(study, len(cut.x)),
+    )
+    curves = failures.attempt(
+        "curves",
+        lambda: {"curves": curves_dataset(predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting))},
+        dict[str, xr.Dataset],
+    )
     groups = {
         "prior": parameter_dataset(target.names, cut.x[None]),
         "prior_predictive": predictions_dataset(study, predictions),
         "constant_data": conditions_dataset(study),
-        "curves": curves_dataset(curves),
+        **curves,
     }
+    found = record.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
     return PriorResult(
         study=study,
         draws=labelled_tree(groups),
-        summary=_summary(study, cut.x),
+        summary=_summary(study, cut.x, failures),
         predictive=predictive_table(study, predictions),
-        record=record.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)}),
+        record=with_failures(found, failures),
     )
 
 
-def _summary(study: Study, x: FloatArray) -> pd.DataFrame:
-    derived = derive(study, study.prior.soil_values(x[:CURVE_DRAWS]))
+def _summary(study: Study, x: FloatArray, failures: Failures) -> pd.DataFrame:
+    derived = failures.attempt(
+        "derived", lambda: derive(study, study.prior.soil_values(x[:CURVE_DRAWS])), dict[str, FloatArray]
+    )
     quantities: Mapping[str, Parameter] = {**{n: PARAMETERS[n] for n in study.prior.names}, **DERIVED}
     values = {**dict(zip(study.prior.names, x.T, strict=True)), **derived}
     rows = [
         _row(quantity, values[name][np.isfinite(values[name])] / quantity.scale)
         for name, quantity in quantities.items()
-        if np.isfinite(values[name]).any()
+        if name in values and np.isfinite(values[name]).any()
     ]
     return pd.DataFrame(rows)
 

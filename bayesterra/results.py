@@ -95,7 +95,7 @@ def draws_tree(
     labels: Mapping[str, FloatArray],
     prior: FloatArray,
     predictions: Mapping[str, RowPredictions],
-    curves: xr.Dataset,
+    curves: xr.Dataset | None,
 ) -> xr.DataTree:
     """Assemble the ArviZ groups.
 
@@ -105,7 +105,7 @@ def draws_tree(
     labels : per draw (chain, draw): ``walker`` and ``step``.
     prior : draws of the cut prior (n, d).
     predictions : by group, ``prior_predictive`` and ``posterior_predictive``; of all rows of the table.
-    curves : of :func:`curves_dataset`.
+    curves : of :func:`curves_dataset`; None where they could not be computed.
     """
     shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
     pointwise = posterior.log_terms(flat)
@@ -133,7 +133,7 @@ def draws_tree(
         **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
         "observed_data": of_rows(observed_dataset(study), use),
         "constant_data": of_rows(conditions_dataset(study), use),
-        "curves": curves,
+        **({"curves": curves} if curves is not None else {}),
     }
     if not use.all():
         groups["predictions"] = of_rows(predicted["posterior_predictive"], ~use)

@@ -12,9 +12,8 @@ from typing import Self
 from bayesterra.csvfiles import csv_text
 from bayesterra.errors import StudyError
 from bayesterra.figures.rover import rover_outlook_png
-from bayesterra.folders import check_free, whole_folder, write_text
-from bayesterra.messages import check_kind, checked_path
 from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.messages import check_kind, checked_path
 from bayesterra.prediction import UNANSWERED
 from bayesterra.results import Result
 from bayesterra.rover.driving import SLOPES, drive_rover, rover_for

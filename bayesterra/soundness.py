@@ -88,7 +88,16 @@ _ORIGIN = {
     "settings": {"target_ess": Whole(), "ensembles": Whole(), "walkers": Whole(), "max_steps": Whole()},
     "seconds": Each(NUMBER),
     "verdict": {"converged": bool, "ess": NUMBER, "r_hat": SOME, "checks": [_CHECK]},
+    "failures": Maybe(Each({"error": TEXT, "message": TEXT, "trace": [TEXT]})),
 }
+FAILING = {
+    "evidence": ("evidence",),
+    "directions": ("directions", "identifiability"),
+    "predictive_checks": ("predictive_checks",),
+    "prior_checks": ("prior_checks", "prior_predictive"),
+    "loo": ("loo",),
+}
+"""Entries of a record that may be missing where its ``failures`` name one of these."""
 RECORD: Mapping[str, object] = {
     **_ORIGIN,
     "sampling": {
@@ -107,6 +116,7 @@ RECORD: Mapping[str, object] = {
         "limit": NUMBER,
         "draws": Whole(),
         "reliable": bool,
+        "spread": Maybe(NUMBER),
         "log_share": NUMBER,
         "log_share_error": NUMBER,
     },
@@ -200,7 +210,10 @@ Older files have all rows of the table under ``row``, and the log likelihood of 
 
 def check_record(record: Any, shape: Mapping[str, object] = RECORD) -> None:
     """ValueError where something in a record is missing, or of another kind than the report relies on."""
-    _check(record, shape, "run.json")
+    _check(record, {"failures": _ORIGIN["failures"]}, "run.json")
+    failed = set(record.get("failures", ()))
+    missing = {name for name, parts in FAILING.items() if name not in record and failed & set(parts)}
+    _check(record, {name: one for name, one in shape.items() if name not in missing}, "run.json")
     loo = record.get("loo")
     if loo is not None and len(loo["rows"]) != len(loo["full"]):
         raise ValueError("run.json: 'loo' must have as many rows as densities")

@@ -24,8 +24,6 @@ from bayesterra.writing import write_study
 
 TABLES = ("summary", "least_squares", "identifiability", "predictive")
 POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
-VALIDATED = {"predictive_checks", "prior_checks", "loo"}
-"""Entries of a record that validation makes; those of older versions may lack them."""
 
 
 def write_result(result: Result | PriorResult | PooledResult, folder: Path) -> None:
@@ -73,8 +71,7 @@ def read_result(folder: Path) -> Result:
         record = read_json(folder / RECORD)
         draws, study = read_tree(folder / DRAWS), load_study(folder)
         check_record(record)
-        if record.keys() >= VALIDATED:
-            Validation.from_record(record)
+        Validation.from_record(record)
         check_tables(tables, study.prior.names)
         check_draws(draws, study)
         return Result(study=study, draws=draws, record=record, **tables)

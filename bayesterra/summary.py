@@ -11,6 +11,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.derived import DERIVED, derive
 from bayesterra.diagnostics import Diagnosis, array_ess, array_r_hat, hdi, monte_carlo_error
+from bayesterra.failures import Failures
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.posteriors import Posterior
 from bayesterra.study import Study
@@ -27,6 +28,7 @@ def summary_table(
     prior: FloatArray,
     mode: FloatArray,
     diagnosis: Diagnosis,
+    failures: Failures,
 ) -> pd.DataFrame:
     """One row per free parameter, then one per derived quantity that has answers and varies, in field units.
 
@@ -36,6 +38,7 @@ def summary_table(
     prior : draws of the cut prior (n, d).
     mode : posterior mode (d,).
     diagnosis : effective sizes and R-hat of the parameters.
+    failures : takes note where derived quantities cannot be computed; the parameters stand without them.
     """
     rows = [
         summary_row(
@@ -47,7 +50,10 @@ def summary_table(
         )
         for i, name in enumerate(posterior.names)
     ]
-    return pd.DataFrame(rows + _derived_rows(study, posterior, chains, prior, mode))
+    derived = failures.attempt(
+        "derived", lambda: _derived_rows(study, posterior, chains, prior, mode), list[dict[str, Any]]
+    )
+    return pd.DataFrame(rows + derived)
 
 
 def _derived_rows(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import fields
-from datetime import UTC, datetime
+from dataclasses import fields, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, Self, cast
@@ -16,6 +13,7 @@ from typing import Any, Self, cast
 from bayesterra import inference, report
 from bayesterra.checkpoints import Checkpoints, digest
 from bayesterra.errors import BayesterraError, ResultError, StudyError
+from bayesterra.failures import with_failures
 from bayesterra.folders import WORK, check_free, clear_up, part_of, saved_segments, whole_folder, write_text
 from bayesterra.identity import identity
 from bayesterra.messages import check_kind, check_seed, checked_path
@@ -27,11 +25,10 @@ from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.storage import is_pooled, read_pooled, read_result, write_result
 from bayesterra.study import Study
+from bayesterra.taskfolders import STATUS_FILE, Status
 from bayesterra.validation import Validation
 
 __all__ = ["RunResult", "load_result", "run", "run_prior", "run_prior_study", "run_study"]
-
-STATUS = "status.json"
 
 
 class RunResult(Result):
@@ -61,9 +58,13 @@ class RunResult(Result):
     def _repr_html_(self) -> str:
         return result_table(self)
 
-    def _write(self, part: Path) -> None:
-        write_result(self, part)
-        report.write(self, part / "report.html")
+    def _write(self, part: Path) -> Self:
+        """Write all files; returns the result with what could not be made of its report in the record."""
+        text, failures = report.html_and_failures(self)
+        complete = replace(self, record=with_failures(self.record, failures))
+        write_result(complete, part)
+        write_text(part / "report.html", text)
+        return complete
 
 
 class PooledRun(PooledResult):
@@ -85,9 +86,13 @@ class PooledRun(PooledResult):
             self._write(part)
         return Path(folder) / "report.html"
 
-    def _write(self, part: Path) -> None:
-        write_result(self, part)
-        write_text(part / "report.html", report.pooled_html(self))
+    def _write(self, part: Path) -> Self:
+        """Write all files; returns the result with what could not be made of its report in the record."""
+        text, failures = report.pooled_and_failures(self)
+        complete = replace(self, record=with_failures(self.record, failures))
+        write_result(complete, part)
+        write_text(part / "report.html", text)
+        return complete
 
 
 def run(
@@ -171,12 +176,13 @@ def run_study(
         resumed = bool(saved_segments(part))
         for sentence in checkpoints.notes if not quiet else ():
             note(sentence)
-        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
+        with progress_bar(show=not quiet and sys.stderr.isatty()) as show, Status(part) as status:
 
             def update(progress: Progress) -> None:
-                write_text(part / STATUS, json.dumps(_status(progress)) + "\n")
+                status.note(_status(progress), now=not progress.step)
                 show(progress)
 
+            update(Progress("drawing from the prior", 0.0))
             how: dict[str, Any] = {"seed": seed, "report": update, "journal": checkpoints}
             with _from_segments(part) if resumed else nullcontext():
                 if study.pooling is None:
@@ -184,8 +190,8 @@ def run_study(
                 else:
                     result = cast(RunResult, PooledRun.of(run_pooled(study, **how)))
             update(Progress("writing the report", 1.0))
-            result._write(part)
-        (part / STATUS).unlink()
+            result = result._write(part)
+        (part / STATUS_FILE).unlink()
     return result
 
 
@@ -233,8 +239,10 @@ def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool =
     check_free(out, overwrite=overwrite)
     with whole_folder(out, overwrite=overwrite) as part:
         result = run_prior(study, seed=seed)
+        text, failures = report.prior_and_failures(result)
+        result = replace(result, record=with_failures(result.record, failures))
         write_result(result, part)
-        write_text(part / "report.html", report.prior_html(result))
+        write_text(part / "report.html", text)
     return result
 
 
@@ -246,6 +254,7 @@ def _status(progress: Progress) -> dict[str, object]:
     finite = {
         name: value if value is not None and isfinite(value) else None for name, value in numbers.items()
     }
-    steps = {} if diagnosis is None else {"steps": diagnosis.steps}
-    now = datetime.now(UTC).isoformat(timespec="milliseconds")
-    return {"stage": progress.stage, **steps, **finite, "time": now, "pid": os.getpid()}
+    steps = progress.steps if diagnosis is None else diagnosis.steps
+    counted = {} if steps is None else {"steps": steps}
+    step = {"step": progress.step} if progress.step else {}
+    return {"stage": progress.stage, **step, **counted, **finite}

@@ -3,7 +3,21 @@
 The reference is the prior after the physical cut, never the stated box.
 """
 
-from bayesterra.identifiability.contraction import Identifiability, identifiability
+from bayesterra.identifiability.contraction import (
+    UNKNOWN,
+    Identifiability,
+    identifiability,
+    undetermined,
+)
 from bayesterra.identifiability.verdicts import COUPLED, COUPLED_TO_ALL, DETERMINED, WEAK
 
-__all__ = ["COUPLED", "COUPLED_TO_ALL", "DETERMINED", "WEAK", "Identifiability", "identifiability"]
+__all__ = [
+    "COUPLED",
+    "COUPLED_TO_ALL",
+    "DETERMINED",
+    "UNKNOWN",
+    "WEAK",
+    "Identifiability",
+    "identifiability",
+    "undetermined",
+]

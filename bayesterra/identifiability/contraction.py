@@ -22,6 +22,8 @@ from bayesterra.identifiability.verdicts import (
     word,
 )
 
+UNKNOWN = "not known"
+"""The verdict where none could be computed."""
 BOUNDS = ("none", "lower", "upper", "both")
 """Which bounds of its prior a parameter leans on."""
 
@@ -84,6 +86,19 @@ def identifiability(
     table = table.assign(prior_sd=prior_sd, posterior_sd=sd)
     shares, directions = eigen_directions(covariance(prior / prior_sd), covariance(draws / prior_sd))
     return Identifiability(table, shares, directions)
+
+
+def undetermined(names: Sequence[str], prior: FloatArray, draws: FloatArray) -> pd.DataFrame:
+    """Table of an :class:`Identifiability` that could not be computed: every verdict is ``not known``."""
+    rows = [
+        {
+            "parameter": name, "verdict": UNKNOWN, "contraction": np.nan, "partner": name,
+            "correlation": np.nan, "tied_to": name, "tie": np.nan, "multiple": np.nan,
+            "given_others": np.nan, "bound": "none", "structural": True,
+        }
+        for name in names
+    ]  # fmt: skip
+    return pd.DataFrame(rows).assign(prior_sd=prior.std(axis=0), posterior_sd=draws.std(axis=0))
 
 
 def evidence(table: pd.DataFrame) -> list[Evidence]:

@@ -21,12 +21,17 @@ from bayesterra.pooling.weighing import (
     weigh_joint,
     weigh_plain,
 )
+from bayesterra.sampling.evidence import Evidence
 from bayesterra.sampling.sampler import Samples
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
 """One value for all groups; the study's own roles; every group alone."""
 INDISTINCT = 3.0
 """Difference of log evidences below which two degrees of pooling are not told apart; odds of 20 to 1."""
+
+
+LEFT_OUT_COLUMNS = ("pooling", "what", "label", "elpd", "error", "k", "reliable")
+DEGREE_COLUMNS = ("pooling", "converged", "log_evidence", "log_evidence_error", "evidence_reliable")
 
 
 @dataclass(frozen=True)
@@ -76,13 +81,28 @@ def degrees_of(
     for name, lone in samples.lone.items():
         proposals = [adaptation.proposal for adaptation in lone.adaptations]
         weighed = weigh_plain(joint, [name], lone.coordinates, proposals, rng)
-        alone.append((weighed, plain_shares(joint, [name], rng)))
+        alone.append((weighed, _own(weighed, lone), plain_shares(joint, [name], rng)))
     every = all(lone.diagnosis.converged for lone in samples.lone.values())
     return (
-        _degree(joint, COMPLETE, complete.diagnosis.converged, of_all, plain_shares(joint, names, rng)),
-        _degree(joint, PARTIAL, samples.diagnosis.converged, of_joint, joint_shares(joint, rng)),
+        _degree(
+            joint,
+            COMPLETE,
+            complete.diagnosis.converged,
+            (of_all, _own(of_all, complete), plain_shares(joint, names, rng)),
+        ),
+        _degree(
+            joint,
+            PARTIAL,
+            samples.diagnosis.converged,
+            (of_joint, of_joint.evidence, joint_shares(joint, rng)),
+        ),
         _apart(joint, every, alone),
     )
+
+
+def _own(weighed: Weighed, samples: Samples) -> Evidence:
+    """Evidence with what the ensembles found alone."""
+    return weighed.evidence.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
 def _entry(name: str, what: str, label: object, found: Any, correction: float = 0.0) -> dict[str, Any]:
@@ -93,23 +113,24 @@ def _entry(name: str, what: str, label: object, found: Any, correction: float = 
 
 
 def _degree(
-    joint: JointPosterior, name: str, converged: bool, weighed: Weighed, shares: PriorShares
+    joint: JointPosterior, name: str, converged: bool, parts: tuple[Weighed, Evidence, PriorShares]
 ) -> Degree:
+    weighed, found, shares = parts
     entries = []
     for g, (group, own) in enumerate(joint.groups.items()):
         correction = shares.without[g] - shares.whole
         entries.append(_entry(name, "group", group, weighed.left_out(g), correction))
         rows = own.likelihood.observations.rows
         entries += [_entry(name, "row", row, weighed.left_out(g, i)) for i, row in enumerate(rows)]
-    found = weighed.evidence
     error = float(np.hypot(found.error, shares.error))
     return Degree(name, converged, found.log_z - shares.whole, error, found.reliable, pd.DataFrame(entries))
 
 
-def _apart(joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, PriorShares]]) -> Degree:
+def _apart(
+    joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, Evidence, PriorShares]]
+) -> Degree:
     entries, log_z, variance, reliable = [], 0.0, 0.0, True
-    for (group, own), (weighed, shares) in zip(joint.groups.items(), alone, strict=True):
-        found = weighed.evidence
+    for (group, own), (weighed, found, shares) in zip(joint.groups.items(), alone, strict=True):
         log_z += found.log_z - shares.whole
         variance += found.error**2 + shares.error**2
         reliable &= found.reliable
@@ -127,6 +148,8 @@ def _apart(joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed
 
 def preferred(degrees: Sequence[Degree]) -> str:
     """Which degree of pooling the evidence prefers, in words."""
+    if not degrees:
+        return "not known: the degrees of pooling could not be compared"
     best, second = sorted(degrees, key=lambda degree: -degree.log_z)[:2]
     gap = best.log_z - second.log_z
     if not (best.reliable and second.reliable):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bayesterra.calibration import Calibration
 from bayesterra.design.choosing import Design
+from bayesterra.failures import Failures
 from bayesterra.folders import write_text
 from bayesterra.holdout import Holdout
 from bayesterra.identified import Identified
@@ -31,8 +32,11 @@ __all__ = [
     "design_html",
     "holdout_html",
     "html",
+    "html_and_failures",
     "identifiability_html",
+    "pooled_and_failures",
     "pooled_html",
+    "prior_and_failures",
     "prior_html",
     "soil_test_html",
     "write",
@@ -44,6 +48,12 @@ def html(result: Result) -> str:
     return render(page(result))
 
 
+def html_and_failures(result: Result) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = page(result)
+    return render(made), made.failures
+
+
 def write(result: Result, path: str | Path) -> None:
     """Write the report to ``path``, whole or not at all."""
     write_text(Path(path), html(result))
@@ -51,12 +61,24 @@ def write(result: Result, path: str | Path) -> None:
 
 def pooled_html(result: PooledResult) -> str:
     """The report of a study with groups as a self-contained HTML page."""
-    return render(pooled_page(result), "pooled.html")
+    return pooled_and_failures(result)[0]
+
+
+def pooled_and_failures(result: PooledResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = pooled_page(result)
+    return render(made, "pooled.html"), made.failures
 
 
 def prior_html(result: PriorResult) -> str:
     """The report of a prior without readings as a self-contained HTML page."""
-    return render(prior_page(result), "before.html")
+    return prior_and_failures(result)[0]
+
+
+def prior_and_failures(result: PriorResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = prior_page(result)
+    return render(made, "before.html"), made.failures
 
 
 def comparison_html(comparison: Comparison) -> str:

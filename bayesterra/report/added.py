@@ -63,8 +63,8 @@ def _in_words(result: Result, rows: dict[str, Row]) -> Markup:
 
 def _total(result: Result) -> str:
     """Divergence of the posterior from the cut prior: the mean log likelihood less the log evidence."""
-    found, terms = result.record["evidence"], result.draws["log_likelihood"]
-    if not found["reliable"]:
+    found, terms = result.record.get("evidence"), result.draws["log_likelihood"]
+    if found is None or not found["reliable"]:
         return "an amount of information that this run does not know well"
     likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms.data_vars.values())
     if result.study.errors:  # a row's term is given all other rows

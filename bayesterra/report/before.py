@@ -10,8 +10,10 @@ from markupsafe import Markup
 
 from bayesterra import figures
 from bayesterra.derived import DERIVED, reference_load
+from bayesterra.failures import Failures, failed
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prior_only import PriorResult
+from bayesterra.report.attempts import missing, section, verdict
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.inputs import conditions, prior_sources, stated_law, support
 from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
@@ -35,19 +37,27 @@ def prior_page(result: PriorResult) -> VerdictPage:
         f"model {study.model.name}, {study.drive}-driven",
         f"made {str(result.record['made'])[:10]}",
     )
+    failures = Failures()
+    verdicts = (
+        verdict(failures, "Physics leaves", lambda: _support(result)),
+        verdict(failures, "Readings would teach", lambda: _predictions(result)),
+        verdict(failures, "Greatest pull", lambda: _pull(result)),
+    )
+    sections = (
+        section(failures, "prior", "Prior", lambda: _prior_section(result)),
+        section(failures, "predictions", "What the prior predicts", lambda: _predictive_section(result)),
+        section(failures, "derived", "Derived quantities", lambda: _derived_section(result)),
+        Section("data", "Conditions and model", conditions(study)),
+        Section("reproduce", "Reproduce this", (_reproduce(result),)),
+    )
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=tuple(fact for fact in facts if fact),
-        verdicts=(_support(result), _predictions(result), _pull(result)),
-        sections=(
-            _prior_section(result),
-            _predictive_section(result),
-            _derived_section(result),
-            Section("data", "Conditions and model", conditions(study)),
-            Section("reproduce", "Reproduce this", (_reproduce(result),)),
-        ),
+        verdicts=verdicts,
+        sections=sections,
         version=result.record["versions"]["bayesterra"],
-        warning=Markup(""),
+        warning=missing(result.record, failures),
+        failures=failures,
     )
 
 
@@ -65,6 +75,8 @@ def _support(result: PriorResult) -> Verdict:
 
 def _predictions(result: PriorResult) -> Verdict:
     """How wide the predictions are beside the noise."""
+    if line := failed(result.record, "curves"):
+        return Verdict("Readings would teach", "not known", "fair", Markup("{}").format(line))
     outcomes = result.draws["curves"]["outcome"].to_numpy().tolist()
     ratios = {name: _ratio(result, name) for name in result.study.noise if name in outcomes}
     parts = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
@@ -136,6 +148,8 @@ def _numbers(row: Mapping[Hashable, Any] | None) -> tuple[Cell, ...]:
 
 
 def _predictive_section(result: PriorResult) -> Section:
+    if line := failed(result.record, "curves"):
+        return Section("predictions", "What the prior predicts", (Text(line, "poor"), _rows(result)))
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
     galleries = []
     for wheel in result.study.wheels:

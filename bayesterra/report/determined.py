@@ -27,7 +27,7 @@ GROUPS = Markup(
 
 def finding(result: Result) -> Markup:
     """The finding in a sentence; empty for folders of versions that did not count the groups' directions."""
-    rows = marginal(result.record["directions"])
+    rows = marginal(result.record.get("directions", {}))
     words = {name: row.verdict for name, row in found_rows(result).items()}
     text = in_a_sentence(rows, words, lambda name: str(symbol(name))) if rows else ""
     return Markup(text)  # noqa: S704 (constants)
@@ -50,7 +50,8 @@ def identifiability_section(result: Result) -> Section:
         "contraction; weights in units of the prior's sd. Combinations at the bottom are what a next "
         "measurement should aim at."
     ).format(WEAK, DETERMINED)
-    blocks: tuple[Block, ...] = (Text(_meaning()), _verdicts(result), *_groups(result.record["directions"]))
+    groups = _groups(result.record.get("directions", {}))
+    blocks: tuple[Block, ...] = (Text(_meaning()), _verdicts(result), *groups)
     more = Text(
         Markup(
             "<code>bayesterra identify DIR</code>, with the folder of this report for DIR, shows the rest: "

@@ -34,6 +34,11 @@ class Driving:
     slip_rows: tuple[tuple[Cell, ...], ...]
     remark: Markup
 
+    @classmethod
+    def unknown(cls) -> Driving:
+        """The table where it cannot be made; the head of the page says why."""
+        return cls("", (), (), (), Markup("Not known."))
+
 
 def driving(result: Result) -> Driving:
     """Derived quantities, and pull and sinkage at a few of the driven slips."""

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from bayesterra import figures
 from bayesterra.adequacy import complete_soils
+from bayesterra.failures import failed
 from bayesterra.figures.posterior import PRIOR_MASS
 from bayesterra.figures.rows import summary_rows
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -56,8 +57,8 @@ def sampling_section(result: Result) -> Section:
         "Sampling quality",
         (
             _checks(result),
-            Text(_evidence(result.record["evidence"])),
-            *_crosscheck(result.record.get("crosscheck")),
+            Text(_evidence(result.record)),
+            *_crosscheck(result.record),
             _chains(result),
             Gallery("tiny", ranks, RANKS),
             Gallery("tiny", traces, TRACES),
@@ -65,11 +66,14 @@ def sampling_section(result: Result) -> Section:
     )
 
 
-def _evidence(found: Mapping[str, Any]) -> Markup:
+def _evidence(record: Mapping[str, Any]) -> Markup:
     """The log evidence in a sentence, and how far to trust it."""
+    found = record.get("evidence")
+    if found is None:
+        return Markup("{}").format(failed(record, "evidence"))
     z, error = with_error(found["log_z"], found["error"])
     share, share_error = with_error(found["log_share"], found["log_share_error"])
-    doubt = "" if found["reliable"] else " The weights have a heavy tail: the true error may be much larger."
+    doubt = "" if found["reliable"] else f" {_doubt(found)}: the true error may be much larger."
     return Markup(
         "Log evidence {} ± {} for these readings under the stated prior, which is not renormalised after the "
         "physical cut (log share left by it: {} ± {}). From {} draws of the pooled proposals, {:.0f} % "
@@ -80,10 +84,18 @@ def _evidence(found: Mapping[str, Any]) -> Markup:
     )  # fmt: skip
 
 
-def _crosscheck(found: Mapping[str, Any] | None) -> tuple[Text, ...]:
+def _doubt(found: Mapping[str, Any]) -> str:
+    """Why an evidence cannot be relied on."""
+    if found["k_hat"] is not None and found["k_hat"] <= found["limit"]:
+        return f"The ensembles’ own values lie {found['spread']:.2g} off (root mean square)"
+    return "The weights have a heavy tail"
+
+
+def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
     """What nested sampling at two settings says, if it was asked."""
+    found = record.get("crosscheck")
     if found is None:
-        return ()
+        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
     text = Markup(
         "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
         "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
@@ -110,7 +122,9 @@ def _checks(result: Result) -> Table:
     sampling, settings = result.record["sampling"], result.record["settings"]
     caption = Markup(
         "Every check of the sampling: {} independent ensembles of {} walkers, {} steps kept, acceptance {}. "
-        "Walkers of one ensemble depend on each other, so R-hat compares ensembles only."
+        "Walkers of one ensemble depend on each other, so R-hat compares ensembles only. All ensembles "
+        "follow one recipe from the prior on: a narrow mode far from the rest can escape every one of "
+        "them; then they agree, the evidence leaves that mode out, and no check here tells."
     ).format(settings["ensembles"], settings["walkers"], sampling["steps"], plain(sampling["acceptance"], 2))
     return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
 
@@ -178,8 +192,11 @@ def _summary(result: Result) -> Table:
 def predictive_section(result: Result) -> Section:
     """Predictive checks."""
     blocks: list[Block] = list(posterior_checks(result))
-    for wheel in result.study.wheels:
-        blocks += [_bands(result, wheel), slip_table(result, wheel)]
+    if line := failed(result.record, "curves"):
+        blocks.append(Text(line, "poor"))
+    else:
+        for wheel in result.study.wheels:
+            blocks += [_bands(result, wheel), slip_table(result, wheel)]
     blocks += [_residuals(result), prior_predictive(result)]
     return Section("checks", "Predictive checks", tuple(blocks))
 

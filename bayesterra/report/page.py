@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.adequacy import fit_checks
+from bayesterra.adequacy import FitCheck, fit_checks
+from bayesterra.failures import Failures, failed
 from bayesterra.report.added import added_sections
+from bayesterra.report.attempts import missing, said, section, verdict
 from bayesterra.report.blocks import Section
 from bayesterra.report.closing import methods_section, prior_section, reproduce_section
 from bayesterra.report.determined import identifiability_section
@@ -19,7 +22,13 @@ from bayesterra.report.outputs import posterior_section, predictive_section, sam
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
 from bayesterra.report.validation import cross_validation_section
-from bayesterra.report.verdicts import Verdict, failed_checks, verdicts
+from bayesterra.report.verdicts import (
+    Verdict,
+    failed_checks,
+    fit_verdict,
+    identifiability_verdict,
+    sampling_verdict,
+)
 from bayesterra.report.words import Finding, findings
 from bayesterra.results import Result
 
@@ -31,7 +40,8 @@ class Page:
     Attributes
     ----------
     facts : wheel, soil, model and date in one line; the kind of data stands apart in ``kind``.
-    warning : what to do about a sampling that has not converged, else empty.
+    warning : what to do about a sampling that has not converged, and what could not be computed; else empty.
+    failures : what could not be made of this page.
     """
 
     title: str
@@ -45,35 +55,62 @@ class Page:
     findings: tuple[Finding, ...]
     sections: tuple[Section, ...]
     version: str
+    failures: Failures
 
 
 def page(result: Result) -> Page:
-    """Put the page of a result together."""
-    checks = fit_checks(result)
+    """Put the page of a result together; a part that cannot be made is a line that says so."""
+    failures = Failures()
+    checks = failures.attempt("report: χ² checks", lambda: fit_checks(result), tuple[FitCheck, ...])
+    judged = (
+        verdict(failures, "Sampling", lambda: sampling_verdict(result)),
+        verdict(failures, "Model fit", lambda: fit_verdict(result, checks)),
+        verdict(failures, "Identifiability", lambda: identifiability_verdict(result)),
+    )
+    shown = failures.attempt("report: strip", lambda: (strip(result), legend(result)), lambda: ((), ()))
+    driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
+    found = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
+    sections = _sections(result, failures)
     return Page(
         title=result.study.title or "Soil parameters from wheel tests",
         kind=result.study.kind,
         facts=_facts(result),
-        warning=warning(result),
-        verdicts=verdicts(result, checks),
-        strip=strip(result),
-        legend=legend(result),
-        driving=driving(result),
-        findings=findings(result),
-        sections=(
-            data_section(result),
-            sampling_section(result),
-            posterior_section(result),
-            *added_sections(result),
-            *missed_sections(result),
-            predictive_section(result),
-            cross_validation_section(result),
-            identifiability_section(result),
-            methods_section(result),
-            prior_section(result),
-            reproduce_section(result),
-        ),
+        warning=Markup(" ").join(filter(None, (warning(result), missing(result.record, failures)))),
+        verdicts=judged,
+        strip=shown[0],
+        legend=shown[1],
+        driving=driven,
+        findings=found,
+        sections=sections,
         version=result.record["versions"]["bayesterra"],
+        failures=failures,
+    )
+
+
+def _sections(result: Result, failures: Failures) -> tuple[Section, ...]:
+    """All sections, in their order."""
+    needed = {"loo": ("loo",), "identifiability": ("identifiability",), "methods": ("standings",)}
+
+    def made(anchor: str, title: str, make: Callable[[Result], Section]) -> Section:
+        without = failed(result.record, *needed.get(anchor, ()))
+        return section(failures, anchor, title, lambda: make(result), without)
+
+    def some(title: str, make: Callable[[Result], tuple[Section, ...]]) -> tuple[Section, ...]:
+        part = f"report: {title}"
+        return failures.attempt(part, lambda: make(result), lambda: (said(failures, part, title),))
+
+    return (
+        made("data", "Data and model", data_section),
+        made("sampling", "Sampling quality", sampling_section),
+        made("posterior", "Posterior", posterior_section),
+        *some("What the wheel adds", added_sections),
+        *some("What the model misses", missed_sections),
+        made("checks", "Predictive checks", predictive_section),
+        made("loo", "Cross-validation", cross_validation_section),
+        made("identifiability", "Identifiability", identifiability_section),
+        made("methods", "Least squares side by side", methods_section),
+        made("prior", "Sensitivity to the prior", prior_section),
+        made("reproduce", "Reproduce this", reproduce_section),
     )
 
 

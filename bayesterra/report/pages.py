@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
+from bayesterra.failures import Failures
 from bayesterra.report.blocks import Cell, Section
 from bayesterra.report.verdicts import Verdict
 
@@ -18,6 +19,7 @@ class VerdictPage:
     ----------
     facts : what was analysed, in one line.
     warning : what to do about a result that cannot be relied on, else empty.
+    failures : what could not be made of this page.
     """
 
     title: str
@@ -26,3 +28,4 @@ class VerdictPage:
     sections: tuple[Section, ...]
     version: str
     warning: Markup
+    failures: Failures = field(default_factory=Failures, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,15 +10,17 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra import figures
+from bayesterra.failures import Failures, failed
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooled import PooledResult
 from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
+from bayesterra.report.attempts import missing, section, verdict
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.inputs import conditions, prior_sources, stated_law
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, law_text, listed, symbol, symbols, unit
-from bayesterra.report.verdicts import Verdict
+from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.sharing import Pooling
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
@@ -43,39 +45,51 @@ def pooled_page(result: PooledResult) -> PooledPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    warning = Markup("")
+    warning, failures = Markup(""), Failures()
     if not result.converged:
         failed = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
         warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(failed))
+
+    needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
+
+    def made(anchor: str, title: str, make: Callable[[PooledResult], Section]) -> Section:
+        without = failed(record, *needed.get(anchor, ()))
+        return section(failures, anchor, title, lambda: make(result), without)
+
+    verdicts = (
+        verdict(failures, "Sampling", lambda: _sampling(result)),
+        verdict(failures, "One value for all?", lambda: _sharing(result)),
+        verdict(failures, "Evidence prefers", lambda: _preferred(result)),
+    )
+    sections = (
+        made("sharing", "What belongs to the soil", _sharing_section),
+        made("groups", "Parameters by group", _groups_section),
+        made("pooling", "Complete, partial and no pooling", _degrees_section),
+        made("posterior", "Joint posterior", _summary_section),
+        made("prior", "Prior and roles", _prior_section),
+        Section("data", "Data and model", conditions(study)),
+        made("reproduce", "Reproduce this", _reproduce),
+    )
     return PooledPage(
         title=study.title or "One soil, several groups of rows",
         facts=tuple(fact for fact in facts if fact),
-        verdicts=(_sampling(result), _sharing(result), _preferred(result)),
-        sections=(
-            _sharing_section(result),
-            _groups_section(result),
-            _degrees_section(result),
-            _summary_section(result),
-            _prior_section(result),
-            Section("data", "Data and model", conditions(study)),
-            _reproduce(result),
-        ),
+        verdicts=verdicts,
+        sections=sections,
         version=record["versions"]["bayesterra"],
-        warning=warning,
+        warning=Markup(" ").join(filter(None, (warning, missing(record, failures)))),
+        failures=failures,
         kind=study.kind,
     )
 
 
 def _sampling(result: PooledResult) -> Verdict:
-    verdict = result.record["verdict"]
-    figures_ = Markup("R-hat {}, {} effective draws").format(
-        plain(verdict["r_hat"], 4), plain(verdict["ess"])
-    )
-    beside = [name for name, good in verdict["compared_with"].items() if not good]
+    found = result.record["verdict"]
+    figures_ = Markup("R-hat {}, {} effective draws").format(plain(found["r_hat"], 4), plain(found["ess"]))
+    beside = [name for name, good in found["compared_with"].items() if not good]
     rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
     if result.converged:
         grade = "fair" if beside else "good"
-        return Verdict("Sampling", "converged", grade, Markup("{}.{}").format(figures_, rest))
+        return Verdict("Sampling", "converged", grade, Markup("{}.{} {}").format(figures_, rest, UNSEEN))
     return Verdict("Sampling", "not converged", "poor", Markup("{}.{}").format(figures_, rest))
 
 
@@ -99,6 +113,8 @@ def _sharing(result: PooledResult) -> Verdict:
     decided = len(rows) - len(open_)
     grade = "good" if decided else "fair"
     word = f"{decided} of {len(rows)} decided"
+    if line := failed(result.record, "sharing"):
+        return Verdict("One value for all?", "not known", "fair", Markup("{}").format(line))
     return Verdict("One value for all?", word, grade, Markup("; ").join(parts) + ".")
 
 
@@ -110,6 +126,8 @@ def _decided(row: Mapping[Any, Any]) -> bool:
 
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
+    if line := failed(result.record, "degrees", "complete"):
+        return Verdict("Evidence prefers", "not known", "fair", Markup("{}").format(line))
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
     parts = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")

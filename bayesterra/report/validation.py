@@ -8,6 +8,7 @@ from bayesterra import figures
 from bayesterra.crossvalidation import FEW_ROWS, INDISTINCT, CrossValidation, LeftOut
 from bayesterra.diagnostics import pareto_limit
 from bayesterra.discrepancies import DISCREPANCIES
+from bayesterra.failures import failed
 from bayesterra.parameters import CHANNELS
 from bayesterra.predictive_checks import ALARM, CONFLICT, Check, PredictiveChecks, PriorCheck
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
@@ -24,6 +25,8 @@ PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest r
 def posterior_checks(result: Result) -> tuple[Block, ...]:
     """The alarm, and every statistic of every channel."""
     checks = Validation.from_record(result.record).checks
+    if checks is None:
+        return (Text(failed(result.record, "predictive_checks"), "poor"),)
     return Text(alarm_sentence(checks), "poor" if checks.alarm else ""), _statistics(result, checks)
 
 
@@ -71,9 +74,11 @@ def _cell(check: Check | None) -> Cell:
     return Markup("{} ({})").format(text.format(probability(check.calibrated)), probability(check.p))
 
 
-def prior_predictive(result: Result) -> Table:
+def prior_predictive(result: Result) -> Block:
     """The readings under the prior alone."""
     checks = Validation.from_record(result.record).prior
+    if checks is None:
+        return Text(failed(result.record, "prior_checks", "prior_predictive"), "poor")
     word = (
         "The readings contradict the prior: they lie where it predicts next to nothing."
         if checks.conflict
@@ -106,7 +111,7 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
 
 def cross_validation_section(result: Result) -> Section:
     """Every row predicted by the others."""
-    loo = Validation.from_record(result.record).loo
+    loo = CrossValidation.from_record(result.record["loo"])
     blocks: list[Block] = [Text(_sum(loo)), _rows(result, loo)]
     return Section("loo", "Cross-validation", (*blocks, *_pit(result, loo)))
 

@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.adequacy import FitCheck
+from bayesterra.failures import failed
 from bayesterra.figures.rows import found_rows
 from bayesterra.identifiability.information import ALL
 from bayesterra.report.determined import finding, marginal
@@ -19,6 +20,8 @@ from bayesterra.results import Result
 from bayesterra.validation import Validation
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
+UNSEEN = "A mode that none of them found does not show."
+"""What convergence cannot say."""
 FEW_READINGS = 3
 """Readings per free parameter below which the check of the fit can hardly fail."""
 
@@ -43,11 +46,6 @@ class Verdict:
         return SIGNS[self.grade]
 
 
-def verdicts(result: Result, checks: tuple[FitCheck, ...]) -> tuple[Verdict, Verdict, Verdict]:
-    """Sampling, model fit, identifiability."""
-    return sampling_verdict(result), fit_verdict(result, checks), identifiability_verdict(result)
-
-
 def failed_checks(result: Result) -> list[Mapping[str, Any]]:
     """The checks of the sampling that did not pass."""
     return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
@@ -60,7 +58,7 @@ def sampling_verdict(result: Result) -> Verdict:
         plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
     )
     if result.converged:
-        return Verdict("Sampling", "converged", "good", figures + ".")
+        return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
     reasons = listed(check["name"] for check in failed_checks(result))
     return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
 
@@ -68,6 +66,9 @@ def sampling_verdict(result: Result) -> Verdict:
 def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
     """Whether the readings look as the model says that they look."""
     found = Validation.from_record(result.record).checks
+    if found is None:
+        why = failed(result.record, "predictive_checks")
+        return Verdict("Model fit", "not known", "fair", Markup("{}").format(why))
     sentence = alarm_sentence(found)
     overstated = [check.channel for check in checks if check.overstated]
     if overstated:
@@ -90,7 +91,10 @@ def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
 
 def identifiability_verdict(result: Result) -> Verdict:
     """How many independent combinations of parameters the data determine."""
-    found = result.record["directions"]
+    found = result.record.get("directions")
+    if found is None:
+        why = failed(result.record, "identifiability", "directions")
+        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
     counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
     determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]

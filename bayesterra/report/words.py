@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.adequacy import complete, estimates, held
+from bayesterra.failures import failed
 from bayesterra.figures.rows import found_rows, summary_rows
 from bayesterra.identifiability import COUPLED, WEAK
 from bayesterra.parameters import PARAMETERS
@@ -120,6 +121,8 @@ def about_the_mode(result: Result) -> Markup:
 def about_least_squares(result: Result) -> Markup:
     """Where the point estimates stand in the posterior."""
     standings = result.record["standings"]
+    if failed(result.record, "standings"):
+        return Markup("")
     names = list(complete(result))
     outside = [name for name in names if standings[name]["log_density"] is None]
     far = [n for n in names if n not in outside and standings[n]["credible_level"] >= FAR]

@@ -155,7 +155,7 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
     failed = _changed(small_result, converged=False, checks=[check])
     assert verdicts.sampling_verdict(failed).grade == "poor"
     assert "Failed: effective draws" in _plain(verdicts.sampling_verdict(failed).sentence)
-    found = verdicts.verdicts(failed, _checks(0.5, 0.5, 0.5))
+    found = (verdicts.sampling_verdict(failed), verdicts.fit_verdict(failed, _checks(0.5, 0.5, 0.5)))
     html = render(replace(content, warning=warning(failed), verdicts=found))
     assert html.index("not converged") < html.index("Model fit")
     assert "run longer" in html[: html.index("Model fit")]

@@ -261,6 +261,8 @@ def test_a_law_that_numbers_do_not_resolve_is_named() -> None:
         StudyError, match=r"correlation of 'c, phi': 'phi' must not have 0\.013 of its probability"
     ):
         Prior(entries, correlation={"c, phi": 0.5})
+
+
 @pytest.mark.parametrize(
     ("name", "shape"),
     [
@@ -269,10 +271,13 @@ def test_a_law_that_numbers_do_not_resolve_is_named() -> None:
         ("vonmises", {"kappa": 4.0}),
         ("geninvgauss", {"p": 2.3, "b": 1.5}),
     ],
+)
 def test_a_law_of_which_no_check_would_end(name: str, shape: dict[str, float]) -> None:
     """It is refused at once, by its name, with what to do instead."""
     with pytest.raises(StudyError, match=rf"the law {name} is too slow: .* dist = \"tabulated\""):
         Law(name, shape)
+
+
 def test_slow_laws_are_laws_of_scipy() -> None:
     """A name that is misspelled would refuse nothing."""
     old = {"dpareto_lognorm", "irwinhall"} - set(dir(stats))  # which older versions do not have

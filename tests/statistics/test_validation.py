@@ -40,6 +40,8 @@ def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: obje
     before, after = Validation.from_record(result.record), load_result(folder).validation
     assert after.checks == before.checks
     assert after.prior == before.prior
+    assert before.loo is not None
+    assert after.loo is not None
     assert after.loo.elpd == pytest.approx(before.loo.elpd)
     assert json.loads(json.dumps(before.record()["predictive_checks"]))["alarm"] is False
 
@@ -47,6 +49,7 @@ def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: obje
 def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result) -> None:
     """Every used row and channel has a PIT value, and the report draws them."""
     loo = Validation.from_record(result.record).loo
+    assert loo is not None
     assert [row.row for row in loo.rows] == list(range(1, 21))
     assert not all(row.refitted for row in loo.rows)
     assert set(loo.pit) == {"sinkage", "drawbar_pull", "resistance_moment"}

@@ -1,0 +1,149 @@
+"""Failures of what is computed from draws: recorded and said, and never at the cost of the draws."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from bayesterra.errors import ResultError, in_short, printable
+
+T = TypeVar("T")
+
+PARTS: Mapping[str, str] = {
+    "fits": "least squares",
+    "mode": "posterior mode",
+    "evidence": "log evidence",
+    "posterior_predictive": "predictions of the rows",
+    "prior_predictive": "predictions of the rows by the prior",
+    "curves": "curves over slip",
+    "standings": "standing of the point estimates",
+    "identifiability": "verdicts on the parameters",
+    "directions": "directions that the data determine",
+    "predictive_checks": "predictive checks",
+    "prior_checks": "prior-predictive checks",
+    "loo": "leave-one-out cross-validation",
+    "derived": "derived quantities",
+    "crosscheck": "cross-check by nested sampling",
+    "complete": "complete pooling",
+    "degrees": "degrees of pooling",
+    "sharing": "verdicts on sharing",
+    "sharing_as_stated": "verdicts on sharing, others as stated",
+    "log_likelihood": "log likelihood of every row",
+    "left_out": "tests left out",
+    "bands": "bands of the curves",
+    "finding": "the finding in a sentence",
+}
+"""What a part of a result is called in a sentence."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A part of a result that could not be computed.
+
+    Attributes
+    ----------
+    part : an entry of a record, a key of :data:`PARTS`, or ``report: `` and a section of it.
+    error, message : type and text of what was raised.
+    trace : the calls that led there, outermost first: file, line and function.
+    """
+
+    part: str
+    error: str
+    message: str
+    trace: tuple[str, ...]
+
+    @classmethod
+    def of(cls, part: str, error: Exception) -> Failure:
+        """The failure that an exception stands for."""
+        frames = traceback.extract_tb(error.__traceback__)[1:]
+        trace = tuple(f"{_place(frame.filename)}:{frame.lineno} {frame.name}" for frame in frames)
+        return cls(part, type(error).__name__, in_short(printable(str(error))), trace)
+
+    @property
+    def title(self) -> str:
+        """What could not be computed."""
+        return PARTS.get(self.part, self.part)
+
+    @property
+    def sentence(self) -> str:
+        """What is missing and why, in one line."""
+        why = f"{self.error}: {self.message}" if self.message else self.error
+        return f"{self.title} could not be computed ({why.rstrip('.')})"
+
+
+def _place(filename: str) -> str:
+    """The last two parts of a path: a record holds no personal paths."""
+    return "/".join(Path(filename).parts[-2:])
+
+
+class Failures:
+    """What failed so far; ``watch`` is told what is tried."""
+
+    def __init__(self, watch: Callable[[str], None] = lambda title: None) -> None:
+        self._found: dict[str, Failure] = {}
+        self._watch = watch
+
+    def attempt(self, part: str, compute: Callable[[], T], otherwise: Callable[[], T]) -> T:
+        """What ``compute`` gives; where it raises, that is noted as a failure, and ``otherwise`` is called.
+
+        A lack of memory, a full disk, saved work that cannot be used and Ctrl-C are no failures of the part:
+        they end the run, which can be resumed.
+        """
+        self._watch(PARTS.get(part, part))
+        try:
+            return compute()
+        except (MemoryError, OSError, ResultError):
+            raise
+        except Exception as error:  # whatever it is, hours of sampling are not to be lost by it
+            self._found[part] = Failure.of(part, error)
+            return otherwise()
+
+    def __contains__(self, part: str) -> bool:
+        return part in self._found
+
+    def __iter__(self) -> Iterator[Failure]:
+        return iter(self._found.values())
+
+    def said(self, part: str) -> str:
+        """Sentence on a part that failed; empty where it did not."""
+        return f"{self._found[part].sentence}." if part in self._found else ""
+
+    def record(self) -> dict[str, Any]:
+        """The entry ``failures`` of a record; nothing where nothing failed."""
+        kept = {part: {**asdict(one), "trace": list(one.trace)} for part, one in self._found.items()}
+        return {"failures": kept} if kept else {}
+
+
+def failures_of(record: Mapping[str, Any]) -> tuple[Failure, ...]:
+    """What a record says has failed; nothing for those of versions that ended there."""
+    return tuple(
+        Failure(str(part), str(one["error"]), str(one["message"]), tuple(map(str, one["trace"])))
+        for part, one in record.get("failures", {}).items()
+    )
+
+
+REPORT = "report: "
+"""Begins the name of what failed as a report was made; the rest is the heading of the section."""
+
+
+def sentences(record: Mapping[str, Any]) -> str:
+    """All that failed, in a few sentences; empty where nothing did."""
+    found = [one.sentence for one in failures_of(record)]
+    return f"{'. '.join(found)}. All else stands without it." if found else ""
+
+
+def failed(record: Mapping[str, Any], *parts: str) -> str:
+    """Sentence on the first of the parts that failed; empty where none did."""
+    return next((f"{one.sentence}." for one in failures_of(record) if one.part in parts), "")
+
+
+def with_failures(record: Mapping[str, Any], more: Failures) -> dict[str, Any]:
+    """A record with further failures; those of an earlier report give way."""
+    before = record.get("failures", {}).items()
+    known = {part: one for part, one in before if not part.startswith(REPORT)}
+    known |= more.record().get("failures", {})
+    kept = {name: value for name, value in record.items() if name != "failures"}
+    return {**kept, **({"failures": known} if known else {})}
