@@ -21,7 +21,7 @@ from bayesterra.report.pages import VerdictPage
 from bayesterra.report.strip import StripRow, axis_end, keys
 from bayesterra.report.strip import drawing as strip_drawing
 from bayesterra.report.symbols import in_symbols, letters, listed
-from bayesterra.report.verdicts import Verdict
+from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.leastsquares import METHODS
 from bayesterra.soiltests.leaving_out import ALARM
@@ -93,7 +93,7 @@ def _sampling(result: SoilTestResult) -> Verdict:
         plain(verdict["r_hat"], 4), plain(verdict["ess"]), result.record["settings"]["ensembles"]
     )
     if result.converged:
-        return Verdict("Sampling", "converged", "good", text)
+        return Verdict("Sampling", "converged", "good", Markup("{} {}").format(text, UNSEEN))
     return Verdict("Sampling", "not converged", "poor", text)
 
 
