@@ -236,7 +236,7 @@ def log_evidence(result: Result) -> Evidence:
         return Evidence(np.nan, np.nan, outcomes_of(result))
     error = float(np.hypot(found["error"], found["log_share_error"]))
     value = found["log_z"] - found["log_share"]
-    return Evidence(value, error, outcomes_of(result), bool(found["reliable"]))
+    return Evidence(value, error, outcomes_of(result), bool(found.get("reliable", True)))
 
 
 def outcomes_of(result: Result) -> str:

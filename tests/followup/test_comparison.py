@@ -75,6 +75,16 @@ def test_words_of_kass_and_raftery(both: ComparisonPage, value: float, error: fl
     assert found.word("a", "b") == word
 
 
+def test_an_evidence_that_its_own_run_doubts_decides_nothing(both: ComparisonPage) -> None:
+    """However large the difference, the word is that it is not known, and whose evidence that is."""
+    result, curve = next(iter(both.results.values())), next(iter(both.curves.values()))
+    evidence = {"a": Evidence(0.0, 0.1, "x"), "b": Evidence(9.0, 0.1, "x", reliable=False)}
+    results: dict[str, Result] = {"a": result, "b": result}
+    found = replace(both, results=results, curves={"a": curve, "b": curve}, evidence=evidence)
+    assert found.word("a", "b") == "not known: the evidence of b cannot be relied on"
+    assert found.evidences["reliable"].tolist() == [True, False]
+
+
 def test_rows_left_out_compare_by_difference(both: ComparisonPage, wide: RunResult) -> None:
     """The difference is taken row by row, and its sign says which result predicts better."""
     found = both.left_out("wide", ODD)
