@@ -47,8 +47,8 @@ def pooled_page(result: PooledResult) -> PooledPage:
     )
     warning, failures = Markup(""), Failures()
     if not result.converged:
-        failed = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
-        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(failed))
+        advice = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
+        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
 
