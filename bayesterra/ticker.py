@@ -69,7 +69,8 @@ def print_end(found: Following, out: Path | None) -> None:
         console.print("Changes of soil were not looked for.", highlight=False)
     elif not found.alarms and stream.alarm is None:
         console.print(
-            f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row).",
+            f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
+            " over the prior).",
             highlight=False,
         )
     if out is not None:

@@ -32,7 +32,10 @@ def follow(
     ] = None,
     false_alarms: Annotated[
         float | None,
-        typer.Option(metavar="P", help="False alarms of a changed soil per row, at most; by default 0.0001."),
+        typer.Option(
+            metavar="P",
+            help="False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001.",
+        ),
     ] = None,
     restart: Annotated[
         bool, typer.Option("--restart", help="After an alarm begin anew where the soil changed.")

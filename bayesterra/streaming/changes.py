@@ -8,9 +8,12 @@ soil, the factor of t0 after row t is
 
     B(t0, t) = Π q(y_i | y_t0 … y_i−1) / p(y_i | y_1 … y_i−1),    i = t0 … t,
 
-and the statistic is R(t) = Σ B(t0, t) over the candidates (Shiryaev 1963, Roberts 1966). However rough the
-filter is, q is a density: while the soil is the same, the expectation of R(t) is at most t. So the mean
-number of rows to a false alarm at R ≥ A is at least A, and the chance of one within m rows at most m/A.
+and the statistic is R(t) = Σ B(t0, t) over the candidates (Shiryaev 1963, Roberts 1966). Soils for which the
+model has no answer in a row are left out of q and of p alike: the wheel drove there, so that a row whose
+readings say nothing leaves B as it was. However rough the filter is, q is a density: while the soil is the
+same, the expectation of R(t) is at most t. So the mean number of rows to a false alarm at R ≥ A is at least
+A, and the chance of one within m rows at most m/A. That is an average over the soils of the prior and over
+their readings, as p is: a soil that the prior holds to be rare may raise more.
 
 A single wild reading is no change of soil. So every factor is also reckoned against an unchanged soil whose
 rows are odd, each by itself, with probability ``ODD``, and an odd row is as likely as under the candidate of
@@ -163,7 +166,7 @@ class Basis:
         Parameters
         ----------
         row : likelihood of that row.
-        log_predictive : log density of its readings if the soil is the same.
+        log_predictive : log density of its readings if the soil is the same, among soils that have an answer.
         """
         read = ~np.isnan(row.measured[0])
         if not len(candidates):

@@ -54,6 +54,10 @@ class Cloud:
         """Some of the particles, weights as they stand."""
         return Cloud(self.x[keep], self.log_likelihood[keep], self.log_weights[keep])
 
+    def log_share(self, chosen: BoolArray) -> float:
+        """Log of the weight that some of the particles hold together."""
+        return float(logsumexp(self.log_weights[chosen]))
+
     def quantiles(self, probabilities: Sequence[float]) -> FloatArray:
         """Quantiles (k, d) of every parameter."""
         return weighted_quantiles(self.x, self.weights, probabilities)

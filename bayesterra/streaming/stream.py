@@ -47,8 +47,8 @@ class Stream:
         are the posterior of its rows, and whose rows stay in.
     seed : same seed, same rows: same particles on one machine.
     particles : number of parameter sets that stand for the posterior.
-    false_alarms : of a change of soil, per row, at most; None does not look for changes. With the drive
-        ``both`` none are looked for.
+    false_alarms : of a change of soil, per row, at most, on average over the prior; None does not look for
+        changes. With the drive ``both`` none are looked for.
     slip_reference, sinkage_reference : of the rows that are added; see :class:`bayesterra.study.Study`.
 
     Raises
@@ -227,7 +227,9 @@ class Stream:
         self.rows.append(row)
         try:
             learned = learn(cloud, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
-            alarm = self.watch.see(number, len(self), cloud, newest, learned.log_predictive)
+            # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
+            said = learned.log_predictive - cloud.log_share(terms > -np.inf)
+            alarm = self.watch.see(number, len(self), cloud, newest, said)
         except BaseException as error:  # an interruption too must not leave half a row
             self.rows.drop_last()
             if isinstance(error, SupportError):

@@ -28,7 +28,7 @@ class Alarm:
     since : row from which on the soil is most probably another one.
     first, last : rows between which it changed with 90 % of the evidence.
     log_statistic : log of R, the evidence for a change; see :mod:`bayesterra.streaming.changes`.
-    rate : false alarms per row, at most, that were accepted.
+    rate : false alarms per row, at most, that were accepted; an average over the prior.
     """
 
     row: int

@@ -22,7 +22,7 @@ class Watch:
 
     Parameters
     ----------
-    rate : false alarms per row, at most; None does not look.
+    rate : false alarms per row, at most, on average over the prior; None does not look.
     d : number of parameters.
     known : posterior of the first so many rows, by their number; gives the coordinates of the candidates.
     """
@@ -43,7 +43,7 @@ class Watch:
         ----------
         number, rows : of the row, and of all rows of this soil.
         before : cloud of the rows before it.
-        log_predictive : log density of its readings if the soil is the same.
+        log_predictive : log density of its readings if the soil is the same, among soils that have an answer.
         """
         if self.rate is None or self.alarm is not None or rows < FIRST:
             return None

@@ -109,6 +109,23 @@ def test_an_unchanged_soil_raises_no_alarm(streamed: bt.Stream) -> None:
     assert streamed.watch.candidates.log_statistic < 6.0
 
 
+def test_rows_that_say_nothing_are_no_evidence(script: ModuleType, plan: bt.Study) -> None:
+    """Readings with huge errors: both factors stay at 1, also where many soils have no answer in a row."""
+    stream = bt.Stream(plan, seed=3, particles=400)
+    unknown = {"sinkage_sd": "100 m", "drawbar_pull_sd": "1e6 N", "resistance_moment_sd": "1e6 N m"}
+    readings = {"sinkage": "10 mm", "drawbar_pull": "5 N", "resistance_moment": "4 N m"}
+    slips, loads = np.linspace(0.2, 0.9, 12), np.geomspace(30.0, 500.0, 12)
+    without = [
+        stream.add(slip=slip, load=f"{load} N", **readings, **unknown).forecast.no_answer
+        for slip, load in zip(slips, loads, strict=True)
+    ]
+    assert max(without[5:]) > 0.05
+    candidates = stream.watch.candidates
+    assert len(candidates) == 8
+    assert np.abs(candidates.log_factors).max() < 1e-3
+    assert np.abs(candidates.log_sober).max() < 1e-3
+
+
 def test_a_change_of_soil_is_found_and_dated(
     script: ModuleType, plan: bt.Study, streamed: bt.Stream, rows: list[Observations]
 ) -> None:
