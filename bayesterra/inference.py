@@ -230,8 +230,10 @@ class Analysis:
 
         def found() -> tuple[structures.Structure, Identifiability]:
             seen = structures.structure(self.posterior, prior[: structures.DRAWS])
-            ranges = [self.study.prior.laws[name].range for name in names]
-            return seen, identifiability(names, ranges, prior, draws, np.isin(names, seen.determined))
+            laws = [self.study.prior.laws[name] for name in names]
+            ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
+            structural = np.isin(names, seen.determined)
+            return seen, identifiability(names, ranges, prior, draws, structural, logs)
 
         both = self.failures.attempt("identifiability", found, lambda: None)
         if both is None:

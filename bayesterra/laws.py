@@ -110,6 +110,11 @@ class Law:
             )
         self._check_mass()
 
+    @property
+    def logarithmic(self) -> bool:
+        """Whether equal ratios, not equal distances, are what the law is even or bell-shaped in."""
+        return self.dist == "loguniform" or (self.dist == "lognorm" and not self.shape.get("loc"))
+
     def _check_mass(self) -> None:
         try:
             with np.errstate(all="ignore"):

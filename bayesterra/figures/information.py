@@ -56,8 +56,9 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
 
 
 def _information(result: Result) -> Identifiability:
-    ranges = [result.study.prior.laws[name].range for name in result.names]
-    return identifiability(result.names, ranges, result.values("prior"), result.values())
+    laws = [result.study.prior.laws[name] for name in result.names]
+    ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
+    return identifiability(result.names, ranges, result.values("prior"), result.values(), logs=logs)
 
 
 def _weights(found: Identifiability) -> FloatArray:

@@ -48,6 +48,7 @@ class Found:
     tied_to: str
     tie: float
     multiple: float
+    shift: float = float("nan")
 
     @property
     def coupled_with(self) -> str:
@@ -74,6 +75,7 @@ def found_rows(result: Result) -> dict[str, Found]:
             str(row.get("tied_to", row["partner"])),
             float(row.get("tie", row["correlation"])),
             float(row.get("multiple", np.nan)),
+            float(row.get("shift", np.nan)),
         )
         for name, row in _records(result.identifiability)
     }

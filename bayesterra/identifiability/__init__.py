@@ -9,12 +9,13 @@ from bayesterra.identifiability.contraction import (
     identifiability,
     undetermined,
 )
-from bayesterra.identifiability.verdicts import COUPLED, COUPLED_TO_ALL, DETERMINED, WEAK
+from bayesterra.identifiability.verdicts import COUPLED, COUPLED_TO_ALL, DETERMINED, SHIFT, WEAK
 
 __all__ = [
     "COUPLED",
     "COUPLED_TO_ALL",
     "DETERMINED",
+    "SHIFT",
     "UNKNOWN",
     "WEAK",
     "Identifiability",

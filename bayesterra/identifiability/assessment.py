@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.identifiability.cloning import Cloned
-from bayesterra.identifiability.contraction import bound, evidence
+from bayesterra.identifiability.contraction import bound, evidence, own_scale
 from bayesterra.identifiability.coupling import Coupling
 from bayesterra.identifiability.information import ALL, MARGINAL, Information
 from bayesterra.identifiability.local import LocalAnalysis
@@ -18,6 +18,7 @@ from bayesterra.identifiability.profiles import Profile, Profiles
 from bayesterra.identifiability.structure import Structure
 from bayesterra.identifiability.verdicts import (
     DETERMINED,
+    MOVED,
     STRUCTURAL,
     WEAK,
     Correlated,
@@ -63,15 +64,21 @@ class Assessment:
 
     def _own(self) -> pd.DataFrame:
         """What the draws of a parameter say by themselves."""
-        ends = [law.range for law in self.posterior.prior.laws.values()]
-        leaning = [bound(x, *each) for x, each in zip(self.draws.T, ends, strict=True)]
+        ends = np.array([law.range for law in self.posterior.prior.laws.values()])
+        draws, low, high = (own_scale(x, self._logs) for x in (self.draws, *ends.T))
+        leaning = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
         table = self.drawn.information.parameters
-        return table[["contraction", "divergence", "cut_contraction"]].assign(bound=leaning)
+        return table[["contraction", "shift", "divergence", "cut_contraction"]].assign(bound=leaning)
+
+    @property
+    def _logs(self) -> BoolArray:
+        """Parameters whose laws live on a logarithmic scale (d,)."""
+        return np.array([law.logarithmic for law in self.posterior.prior.laws.values()])
 
     def _ties(self, own: pd.DataFrame) -> pd.DataFrame:
         """How the parameters hang together."""
         names, coupling = self.posterior.names, self.drawn.coupling
-        plain = np.atleast_2d(np.corrcoef(self.draws.T))
+        plain = np.atleast_2d(np.corrcoef(own_scale(self.draws, self._logs).T))
         others = plain - np.eye(len(plain))
         partners = np.abs(others).argmax(axis=1)
         contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
@@ -105,8 +112,9 @@ class Assessment:
     def combinations(self) -> pd.DataFrame:
         """Independent combinations and their verdicts, and those that the design cannot see."""
         table = self.drawn.information.directions
-        table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)][["combination", "contraction"]]
-        rated = table.assign(verdict=[rated_as(value) for value in table["contraction"]])
+        table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)]
+        words = [rated_as(*each) for each in zip(table["contraction"], table["divergence"], strict=True)]
+        rated = table[["combination", "contraction"]].assign(verdict=words)
         nulls = [(null.words, np.nan, STRUCTURAL) for null in self.structure.nulls]
         if not nulls:
             return rated.reset_index(drop=True)
@@ -119,11 +127,13 @@ class Assessment:
         return chosen.reset_index(drop=True)
 
 
-def rated_as(contraction: float) -> str:
+def rated_as(contraction: float, divergence: float) -> str:
     """Verdict on a combination of parameters."""
     if contraction >= DETERMINED:
         return "determined"
-    return "weakly" if contraction >= WEAK else "repeats its prior"
+    if contraction >= WEAK:
+        return "weakly"
+    return "moved" if divergence >= MOVED else "repeats its prior"
 
 
 def _excluded(profile: Profile, prior: FloatArray) -> float:

@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.diagnostics import rank_scores
+from bayesterra.identifiability.divergence import divergence
 from bayesterra.identifiability.verdicts import (
     DETERMINED,
     Correlated,
@@ -36,7 +37,8 @@ class Identifiability:
     ----------
     table : one row per parameter: parameter, verdict, contraction, partner (of the strongest correlation),
         correlation, tied_to (the strongest correlation among those not determined; itself if there is none),
-        tie, multiple, given_others, bound (one of ``BOUNDS``), structural, prior_sd, posterior_sd (SI); see
+        tie, multiple, given_others, bound (one of ``BOUNDS``), structural, shift, divergence, prior_sd,
+        posterior_sd (SI); contraction, shift and the like on the scale of the prior's law; see
         :class:`bayesterra.identifiability.verdicts.Evidence`.
     contractions : 1 − posterior/prior variance of the independent directions, best first (d,).
     directions : those directions in units of the prior's standard deviations, columns (d, d).
@@ -58,20 +60,29 @@ def identifiability(
     prior: FloatArray,
     draws: FloatArray,
     structural: BoolArray | None = None,
+    logs: BoolArray | None = None,
 ) -> Identifiability:
     """Compare draws (n, d) of the posterior with draws (m, d) of the cut prior; its laws have ``ranges``.
 
-    ``structural`` (d,) says what data of this design could determine; by default everything.
+    ``structural`` (d,) says what data of this design could determine; by default everything. ``logs`` (d,)
+    says whose law lives on a logarithmic scale, and everything but the standard deviations is counted there;
+    by default none.
     """
+    spreads = prior.std(axis=0), draws.std(axis=0)
+    logs = np.zeros(len(names), dtype=bool) if logs is None else logs
+    prior, draws = own_scale(prior, logs), own_scale(draws, logs)
+    low, high = own_scale(np.array(ranges, dtype=np.float64).T, logs)
     prior_sd, sd = prior.std(axis=0), draws.std(axis=0)
     correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
     scores = Correlated(correlation + np.eye(len(names)), *(_scores_correlation(x) for x in (draws, prior)))
-    bounds = [bound(draws[:, i], *ends) for i, ends in enumerate(ranges)]
+    bounds = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
     table = pd.DataFrame(
         {
             "contraction": contraction,
+            "shift": (draws.mean(axis=0) - prior.mean(axis=0)) / prior_sd,
+            "divergence": [divergence(x, y)[0] for x, y in zip(draws.T, prior.T, strict=True)],
             "correlation": correlation[np.arange(len(names)), partners],
             "tied_to": [names[i] for i in tied_to(contraction, bounds, correlation)],
             **ties(contraction, bounds, scores),
@@ -83,7 +94,7 @@ def identifiability(
     table.insert(0, "parameter", list(names))
     table.insert(1, "verdict", words)
     table.insert(3, "partner", [names[i] for i in partners])
-    table = table.assign(prior_sd=prior_sd, posterior_sd=sd)
+    table = table.assign(prior_sd=spreads[0], posterior_sd=spreads[1])
     shares, directions = eigen_directions(covariance(prior / prior_sd), covariance(draws / prior_sd))
     return Identifiability(table, shares, directions)
 
@@ -95,10 +106,18 @@ def undetermined(names: Sequence[str], prior: FloatArray, draws: FloatArray) -> 
             "parameter": name, "verdict": UNKNOWN, "contraction": np.nan, "partner": name,
             "correlation": np.nan, "tied_to": name, "tie": np.nan, "multiple": np.nan,
             "given_others": np.nan, "bound": "none", "structural": True,
+            "shift": np.nan, "divergence": np.nan,
         }
         for name in names
     ]  # fmt: skip
     return pd.DataFrame(rows).assign(prior_sd=prior.std(axis=0), posterior_sd=draws.std(axis=0))
+
+
+def own_scale(x: FloatArray, logs: BoolArray) -> FloatArray:
+    """Values (n, d) on the scales of their laws; ``logs`` (d,) says which are logarithmic."""
+    positive = np.where(logs, np.maximum(x, 0.0), 1.0)
+    with np.errstate(divide="ignore"):
+        return np.where(logs, np.log(positive), x)
 
 
 def evidence(table: pd.DataFrame) -> list[Evidence]:

@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.contraction import covariance, eigen_directions
+from bayesterra.identifiability.contraction import covariance, eigen_directions, own_scale
 from bayesterra.identifiability.divergence import divergence
 from bayesterra.identifiability.groups import group_columns, in_words, scores_under, spaced, within_groups
 from bayesterra.identifiability.verdicts import DETERMINED
@@ -75,8 +75,10 @@ def information(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng:
         "_sampling": Compared.scores(inner(prior), inner(draws)),
     }
     scopes = list(_scopes(names))
+    logs = np.array([law.logarithmic for law in posterior.prior.laws.values()])
+    own = [own_scale(x, logs) for x in (stated, prior, draws)]
     return Information(
-        parameters=_parameters(names, Compared(prior, draws), Compared(stated, prior)),
+        parameters=_parameters(names, Compared(own[1], own[2]), Compared(own[0], own[1])),
         directions=pd.concat([_directions(names, spaces[""], *scope) for scope in scopes], ignore_index=True),
         counts=pd.DataFrame([_count(spaces, Compared.scores(stated, prior), *scope) for scope in scopes]),
         weights=spaces[""].directions(range(len(names)), MARGINAL)[1],
@@ -138,6 +140,7 @@ def _parameters(names: Sequence[str], found: Compared, cut: Compared) -> pd.Data
         {
             "parameter": list(names),
             "contraction": 1.0 - shares,
+            "shift": (found.draws.mean(axis=0) - found.reference.mean(axis=0)) / found.reference.std(axis=0),
             "error": shares * found.relative_error,
             "divergence": gains[:, 0],
             "divergence_error": gains[:, 1],

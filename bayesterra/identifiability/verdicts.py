@@ -6,6 +6,7 @@ determined                   its variance shrinks to a tenth or less of the cut 
 coupled                      not on its own, but in combination with others that are not known either
 one-sided                    one end is its prior's bound, or the data exclude one side only
 weakly                       its variance shrinks by ``WEAK`` or more
+moved                        hardly narrowed, but its law is another one than the cut prior: they disagree
 repeats its prior            none of these
 ===========================  ===========================================================================
 """
@@ -31,8 +32,12 @@ EXCLUDED = 0.1
 """Share of the cut prior outside the 95 % interval of a profile from which one side is excluded."""
 SOME = 0.1
 """Divergence from the prior (nats) that a parameter which repeats its prior should not exceed."""
+SHIFT = 0.5
+"""Shift of the mean, in standard deviations of the cut prior, from which a parameter has moved."""
+MOVED = 0.5 * SHIFT**2
+"""Divergence from the cut prior (nats) from which it has moved too: that of a normal law so shifted."""
 STRUCTURAL = "structurally not determined"
-WORDS = ("determined", "one-sided", "weakly", "coupled", "repeats its prior", STRUCTURAL)
+WORDS = ("determined", "one-sided", "weakly", "coupled", "moved", "repeats its prior", STRUCTURAL)
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Evidence:
 
     Attributes
     ----------
-    contraction : 1 − posterior variance over the cut prior's.
+    contraction : 1 − posterior variance over the cut prior's, on the scale of the prior's law.
     tie : the strongest correlation with another parameter that is not determined.
     multiple : correlation of its normal score with the best combination of those of all such parameters.
     given_others : contraction were these others known, as for normal laws.
@@ -51,6 +56,7 @@ class Evidence:
     excluded : share of the cut prior outside the profile's 95 % interval.
     cloned : word of data cloning.
     divergence : from the cut prior, nats.
+    shift : of the mean from the cut prior's, in its standard deviations, on the scale of the prior's law.
     """
 
     contraction: float
@@ -63,6 +69,7 @@ class Evidence:
     excluded: float = np.nan
     cloned: str = ""
     divergence: float = np.nan
+    shift: float = 0.0
 
 
 def word(found: Evidence) -> str:
@@ -76,7 +83,10 @@ def word(found: Evidence) -> str:
         return "coupled"
     if _one_sided(found):
         return "one-sided"
-    return "weakly" if found.contraction >= WEAK else "repeats its prior"
+    if found.contraction >= WEAK:
+        return "weakly"
+    moved = abs(found.shift) >= SHIFT or found.divergence >= MOVED
+    return "moved" if moved else "repeats its prior"
 
 
 def _one_sided(found: Evidence) -> bool:

@@ -30,6 +30,8 @@ def in_a_sentence(
     parts = [listed(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
     if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
         parts.append(f"{listed(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}")
+    if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
+        parts.append(f"{listed(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}")
     if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
         parts.append(f"no data of this design can determine {listed(names)}")
     return f"These data fix {'; '.join(parts)}."

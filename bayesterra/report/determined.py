@@ -9,8 +9,9 @@ from markupsafe import Markup
 
 from bayesterra import figures
 from bayesterra.figures.rows import Found, found_rows
-from bayesterra.identifiability import COUPLED, COUPLED_TO_ALL, DETERMINED, WEAK
+from bayesterra.identifiability import COUPLED, COUPLED_TO_ALL, DETERMINED, SHIFT, WEAK
 from bayesterra.identifiability.information import ALL, MARGINAL
+from bayesterra.identifiability.verdicts import MOVED
 from bayesterra.identifiability.wording import GROUP_WORDS, in_a_sentence
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.numbers import MINUS, NOTHING
@@ -45,7 +46,8 @@ def identifiability_section(result: Result) -> Section:
         figures.combinations(result), "Weights of the parameters in the combinations, best determined first"
     )
     caption = Markup(
-        "Left: contraction 1 − var(posterior)/var(prior) of each parameter, with the limits {:.1f} and "
+        "Left: contraction 1 − var(posterior)/var(prior) of each parameter, of its logarithm where the prior "
+        "is a law of that, with the limits {:.1f} and "
         "{:.1f}. Right: the independent combinations of parameters, best determined first, with their own "
         "contraction; weights in units of the prior's sd. Combinations at the bottom are what a next "
         "measurement should aim at."
@@ -70,10 +72,12 @@ def _meaning() -> Markup:
         "of the prior's), but <b>one-sided</b> where it then leans on a bound of its prior: that end is not "
         "from the data. Otherwise it is <b>coupled</b> where the data tie it to others that are not "
         "determined either: correlation {:g} or stronger with one of them, or multiple correlation <i>R</i> "
-        "of {:g} or more with all of them together. Else it is <b>weakly</b> determined from {:.0f} % on, or "
+        "of {:g} or more with all of them together. Else it is <b>weakly</b> determined from {:.0f} % on. "
+        "Below that it has <b>moved</b> where its law is another one than the prior's (mean shifted by {:g} "
+        "sd or more, or {:.3f} nats between the laws): prior and data disagree. Else it "
         "<b>repeats its prior</b>. It is <b>structurally not determined</b> where no readings of this design "
         "could tell it, however many and good: none depends on it, or others make up for any change of it."
-    ).format(100 * DETERMINED, COUPLED, COUPLED_TO_ALL, 100 * WEAK)
+    ).format(100 * DETERMINED, COUPLED, COUPLED_TO_ALL, 100 * WEAK, SHIFT, MOVED)
 
 
 def _verdicts(result: Result) -> Table:

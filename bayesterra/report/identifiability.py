@@ -7,7 +7,16 @@ from markupsafe import Markup
 from bayesterra import figures
 from bayesterra.figures.profiles import profiles_in_words
 from bayesterra.identifiability.information import ALL
-from bayesterra.identifiability.verdicts import COUPLED, COUPLED_TO_ALL, DETERMINED, EXCLUDED, WEAK, WORDS
+from bayesterra.identifiability.verdicts import (
+    COUPLED,
+    COUPLED_TO_ALL,
+    DETERMINED,
+    EXCLUDED,
+    MOVED,
+    SHIFT,
+    WEAK,
+    WORDS,
+)
 from bayesterra.identified import Identified
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.determined import signed
@@ -99,9 +108,11 @@ def _verdict_section(made: Identified) -> Section:
         "<b>One-sided</b>: so, but one end is the prior’s bound; or the likelihood’s profile excludes "
         "{:.0f} % or more of the prior, on one side only. <b>Coupled</b>: neither, and the data tie it to "
         "others that are not determined either, one of them (correlation {:g} or stronger) or all together "
-        "(<i>R</i> {:g} or more). <b>Weakly</b>: contraction {:g} or more. <b>Repeats its prior</b>: none of "
-        "these. <b>Structurally not determined</b>: no data of this design can tell it, however many."
-    ).format(100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK)
+        "(<i>R</i> {:g} or more). <b>Weakly</b>: contraction {:g} or more. <b>Moved</b>: less, but the mean "
+        "shifted by {:g} sd of the prior or more, or its law is {:.3f} nats or more from it: prior and data "
+        "disagree. <b>Repeats its prior</b>: none of these. "
+        "<b>Structurally not determined</b>: no data of this design can tell it, however many."
+    ).format(100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
     return Section(
         "verdicts", "Verdicts", (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
     )
@@ -112,7 +123,8 @@ def _verdict_table(made: Identified) -> Table:
     header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"))
     last = (Markup("<i>R</i>"), "cloned 16 times")
     caption = Markup(
-        "Contraction: 1 − variance over that of the prior after the cut. Profile: of the likelihood over the "
+        "Contraction: 1 − variance over that of the prior after the cut, of the logarithm under log laws. "
+        "Profile: of the likelihood over the "
         "prior’s range. Tied to: strongest correlation <i>r</i> with a parameter that is not determined; "
         "<i>R</i>: multiple correlation with all of those. Cloned: whether the same readings sixteen times "
         "would narrow it."

@@ -13,9 +13,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.figures.axis import Axis, axis, density
 from bayesterra.figures.rows import Row, found_rows, summary_rows
 from bayesterra.figures.style import MARKS, POSTERIOR, PRIOR
-from bayesterra.identifiability import WEAK
+from bayesterra.identifiability import SHIFT, WEAK
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.numbers import given, interval, plain, resolution, rounded
+from bayesterra.report.numbers import MINUS, given, interval, plain, resolution, rounded
 from bayesterra.report.symbols import angles, symbol, unit
 from bayesterra.results import Result, field_values
 
@@ -118,6 +118,8 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     """The identifiability word and what stands beside it in small print."""
     row = found_rows(result)[name]
     word = {"weakly": "weakly determined"}.get(row.verdict, row.verdict)
+    if word == "moved":
+        return word, Markup("{}prior and data disagree").format(moved_by(row.shift))
     if word == "one-sided":
         return word, Markup("at its {} bound").format(row.bound)
     if word != "coupled":
@@ -125,6 +127,11 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     alone = ", alone like its prior" if row.contraction < WEAK else ""
     partner = symbol(row.coupled_with) if row.coupled_with else Markup("several others")
     return word, Markup("with {}{}").format(partner, alone)
+
+
+def moved_by(shift: float) -> str:
+    """How far the mean moved, in words before others; nothing where it is not the mean that moved."""
+    return f"by {shift:+.1f} prior sd: ".replace("-", MINUS) if abs(shift) >= SHIFT else ""
 
 
 def _drawing(result: Result, name: str, along: Axis) -> Markup:

@@ -83,7 +83,9 @@ def _signed(correlation: float) -> str:
 
 def from_the_prior(result: Result) -> Markup:
     """Parameters that the data hardly narrow, and those that lean on a bound of the prior."""
-    names = [name for name, row in found_rows(result).items() if row.contraction < WEAK]
+    found = found_rows(result)
+    moved = [name for name, row in found.items() if row.verdict == "moved"]
+    names = [name for name, row in found.items() if row.contraction < WEAK and name not in moved]
     first = (
         Markup(
             "{} alone {} hardly better known than before the test: the prior speaks, not the data."
@@ -94,10 +96,15 @@ def from_the_prior(result: Result) -> Markup:
     ends = Markup("; ").join(
         Markup("{} at its {} bound").format(symbol(n), end)
         for n, end in bounded(result)
-        if n not in names  # what repeats a bounded prior ends where the prior does
+        if n not in (*names, *moved)  # what repeats a bounded prior ends where the prior does
     )
     second = Markup("Cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
-    return Markup(" ").join(part for part in (first, second) if part)
+    against = (
+        Markup("{} hardly narrowed but moved: prior and data disagree.").format(symbols(moved))
+        if moved
+        else Markup("")
+    )
+    return Markup(" ").join(part for part in (against, first, second) if part)
 
 
 def bounded(result: Result) -> list[tuple[str, str]]:

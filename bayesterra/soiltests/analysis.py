@@ -197,9 +197,11 @@ class _Parts:
         if free.any():
             seen = structural(self.test.readings, self.posterior.soil(self.prior.x[:300]), free)
             sound[: len(self.soil)] = seen[free]
-        table = identifiability(names, ranges, prior, draws, sound)
+        logs = np.array([law.logarithmic for law in laws.laws.values()])
+        table = identifiability(names, ranges, prior, draws, sound, logs)
         soil = slice(0, max(len(self.soil), 1))
-        return table, identifiability(names[soil], ranges[soil], prior[:, soil], draws[:, soil], sound[soil])
+        part = (names[soil], ranges[soil], prior[:, soil], draws[:, soil], sound[soil], logs[soil])
+        return table, identifiability(*part)
 
     def _typical(self) -> float:
         return float(np.exp(np.median(np.log(self.test.readings.path))))

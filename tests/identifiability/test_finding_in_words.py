@@ -61,6 +61,9 @@ def test_without_a_group_all_directions_are_counted() -> None:
 def test_nothing_fixed_is_said_once() -> None:
     """Groups without a determined direction are not enumerated."""
     assert said({"all": (0, 5), "P_I": (0, 3), "P_II": (0, 2)}) == "These data fix no direction at all."
+    assert (
+        said({"all": (0, 1)}, c="moved") == "These data fix no direction at all; c moved away from its prior."
+    )
     assert said({"all": (0, 1)}, c=PRIOR) == "These data fix no direction at all; c repeats its prior."
 
 

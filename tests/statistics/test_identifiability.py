@@ -11,6 +11,8 @@ from bayesterra.identifiability.verdicts import (
     COUPLED,
     COUPLED_TO_ALL,
     DETERMINED,
+    MOVED,
+    SHIFT,
     STRUCTURAL,
     WEAK,
     Evidence,
@@ -53,6 +55,10 @@ def normal(covariance: FloatArray, seed: int = 1) -> FloatArray:
         (Evidence(0.1, profile="one-sided", excluded=0.1), "one-sided"),
         (Evidence(0.1, profile="one-sided", excluded=0.09), "repeats its prior"),
         (Evidence(WEAK - 1e-9), "repeats its prior"),
+        (Evidence(WEAK - 1e-9, shift=-SHIFT), "moved"),
+        (Evidence(WEAK, shift=-SHIFT), "weakly"),
+        (Evidence(-0.2, divergence=MOVED), "moved"),
+        (Evidence(0.1, shift=SHIFT - 1e-9, divergence=MOVED - 1e-9), "repeats its prior"),
         (Evidence(-0.2), "repeats its prior"),
     ],
 )
@@ -69,7 +75,7 @@ def test_words_change_at_their_thresholds(found: Evidence, expected: str) -> Non
         (Evidence(0.95, profile="one-sided", cloned="not estimable"), 2),
         (Evidence(0.95, structural=False, profile="two-sided", cloned="estimable"), 2),
         (Evidence(0.1, profile="flat", cloned="not estimable", divergence=0.01), 0),
-        (Evidence(0.1, profile="two-sided", excluded=0.5, cloned="estimable", divergence=0.2), 3),
+        (Evidence(0.1, profile="two-sided", excluded=0.5, cloned="estimable", divergence=0.12), 3),
         (Evidence(0.5, profile="two-sided", cloned="estimable"), 0),
     ],
 )
@@ -91,6 +97,31 @@ def test_what_the_prior_ties_is_no_coupling() -> None:
     tied = np.array([[1.0, 0.95], [0.95, 1.0]])
     found = identifiability(("a", "b"), [ANYWHERE] * 2, normal(tied), normal(tied, seed=2))
     assert found.table["verdict"].tolist() == ["repeats its prior"] * 2
+
+
+def test_a_prior_that_the_data_contradict_is_not_repeated() -> None:
+    """25 ± 1° and readings that say 34.7 ± 3.8°: hardly narrowed, moved by 0.65 sd; piled up at both ends."""
+    rng = np.random.default_rng(8)
+    precision = 1.0 / np.array([1.0, 3.8]) ** 2
+    after = rng.normal(precision @ [25.0, 34.7] / precision.sum(), precision.sum() ** -0.5, N)
+    prior = np.column_stack([rng.normal(25.0, 1.0, N), rng.random((N, 2))])
+    posterior = np.column_stack([after, rng.beta(0.5, 0.5, N), rng.random(N)])
+    found = identifiability(("a", "b", "c"), [ANYWHERE, (0.0, 1.0), (0.0, 1.0)], prior, posterior).table
+    assert found["contraction"].max() < WEAK
+    assert found["verdict"].tolist() == ["moved", "moved", "repeats its prior"]
+    np.testing.assert_allclose(found["shift"], [9.7 / (1 + 3.8**2), 0.0, 0.0], atol=0.02)
+
+
+def test_a_law_of_ratios_is_counted_in_ratios() -> None:
+    """The data exclude half of the decades: three quarters of the variance, not what the top holds."""
+    rng = np.random.default_rng(9)
+    prior, posterior = 10.0 ** rng.uniform(0, 4, (N, 1)), 10.0 ** rng.uniform(2, 4, (N, 1))
+    found = identifiability(("a",), [(1.0, 1e4)], prior, posterior, logs=np.array([True])).table.loc[0]
+    np.testing.assert_allclose(found["contraction"], 0.75, atol=0.01)
+    np.testing.assert_allclose(found["posterior_sd"], posterior.std())
+    assert found["bound"] == "upper"
+    linear = identifiability(("a",), [(1.0, 1e4)], prior, posterior).table.loc[0]
+    assert linear["contraction"] < 0.0
 
 
 def test_a_determined_partner_ties_nothing() -> None:
