@@ -30,8 +30,9 @@ def profile_panels(found: Profiles) -> FloatArray:
     """Draw one panel per parameter over its prior's range; returns the array of axes (d,).
 
     Blue: 2 Δ log posterior; broken: 2 Δ log likelihood; 0 is the best point of all. Dots: interval ends,
-    where a curve crosses the 68 or 95 % line. Grey bars: ends of the prior's range; grey areas: nothing
-    is possible there. The title of a panel says its class, the likelihood's first where the two differ.
+    where a curve crosses the 68 or 95 % line. Crosses: points that no descent solved. Grey bars: ends of the
+    prior's range; grey areas: nothing is possible there. The title of a panel says its class, the
+    likelihood's first where the two differ.
     """
     count = len(found.names)
     columns = min(COLUMNS, count)
@@ -75,6 +76,9 @@ def _curve(ax: Axes, profile: Profile, scale: float) -> None:
     grid, height = _smooth(profile)
     style = (0, dashes) if dashes else "-"
     ax.plot(grid / scale, height, color=colour, linewidth=width, linestyle=style, zorder=3 if dashes else 2)
+    lost = profile.values[profile.failed] / scale
+    height = np.minimum(profile.rise[profile.failed], HIGHEST - 0.2)
+    ax.plot(lost, height, "x", color=colour, markersize=4.0)
     for percent, level in LEVELS.items():
         ends = np.array(profile.crossings(percent)) / scale
         ax.plot(ends, [level, level], "o", color=colour, markersize=3.2)
@@ -82,7 +86,7 @@ def _curve(ax: Axes, profile: Profile, scale: float) -> None:
 
 def _smooth(profile: Profile) -> tuple[FloatArray, FloatArray]:
     """The curve between its points: the signed root of the rise is close to straight there."""
-    usable = np.isfinite(profile.rise)
+    usable = np.isfinite(profile.rise) & ~profile.failed
     values, root = profile.values[usable], np.sqrt(np.maximum(profile.rise[usable], 0.0))
     root = np.where(values < profile.best, -root, root)
     grid = np.unique(np.concatenate([values, np.linspace(values[0], values[-1], 400)]))
@@ -125,10 +129,18 @@ def _legend(figure: Figure, found: Profiles) -> None:
         )
     entries += [
         Line2D([], [], color=INK, marker="o", markersize=3.2, linestyle="none", label="end of an interval"),
+        *_lost(found),
         Line2D([], [], color=PRIOR, linewidth=2.2, alpha=0.7, label="end of the prior's range"),
         Patch(color=PRIOR, alpha=0.18, linewidth=0, label="impossible"),
     ]
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
+
+
+def _lost(found: Profiles) -> list[Line2D]:
+    """The cross of points that failed, where there are any."""
+    if not any(profile.failed.any() for each in found.found.values() for profile in each):
+        return []
+    return [Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="none", label="not solved")]
 
 
 def profiles_in_words(found: Profiles) -> str:

@@ -2,7 +2,8 @@
 
 Every way to a grid point is an independent witness: from the mode, from the densest and from other draws near
 it, from the neighbour on its left and on its right. The best of them is kept; how many of them agree is
-counted.
+counted. A point that stands out above both its neighbours, or has no value between two that have one, is
+tried again from between them.
 """
 
 from __future__ import annotations
@@ -26,18 +27,23 @@ NEAR = 24
 """Draws nearest to a grid value among which the starts are chosen."""
 DENSEST, OTHERS = 2, 2
 """Starts per grid point: the densest of the near draws, and others of them."""
-SWEEPS = 6
+SWEEPS = 40
 """Most rounds in which neighbours pass on their solutions."""
 MOVED = 1e-3
 """Improvement of the log density after which a point's neighbours try its solution again."""
+MENDS = 3
+"""Most rounds in which points that stand out are tried again."""
+SPIKE = 0.05
+"""Height of the log density above both neighbours from which a point stands out."""
 AGREE = 0.02
 """Descents whose log densities differ by less agree."""
 REFINEMENTS = 2
 """Rounds in which points are added where a threshold is crossed."""
 MODE_STARTS = 24
 """Points from which the mode is sought."""
-SOURCES = 3 + DENSEST + OTHERS
+SOURCES = 4 + DENSEST + OTHERS
 LEFT, RIGHT, MODE = range(3)
+BETWEEN = SOURCES - 1
 
 
 @dataclass
@@ -85,8 +91,11 @@ class Traces:
     def attempt(self, points: IntArray, starts: FloatArray, source: IntArray) -> None:
         """Descend at grid points (k,) from starts (k, d) of kinds (k,) and keep what is better."""
         fixed, places = self.column[points], self.place[points]
-        moved = begin(self.target, starts, fixed, places)
-        ends = descend(self.target, moved, fixed)
+        self.descend(points, begin(self.target, starts, fixed, places), source)
+
+    def descend(self, points: IntArray, starts: FloatArray, source: IntArray) -> None:
+        """Descend as in :meth:`attempt`, from starts that are at the grid points already."""
+        ends = descend(self.target, starts, self.column[points])
         np.fmin.at(self.witnesses, (points, source), ends.value)
         for i in np.argsort(-ends.value, kind="stable"):  # the best comes last and stays
             if ends.value[i] < self.value[points[i]]:
@@ -110,10 +119,33 @@ class Traces:
         return bool(where.size)
 
     def settle(self) -> None:
-        """Sweep until nothing improves."""
-        for _ in range(SWEEPS):
-            if not self.sweep():
+        """Sweep until nothing improves, and try again what then stands out."""
+        for _ in range(1 + MENDS):
+            for _ in range(SWEEPS):
+                if not self.sweep():
+                    break
+            if not self.mend():
                 break
+
+    def mend(self) -> bool:
+        """Try points that stand out from between their neighbours; whether any of them improved.
+
+        The support is convex but for limits that are not linear: what lies between two of its points is
+        nearly always in it.
+        """
+        points = np.flatnonzero(standing_out(self.column, self.value))
+        if not points.size:
+            return False
+        sound = np.flatnonzero(np.isfinite(self.value))
+        left = sound[np.searchsorted(sound, points) - 1]
+        right = sound[np.searchsorted(sound, points, side="right")]
+        share = (self.place[points] - self.place[left]) / (self.place[right] - self.place[left])
+        starts = [self.y[left] + w[:, None] * (self.y[right] - self.y[left]) for w in (share, 0.0 * share)]
+        starts += [self.y[right].copy()]
+        for start in starts:
+            start[np.arange(len(points)), self.column[points]] = self.place[points]
+        self.descend(np.tile(points, 3), np.concatenate(starts), np.full(3 * len(points), BETWEEN))
+        return bool(self.improved[points].any())
 
     def settled(self, points: IntArray, starts: FloatArray, source: IntArray, engine: Engine) -> None:
         """Descend as in :meth:`attempt`, then sweep until nothing improves.
@@ -162,6 +194,26 @@ class _Settling:
             part.attempt(where[self.points[mine]], self.starts[mine], self.source[mine])
         part.settle()
         return part.y, part.value, part.witnesses
+
+
+def standing_out(column: IntArray, value: FloatArray) -> BoolArray:
+    """Grid points (g,) without a value between two that have one, or above both of these by ``SPIKE``.
+
+    Parameters
+    ----------
+    column : parameter of each point (g,), which are in order of parameter and place.
+    value : minus log density there (g,), +inf where there is none.
+    """
+    out = np.zeros(len(value), dtype=np.bool_)
+    for one in np.unique(column):
+        own = np.flatnonzero(column == one)
+        sound = own[np.isfinite(value[own])]
+        if len(sound) < 3:
+            continue
+        out[own] = np.isinf(value[own]) & (own > sound[0]) & (own < sound[-1])
+        beside = np.maximum(value[sound[:-2]], value[sound[2:]])
+        out[sound[1:-1]] = value[sound[1:-1]] > beside + SPIKE
+    return out
 
 
 def trace(

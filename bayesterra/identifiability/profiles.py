@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.engines import Engine
 from bayesterra.identifiability._chart import chart
 from bayesterra.identifiability._target import Target
-from bayesterra.identifiability._tracing import AGREE, Traces, trace
+from bayesterra.identifiability._tracing import AGREE, Traces, standing_out, trace
 from bayesterra.posteriors import Posterior, draw_cut_prior
 
 LEVELS = {68: 0.99, 95: 3.84}
@@ -53,6 +54,8 @@ class Profile:
     path : all parameters along the profile (g, d), NaN where nothing is possible.
     agreeing, tried : descents from different sides that reached the profile within 0.02 in log density, and
         all that were begun (g,).
+    failed : points that no descent solved, with no value between others that have one, or above both their
+        neighbours with no second descent that agrees (g,); nothing is read off them.
     """
 
     name: str
@@ -62,6 +65,15 @@ class Profile:
     path: FloatArray
     agreeing: IntArray
     tried: IntArray
+    failed: BoolArray
+
+    @cached_property
+    def sound(self) -> Profile:
+        """The profile without the points that failed."""
+        if not self.failed.any():
+            return self
+        names = ("values", "rise", "path", "agreeing", "tried", "failed")
+        return replace(self, **{name: getattr(self, name)[~self.failed] for name in names})
 
     @property
     def shape(self) -> str:
@@ -73,7 +85,7 @@ class Profile:
 
     @property
     def _highest(self) -> float:
-        return float(self.rise[np.isfinite(self.rise)].max())
+        return float(self.sound.rise[np.isfinite(self.sound.rise)].max())
 
     @property
     def best(self) -> float:
@@ -82,9 +94,10 @@ class Profile:
 
     def crossings(self, percent: int) -> tuple[float, float]:
         """Outermost values at which the profile crosses the threshold, NaN on a side where it does not."""
-        below = np.flatnonzero(self.rise <= max(LEVELS[percent], self.rise.min()))
+        sound = self.sound
+        below = np.flatnonzero(sound.rise <= max(LEVELS[percent], sound.rise.min()))
         first, last = int(below[0]), int(below[-1])
-        return self._crossing(first, first - 1, percent), self._crossing(last, last + 1, percent)
+        return sound._crossing(first, first - 1, percent), sound._crossing(last, last + 1, percent)
 
     def _crossing(self, inside: int, outside: int, percent: int) -> float:
         """Place of the threshold between two points, by the root of the rise, straight for a parabola."""
@@ -106,18 +119,18 @@ class Profile:
     @property
     def pieces(self) -> int:
         """Number of separate intervals below the 95 % threshold."""
-        below = np.concatenate([[False], self.inside])
+        below = np.concatenate([[False], self.sound.inside])
         return int((below[1:] & ~below[:-1]).sum())
 
     @property
     def inside(self) -> BoolArray:
         """Points below the 95 % threshold (g,)."""
-        return np.asarray(self.rise <= LEVELS[95])
+        return np.asarray((self.rise <= LEVELS[95]) & ~self.failed)
 
     @property
     def trust(self) -> float:
         """Share of the points near and below the 95 % threshold that two or more descents agree on."""
-        counted = self.rise <= 2 * LEVELS[95]
+        counted = (self.rise <= 2 * LEVELS[95]) & ~self.failed
         return float((self.agreeing[counted] >= 2).mean())
 
 
@@ -163,7 +176,8 @@ class Profiles:
         """One row per kind and parameter.
 
         Columns kind, parameter, class, lower_95, lower_68, best, upper_68, upper_95 (SI; NaN where the
-        threshold is not crossed), pieces, trust, and compensated_by: the parameters that move most.
+        threshold is not crossed), pieces, trust, failed (number of points), and compensated_by: the
+        parameters that move most.
         """
         return pd.DataFrame([row for kind in self.found for row in self._rows(kind)])
 
@@ -181,6 +195,7 @@ class Profiles:
                 "upper_95": profile.crossings(95)[1],
                 "pieces": profile.pieces,
                 "trust": profile.trust,
+                "failed": int(profile.failed.sum()),
                 "compensated_by": _leading(dict(zip(self.names, moves[i], strict=True)), profile.name),
             }
             for i, profile in enumerate(self.found[kind])
@@ -266,8 +281,9 @@ class _Found:
         values = _values(target, traces)
         parts = [np.flatnonzero(traces.column == i) for i in range(len(names))]
         rise = 2 * (level[top] - level)
+        failed = standing_out(traces.column, -level) & (np.isinf(rise) | (agreeing < 2))
         each = tuple(
-            Profile(name, kind, values[own], rise[own], x[own], agreeing[own], tried[own])
+            Profile(name, kind, values[own], rise[own], x[own], agreeing[own], tried[own], failed[own])
             for name, own in zip(names, parts, strict=True)
         )
         known = target.log_density(beforehand).max() if len(beforehand) else np.nan

@@ -186,17 +186,28 @@ def _profile_section(made: Identified) -> Section:
     )
     table = made.found.profiles.table
     rows = tuple(
-        (symbol(row["parameter"]), row["class"], f"{100 * row['trust']:.0f} %", _moves(row["compensated_by"]))
+        (
+            symbol(row["parameter"]),
+            row["class"],
+            f"{100 * row['trust']:.0f} %{_lost(row['failed'])}",
+            _moves(row["compensated_by"]),
+        )
         for row in records(table[table["kind"] == "likelihood"])
     )
     moves = Table(
         "What compensates what: how far the others move along the 95 % interval, in standard deviations of "
-        "their prior. Trust: points that two or more descents agree on.",
+        "their prior. Trust: points that two or more descents agree on; points not solved are marked by a "
+        "cross in the figure, and nothing is read off them.",
         "llrl",
         ("", "class", "trust", "others move by"),
         rows,
     )
     return Section("profiles", "Profiles", (Gallery("whole", (panels,), caption), moves))
+
+
+def _lost(failed: int) -> str:
+    """How many points of a profile were not solved; nothing where all were."""
+    return f", {failed} not solved" if failed else ""
 
 
 def _moves(text: str) -> Cell:

@@ -1,7 +1,7 @@
 """Profiles against closed forms on linear and bent problems."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -11,6 +11,9 @@ from scipy.optimize import lsq_linear
 from bayesterra.arrays import FloatArray
 from bayesterra.data import Observations
 from bayesterra.forward import Forward
+from bayesterra.identifiability._chart import chart
+from bayesterra.identifiability._target import Target
+from bayesterra.identifiability._tracing import standing_out, trace
 from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, profiles
 from bayesterra.likelihood import Likelihood
 from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
@@ -250,7 +253,8 @@ def made(rise: list[float], agreeing: list[int]) -> Profile:
     count = len(rise)
     path = np.arange(float(count))[:, None]
     tried = np.full(count, 7)
-    return Profile("n0", "likelihood", path[:, 0], np.array(rise), path, np.array(agreeing), tried)
+    failed = np.zeros(count, dtype=np.bool_)
+    return Profile("n0", "likelihood", path[:, 0], np.array(rise), path, np.array(agreeing), tried, failed)
 
 
 def test_separate_intervals_are_counted_and_their_outer_ends_taken() -> None:
@@ -274,3 +278,38 @@ def test_an_end_of_what_is_possible_is_no_crossing() -> None:
 def test_trust_is_the_share_of_confirmed_points_that_matter() -> None:
     """Points that one descent alone reached count against a profile, unless they lie far above."""
     assert made([0.0, 1.0, 4.0, 7.0, 50.0], [7, 2, 1, 1, 1]).trust == 0.5
+
+
+def test_nothing_is_read_off_a_point_that_failed() -> None:
+    """Neither a spike that one descent alone reached nor a hole beside the threshold moves an interval."""
+    whole = made([16.0, 1.0, 0.0, 1.0, 16.0], [7] * 5)
+    spiked = replace(
+        made([16.0, 1.0, 4.2, 0.0, 1.0, np.inf, 16.0], [7, 7, 1, 7, 7, 0, 7]),
+        values=np.array([0.0, 1.0, 1.5, 2.0, 3.0, 3.5, 4.0]),
+        failed=np.array([False, False, True, False, False, True, False]),
+    )
+    assert spiked.interval(95) == pytest.approx(whole.interval(95))
+    assert (spiked.shape, spiked.pieces, spiked.trust) == ("two-sided", 1, 1.0)
+    column, minus = np.zeros(7, dtype=np.int64), 0.5 * spiked.rise
+    assert standing_out(column, minus).tolist() == spiked.failed.tolist()
+    assert not standing_out(column, np.append([np.inf], minus[1:])).tolist()[0]
+
+
+def test_points_that_stand_out_are_tried_from_between_their_neighbours() -> None:
+    """A hole and a spike in a profile are gone once it has settled; the other points stay."""
+    laws = {name: BOX[name] for name in ("phi", "n0")}
+    design = np.array([[20.0, 5.0], [0.0, 9.0], [3.0, 1.0]])
+    density = linear(laws, design, design @ np.array([0.6, 1.0]))
+    target = Target(density, chart(density), False, anchor=np.full(2, 0.5))
+    starts = np.random.default_rng(4).random((50, 2))
+    traces = trace(target, starts, levels=[0.5, 1.92], rng=np.random.default_rng(5))
+    right, y = traces.value.copy(), traces.y.copy()
+    assert not standing_out(traces.column, right).any()
+    hole = np.flatnonzero(traces.column == 0)[4]
+    spike = np.flatnonzero(traces.column == 1)[right[traces.column == 1].argmin()]
+    traces.value[hole], traces.y[hole] = np.inf, 0.0
+    traces.value[spike] += 3.0
+    traces.improved[:] = False
+    traces.settle()
+    assert traces.value == pytest.approx(right, abs=1e-3)
+    assert traces.y == pytest.approx(y, abs=1e-2)
