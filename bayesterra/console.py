@@ -16,12 +16,14 @@ from bayesterra.calibration import Progress as CalibrationProgress
 from bayesterra.design.judging import Progress as DesignProgress
 from bayesterra.failures import sentences
 from bayesterra.figures.rows import Found, found_rows
-from bayesterra.parameters import PARAMETERS
+from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prior_only import PriorResult
-from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.numbers import interval, probability, resolution, rounded
+from bayesterra.report.validation import alarming
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
 from bayesterra.terminal import PlainConsole
+from bayesterra.validation import Validation
 
 
 @contextmanager
@@ -122,6 +124,8 @@ def print_result(result: Result, report: Path) -> None:
     console = PlainConsole()
     console.print(_table(result))
     console.print(verdict_line(result), highlight=False)
+    if misfit := misfit_line(result):
+        PlainConsole(stderr=True).print(misfit, highlight=False, soft_wrap=True)
     if found := result.record.get("crosscheck"):
         console.print(
             f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
@@ -208,6 +212,18 @@ def _verdict(row: Found) -> str:
     if row.verdict != "coupled":
         return row.verdict
     return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
+
+
+def misfit_line(result: Result) -> str:
+    """One line where the model cannot make readings like these, with what is wrong; else empty."""
+    checks = Validation.from_record(result.record).checks
+    if not checks.alarm:
+        return ""
+    parts = "; ".join(f"{CHANNELS[one.channel].description} {one.finding}" for one in alarming(checks))
+    return (
+        f"warning: the model does not fit these readings: {parts} (overall p {probability(checks.overall)});"
+        " check units, loads and priors before you use any figure"
+    )
 
 
 def verdict_line(result: Result) -> str:

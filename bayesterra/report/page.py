@@ -29,8 +29,11 @@ from bayesterra.report.verdicts import (
     identifiability_verdict,
     sampling_verdict,
 )
+from bayesterra.report.validation import alarm_sentence, cross_validation_section
+from bayesterra.report.verdicts import Verdict, failed_checks, verdicts
 from bayesterra.report.words import Finding, findings
 from bayesterra.results import Result
+from bayesterra.validation import Validation
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ class Page:
     Attributes
     ----------
     facts : wheel, soil, model and date in one line; the kind of data stands apart in ``kind``.
-    warning : what to do about a sampling that has not converged, and what could not be computed; else empty.
+    warning : what to do about a model that does not fit or a sampling that has not converged, and what could
+        not be computed; else empty.
     failures : what could not be made of this page.
     """
 
@@ -143,6 +147,22 @@ def _facts(result: Result) -> tuple[str, ...]:
 
 
 def warning(result: Result) -> Markup:
+    """What forbids to use the figures as they stand, and what to do about it; empty where nothing does."""
+    return Markup(" ").join(part for part in (_misfit(result), _unsettled(result)) if part)
+
+
+def _misfit(result: Result) -> Markup:
+    """That the model cannot make readings like these; empty where it can."""
+    checks = Validation.from_record(result.record).checks
+    if not checks.alarm:
+        return Markup("")
+    return Markup(
+        "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
+        "did. What to do: check units, loads and priors; then another model, or a [discrepancy]."
+    ).format(alarm_sentence(checks))
+
+
+def _unsettled(result: Result) -> Markup:
     """What to do about a sampling that has not converged; empty where it has."""
     if result.converged:
         return Markup("")

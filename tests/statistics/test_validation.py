@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ import pytest
 
 from bayesterra import figures, report
 from bayesterra.adequacy import fit_checks
+from bayesterra.console import print_result
 from bayesterra.inference import run
 from bayesterra.report.verdicts import fit_verdict
 from bayesterra.results import Result
@@ -79,3 +81,23 @@ def test_the_alarm_decides_the_verdict(result: Result) -> None:
     verdict = fit_verdict(alarmed, fit_checks(alarmed))
     assert (verdict.word, verdict.grade) == ("not adequate", "poor")
     assert "<i>F</i><sub>DP</sub> is shifted as a whole" in str(verdict.sentence)
+
+
+def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
+    result: Result, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page opens with it, and one line on standard error warns; nothing of the kind where all fits."""
+    checks = result.record["predictive_checks"]
+    strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
+    loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
+    alarmed = replace(result, record={**result.record, "predictive_checks": loud})
+    opening = report.html(alarmed).split("<main>")[1].lstrip()
+    assert opening.startswith('<p class="warning" role="alert">The model does <b>not fit</b> these readings:')
+    print_result(alarmed, Path("report.html"))
+    said = capsys.readouterr().err
+    assert said.startswith("warning: the model does not fit these readings: drawbar pull is shifted as a")
+    assert "(overall p < 0.01); check units" in said
+    assert said.count("\n") == 1
+    assert "<b>not fit</b>" not in report.html(result)
+    print_result(result, Path("report.html"))
+    assert capsys.readouterr().err == ""
