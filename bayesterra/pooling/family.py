@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -153,6 +153,10 @@ class JointFamily:
         inside &= np.asarray(np.isfinite(found).all(axis=1)) & np.isfinite(log_jacobian)
         return np.where(inside[:, None], found, np.nan), np.where(inside, log_jacobian, -np.inf)
 
+    def _dependence(self, own: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """What correlations add to the log density (n,) of all groups' values (groups, n, d) at drivers."""
+        return lambda drivers: np.sum([self.joint.log_dependence(drivers, one) for one in own], axis=0)
+
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Slice steps of every mean and spread given the groups' values."""
         k = len(self.joint.shared)
@@ -161,9 +165,10 @@ class JointFamily:
         for i, (name, laws) in enumerate(self.joint.hyper.items()):
             values = own[:, :, self.joint.local.index(name)]
             at, limits = k + 2 * i, self.joint.laws[name].range
+            tied = self._dependence(own) if name in self.joint.tied_local else None
             for _ in range(SLICES):
                 for column, one in zip((at, at + 1), laws, strict=True):
-                    drivers[:, column] = _sliced(drivers, column, at, values, one, limits, rng)
+                    drivers[:, column] = _sliced(drivers, column, at, values, one, limits, tied, rng)
         new = self.drivers_from_physical(drivers)
         new[:, :k] = D[:, :k]
         return np.where(np.asarray(np.isfinite(new).all(axis=1))[:, None], new, D)
@@ -176,17 +181,26 @@ def _sliced(
     values: FloatArray,
     law: Law,
     limits: tuple[float, float],
+    tied: Callable[[FloatArray], FloatArray] | None,
     rng: Generator,
 ) -> FloatArray:
     """One slice step (Neal 2003) of a mean or spread in the probability scale of its law, an interval.
 
+    ``tied`` is what correlations of the groups' values add to the log density (n,) at drivers, if anything.
     The first interval is all of it, so that shrinking alone is exact and nothing needs to be tuned.
     """
     mean, spread = drivers[:, at].copy(), drivers[:, at + 1].copy()
 
     def level(chosen: FloatArray) -> FloatArray:
         pair = (chosen, spread) if column == at else (mean, chosen)
-        return np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
+        found = np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
+        if tied is None:
+            return found
+        proposed = drivers.copy()
+        proposed[:, at], proposed[:, at + 1] = pair
+        alive = np.isfinite(found)
+        found[alive] += tied(np.where(alive[:, None], proposed, drivers))[alive]
+        return found
 
     now = drivers[:, column]
     floor = level(now) + np.log(rng.random(len(now)))

@@ -12,7 +12,13 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.laws import Law
-from bayesterra.pooling.populations import draw_population, log_population
+from bayesterra.pooling.copula import SharedCopula
+from bayesterra.pooling.populations import (
+    draw_population,
+    log_population,
+    population_score,
+    population_value,
+)
 from bayesterra.posteriors import Posterior, likelihood_of
 from bayesterra.sharing import Pooling
 from bayesterra.study import Study
@@ -24,8 +30,10 @@ MEAN, SPREAD = "mean", "spread"
 class JointPosterior:
     """Posterior density of all parameters of a study with groups.
 
-    p(shared) p(populations) ∏_g p(locals_g | populations) likelihood_g, every constant included. The prior is
-    the stated one, set to zero where any group's parameters are outside the physical support.
+    p(shared) p(populations) ∏_g p(locals_g | shared, populations) likelihood_g, every constant included. The
+    prior is the stated one, set to zero where any group's parameters are outside the physical support.
+    Stated correlations hold among what is shared and what a group has. A hierarchical value enters them by
+    its normal score under the law of its population, whose mean and spread are independent of all else.
 
     Attributes
     ----------
@@ -79,6 +87,55 @@ class JointPosterior:
         return (*self.drivers, *(f"{name}[{group}]" for group in self.groups for name in self.local))
 
     @cached_property
+    def copula(self) -> SharedCopula | None:
+        """Dependence of the parameters that correlate; None where the laws are independent."""
+        prior = self.first.prior
+        if not prior.correlated:
+            return None
+        at = [prior.names.index(name) for name in (*self.tied_shared, *self.tied_local)]
+        return SharedCopula(prior.score_correlation[np.ix_(at, at)], len(self.tied_shared))
+
+    @cached_property
+    def tied_shared(self) -> tuple[str, ...]:
+        """Shared parameters that correlate with another one."""
+        return tuple(name for name in self.shared if self._correlates(name))
+
+    @cached_property
+    def tied_local(self) -> tuple[str, ...]:
+        """Parameters of each group that correlate with another one."""
+        return tuple(name for name in self.local if self._correlates(name))
+
+    def _correlates(self, name: str) -> bool:
+        prior = self.first.prior
+        return prior.names.index(name) in prior.correlated
+
+    def _population(self, name: str, drivers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and spread (n,) of a population among drivers."""
+        at = len(self.shared) + 2 * self.populations.index(name)
+        return drivers[:, at], drivers[:, at + 1]
+
+    def _shared_scores(self, drivers: FloatArray) -> FloatArray:
+        scores = [self.laws[name].score(drivers[:, self.shared.index(name)]) for name in self.tied_shared]
+        return np.column_stack([np.empty((len(drivers), 0)), *scores])
+
+    def _own_scores(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
+        scores = []
+        for name in self.tied_local:
+            values = own[:, self.local.index(name)]
+            if name in self.populations:
+                limits = self.laws[name].range
+                scores.append(population_score(values, *self._population(name, drivers), limits))
+            else:
+                scores.append(self.laws[name].score(values))
+        return np.column_stack([np.empty((len(own), 0)), *scores])
+
+    def log_dependence(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
+        """What correlations add to the log density (n,) of a group's locals inside their ranges."""
+        if self.copula is None or not self.tied_local:
+            return np.zeros(len(own))
+        return self.copula.log_own(self._shared_scores(drivers), self._own_scores(drivers, own))
+
+    @cached_property
     def _columns(self) -> tuple[list[int], list[int]]:
         """Columns of shared and of local parameters among a group's own."""
         names = self.first.names
@@ -110,18 +167,29 @@ class JointPosterior:
             total += mean.log_density(drivers[:, column]) + spread.log_density(drivers[:, column + 1])
             total = np.where(drivers[:, column + 1] > 0, total, -np.inf)
             column += 2
-        return np.where(np.isfinite(total), total, -np.inf)
+        total = np.where(np.isfinite(total), total, -np.inf)
+        return total + self.log_dependence_of_shared(drivers)
+
+    def log_dependence_of_shared(self, drivers: FloatArray) -> FloatArray:
+        """What correlations add to the log density (n,) of the shared parameters."""
+        if self.copula is None or not self.tied_shared:
+            return np.zeros(len(drivers))
+        return self.copula.log_shared(self._shared_scores(drivers))
 
     def log_prior_of_group(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
         """Log density (n,) of a group's locals (n, d) given drivers (n, k), before the physical cut."""
         total = np.zeros(len(own))
         for i, name in enumerate(self.local):
             if name in self.populations:
-                at = len(self.shared) + 2 * self.populations.index(name)
-                total += log_population(own[:, i], drivers[:, at], drivers[:, at + 1], self.laws[name].range)
+                mean, spread = self._population(name, drivers)
+                total += log_population(own[:, i], mean, spread, self.laws[name].range)
             else:
                 total += self.laws[name].log_density(own[:, i])
-        return np.where(np.isfinite(total), total, -np.inf)
+        total = np.where(np.isfinite(total), total, -np.inf)
+        if self.copula is not None:
+            alive = np.flatnonzero(np.isfinite(total))
+            total[alive] += self.log_dependence(drivers[alive], own[alive])
+        return total
 
     def log_likelihood_of_group(self, group: str, drivers: FloatArray, own: FloatArray) -> FloatArray:
         """Log likelihood (n,) of a group's rows; −inf outside its physical support."""
@@ -149,20 +217,31 @@ class JointPosterior:
 
     def draw_drivers(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
-        columns = [self.laws[name].sample(n, rng) for name in self.shared]
+        tied = np.empty((n, 0)) if self.copula is None else self.copula.draw_shared(n, rng)
+        scores = dict(zip(self.tied_shared, tied.T, strict=True))
+        laws = ((self.laws[name], scores.get(name)) for name in self.shared)
+        columns = [law.sample(n, rng) if z is None else law.at_score(z) for law, z in laws]
         columns += [law.sample(n, rng) for pair in self.hyper.values() for law in pair]
         return np.column_stack(columns)
 
     def draw_group(self, drivers: FloatArray, rng: Generator) -> FloatArray:
         """Locals (n, d) of one group for each row of drivers, before the physical cut."""
+        scores: dict[str, FloatArray] = {}
+        if self.copula is not None and self.tied_local:
+            tied = self.copula.draw_own(self._shared_scores(drivers), rng)
+            scores = dict(zip(self.tied_local, tied.T, strict=True))
         columns = []
         for name in self.local:
+            law, z = self.laws[name], scores.get(name)
             if name in self.populations:
-                at = len(self.shared) + 2 * self.populations.index(name)
-                mean, spread = drivers[:, at], drivers[:, at + 1]
-                columns.append(draw_population(mean, spread, self.laws[name].range, rng))
+                mean, spread = self._population(name, drivers)
+                columns.append(
+                    draw_population(mean, spread, law.range, rng)
+                    if z is None
+                    else population_value(z, mean, spread, law.range)
+                )
             else:
-                columns.append(self.laws[name].sample(len(drivers), rng))
+                columns.append(law.sample(len(drivers), rng) if z is None else law.at_score(z))
         return np.column_stack(columns)
 
 

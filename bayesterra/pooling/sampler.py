@@ -335,6 +335,7 @@ def _common(
     for i, name in enumerate(joint.shared):
         prior += joint.laws[name].log_density(x[:, i])
     inside = np.isfinite(prior)
+    prior[inside] += joint.log_dependence_of_shared(x[inside])
     candidates, prior = candidates[inside], prior[inside]
     each = np.array([law.log_given(candidates) for law in laws])
     level = each.sum(axis=0) - (len(laws) - 1) * prior - logsumexp(each, axis=0)

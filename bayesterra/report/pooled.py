@@ -22,6 +22,7 @@ from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, law_text, listed, symbol, symbols, unit
 from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.sharing import Pooling
+from bayesterra.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
@@ -344,13 +345,27 @@ def _prior_section(result: PooledResult) -> Section:
                 law_text(name, population.mean), law_text(name, population.spread)
             )
         body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
-    caption = (
-        "Prior laws and roles as stated. A hierarchical value is drawn from a normal law with the "
-        "population's mean and spread, cut to the range of the parameter's own law. The prior is zero where "
-        "any group's parameters are outside the physical support."
+    caption = Markup(
+        "Prior laws and roles as stated, {}. A hierarchical value is drawn from a normal law "
+        "with the population's mean and spread, cut to the range of the parameter's own law. The prior is "
+        "zero where any group's parameters are outside the physical support."
     )
-    table = Table(caption, "llll", ("", "parameter", "prior", "role"), tuple(body))
+    table = Table(caption.format(joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
     return Section("prior", "Prior and roles", (table, *prior_sources(study)))
+
+
+def joined_laws(study: Study) -> Markup | str:
+    """Whether laws are independent; if not, each pair with its correlation."""
+    if not study.prior.correlation:
+        return "independent of each other"
+    named = (
+        Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value)
+        for pair, value in study.prior.correlation.items()
+    )
+    return Markup(
+        "joined by correlations of normal scores, a Gaussian copula of what is shared and what a group has, "
+        "a hierarchical value by its score under its population's law ({})"
+    ).format(listed(named))
 
 
 def _reproduce(result: PooledResult) -> Section:
