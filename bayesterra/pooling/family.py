@@ -153,10 +153,6 @@ class JointFamily:
         inside &= np.asarray(np.isfinite(found).all(axis=1)) & np.isfinite(log_jacobian)
         return np.where(inside[:, None], found, np.nan), np.where(inside, log_jacobian, -np.inf)
 
-    def _dependence(self, own: FloatArray) -> Callable[[FloatArray], FloatArray]:
-        """What correlations add to the log density (n,) of all groups' values (groups, n, d) at drivers."""
-        return lambda drivers: np.sum([self.joint.log_dependence(drivers, one) for one in own], axis=0)
-
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Slice steps of every mean and spread given the groups' values."""
         k = len(self.joint.shared)
@@ -165,7 +161,7 @@ class JointFamily:
         for i, (name, laws) in enumerate(self.joint.hyper.items()):
             values = own[:, :, self.joint.local.index(name)]
             at, limits = k + 2 * i, self.joint.laws[name].range
-            tied = self._dependence(own) if name in self.joint.tied_local else None
+            tied = self.joint.dependence_on(name, drivers, own) if name in self.joint.tied_local else None
             for _ in range(SLICES):
                 for column, one in zip((at, at + 1), laws, strict=True):
                     drivers[:, column] = _sliced(drivers, column, at, values, one, limits, tied, rng)
@@ -181,12 +177,12 @@ def _sliced(
     values: FloatArray,
     law: Law,
     limits: tuple[float, float],
-    tied: Callable[[FloatArray], FloatArray] | None,
+    tied: Callable[[FloatArray, FloatArray], FloatArray] | None,
     rng: Generator,
 ) -> FloatArray:
     """One slice step (Neal 2003) of a mean or spread in the probability scale of its law, an interval.
 
-    ``tied`` is what correlations of the groups' values add to the log density (n,) at drivers, if anything.
+    ``tied`` is what correlations of the groups' values add to the log density (n,) at mean and spread.
     The first interval is all of it, so that shrinking alone is exact and nothing needs to be tuned.
     """
     mean, spread = drivers[:, at].copy(), drivers[:, at + 1].copy()
@@ -196,11 +192,9 @@ def _sliced(
         found = np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
         if tied is None:
             return found
-        proposed = drivers.copy()
-        proposed[:, at], proposed[:, at + 1] = pair
         alive = np.isfinite(found)
-        found[alive] += tied(np.where(alive[:, None], proposed, drivers))[alive]
-        return found
+        safe = (np.where(alive, one, now) for one, now in zip(pair, drivers[:, at : at + 2].T, strict=True))
+        return np.where(alive, found + tied(*safe), -np.inf)
 
     now = drivers[:, column]
     floor = level(now) + np.log(rng.random(len(now)))

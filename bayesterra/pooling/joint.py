@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -134,6 +134,26 @@ class JointPosterior:
         if self.copula is None or not self.tied_local:
             return np.zeros(len(own))
         return self.copula.log_own(self._shared_scores(drivers), self._own_scores(drivers, own))
+
+    def dependence_on(
+        self, name: str, drivers: FloatArray, own: FloatArray
+    ) -> Callable[[FloatArray, FloatArray], FloatArray]:
+        """What correlations add to the log density (n,) of all groups' locals (groups, n, d).
+
+        As a function of mean and spread (n,) of a population that correlates, all other drivers held.
+        """
+        shared = np.tile(self._shared_scores(drivers), (len(own), 1))
+        scores = np.concatenate([self._own_scores(drivers, one) for one in own])
+        column, limits = self.tied_local.index(name), self.laws[name].range
+        values = own[:, :, self.local.index(name)]
+
+        def added(mean: FloatArray, spread: FloatArray) -> FloatArray:
+            if self.copula is None:
+                return np.zeros(len(mean))
+            scores[:, column] = population_score(values, mean, spread, limits).ravel()
+            return self.copula.log_own(shared, scores).reshape(len(own), -1).sum(axis=0)
+
+        return added
 
     @cached_property
     def _columns(self) -> tuple[list[int], list[int]]:

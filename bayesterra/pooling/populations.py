@@ -52,14 +52,14 @@ def population_value(score: FloatArray, mean: FloatArray, spread: FloatArray, li
 
 def population_score(values: FloatArray, mean: FloatArray, spread: FloatArray, limits: Range) -> FloatArray:
     """Normal scores (any shape) of values inside the limits under the laws of their populations."""
-    with np.errstate(over="ignore"):  # a spread of next to nothing
+    with np.errstate(over="ignore", invalid="ignore"):  # spreads of next to nothing, ranges without mass
         low, at, high = ((edge - mean) / spread for edge in (limits[0], values, limits[1]))
-    whole = _log_between(low, high)
-    below, above = (
-        np.clip(np.nan_to_num(part - whole, nan=-np.inf), FAINTEST, 0.0)
-        for part in (_log_between(low, at), _log_between(at, high))
-    )
-    return np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
+        whole = _log_between(low, high)
+        below, above = (
+            np.clip(np.nan_to_num(part - whole, nan=-np.inf), FAINTEST, 0.0)
+            for part in (_log_between(low, at), _log_between(at, high))
+        )
+    return np.asarray(np.where(below < above, ndtri_exp(below), -ndtri_exp(above)))
 
 
 def _ends(mean: FloatArray, spread: FloatArray, limits: Range) -> tuple[FloatArray, FloatArray, BoolArray]:

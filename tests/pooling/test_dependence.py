@@ -198,12 +198,12 @@ def _two(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
 
 def _population(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
     """φ shared, c of a population: its mean and spread beside them."""
-    c, phi, _, cells = _grids(joint, grid, (100, 60, 2))
+    c, phi, _, cells = _grids(joint, grid, (80, 50, 2))
     x = np.stack(np.meshgrid(c, phi, indexing="ij"), axis=-1).reshape(-1, 2)
     likely = [p.log_prior_and_likelihood(x)[1].reshape(len(c), len(phi)) for p in joint.groups.values()]
     mean_law, spread_law = joint.hyper["c"]
-    means = grid(*mean_law.quantile(np.array([1e-6, 1 - 1e-6])), 40)
-    spreads = grid(0.0, float(spread_law.quantile(np.array(0.9999))), 40)
+    means = grid(*mean_law.quantile(np.array([1e-6, 1 - 1e-6])), 30)
+    spreads = grid(0.0, float(spread_law.quantile(np.array(0.9999))), 30)
     y, total = joint.laws["phi"].score(phi), []
     for m in means:
         for s in spreads:
