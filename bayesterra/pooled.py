@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.random import Generator, SeedSequence, default_rng
+from numpy.random import SeedSequence, default_rng
 
 from bayesterra import record
 from bayesterra.arrays import FloatArray
@@ -29,10 +29,11 @@ from bayesterra.pooling.degrees import (
 )
 from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
+from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
 from bayesterra.pooling.weighing import row_terms
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.results import conditions_dataset, left_out_dataset, observed_dataset, of_rows
+from bayesterra.posteriors import posterior
 from bayesterra.sampling.journal import Journal
 from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.sharing import law_sd
@@ -40,7 +41,6 @@ from bayesterra.study import Study
 from bayesterra.summary import summary_row
 
 PRIOR_DRAWS = 1000
-GROUP_PRIOR_DRAWS = 4000
 ALONE_DRAWS = 4000
 
 
@@ -113,7 +113,7 @@ def run_pooled(
     """
     started = time.perf_counter()
     joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
-    sampling, whole, weighing, prior_stream, _ = family_streams
+    sampling, whole, weighing, prior_stream, comparing = family_streams
     samples = sample_joint(joint, study.sampling, sampling, report, plan, journal)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
@@ -133,16 +133,10 @@ def run_pooled(
         )
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = keep(samples.chains)
-    verdicts = failures.attempt(
-        "sharing",
-        lambda: shared_or_not(joint, samples.lone, default_rng(prior_stream)),
-        tuple[Sharing, ...],
-    )
-    stated = failures.attempt(
-        "sharing_as_stated",
-        lambda: as_stated(joint, kept.chains, default_rng(prior_stream)),
-        dict[str, Sharing],
-    )
+    chains = {name: lone.chains for name, lone in samples.lone.items()}
+    evidences = Evidences(joint, chains, default_rng(comparing), *(degree.level for degree in degrees))
+    verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
+    stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])
     summary = _summary(samples, kept, prior)
     rows = [degree.row() for degree in degrees]
     table = pd.DataFrame(rows) if rows else pd.DataFrame(columns=DEGREE_COLUMNS)
@@ -177,44 +171,18 @@ def run_pooled(
     )
 
 
-def shared_or_not(joint: JointPosterior, lone: Mapping[str, Samples], rng: Generator) -> tuple[Sharing, ...]:
+def shared_or_not(evidences: Evidences) -> tuple[Sharing, ...]:
     """Judge for every parameter, and for c and φ together, whether all groups have one value."""
-    names = joint.first.names
-    priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
-    chains = [samples.chains.reshape(len(samples.chains), -1, len(names)) for samples in lone.values()]
+    names = evidences.joint.first.names
     sets = [[name] for name in names]
     if {"c", "phi"} <= set(names):
         sets.append(["c", "phi"])
-    found = []
-    for chosen in sets:
-        columns = [names.index(name) for name in chosen]
-        posteriors = [x[:, :, columns] for x in chains]
-        found.append(
-            sharing(chosen, joint.laws, posteriors, [x[:, columns] for x in priors], joint.pooling.by)
-        )
-    return tuple(found)
+    return tuple(judged_alone(evidences, chosen) for chosen in sets)
 
 
-def as_stated(joint: JointPosterior, chains: FloatArray, rng: Generator) -> dict[str, Sharing]:
-    """Judge the parameters that each group has to itself, all others being as the study states them.
-
-    Parameters
-    ----------
-    chains : draws of the joint posterior (ensembles, n, parameters).
-    """
-    names, k, d = joint.first.names, len(joint.drivers), len(joint.local)
-    priors = [draw_cut_prior(own, GROUP_PRIOR_DRAWS, rng).x for own in joint.groups.values()]
-    return {
-        name: sharing_as_stated(
-            name,
-            joint.laws[name],
-            chains[:, :, k + i :: d],
-            [one[:, names.index(name)] for one in priors],
-            joint.pooling.by,
-        )
-        for i, name in enumerate(joint.local)
-        if role(joint, name) == "separate"
-    }
+def as_stated(evidences: Evidences) -> dict[str, Sharing]:
+    """Judge the parameters that each group has a value of, all others being as the study states them."""
+    return {name: judged_as_stated(evidences, name) for name in evidences.joint.local}
 
 
 def sentence(verdicts: Sequence[Sharing]) -> str:
@@ -240,15 +208,17 @@ def _sharing_table(
             "parameter": " and ".join(one.names),
             "role": ", ".join(dict.fromkeys(role(joint, name) for name in one.names)),
             "log_bayes_factor": one.log_factor,
-            "against_own_values": one.own,
-            "against_a_population": one.population,
+            "against_own_values": one.against_own,
+            "against_a_population": one.against_population,
             "error": one.error,
+            "reliable": one.reliable,
             "verdict": one.verdict,
         }
         given = stated.get(one.names[0]) if len(one.names) == 1 else None
         row |= {
             "log_bayes_factor_as_stated": given.log_factor if given else np.nan,
             "error_as_stated": given.error if given else np.nan,
+            "reliable_as_stated": given.reliable if given else True,
             "verdict_as_stated": given.verdict if given else "",
         }
         spread = dict.fromkeys(("spread_median", "spread_hdi90_lo", "spread_hdi90_hi"), np.nan)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from bayesterra.pooling.alternatives import Level
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.sampler import JointSamples
@@ -52,6 +53,11 @@ class Degree:
     error: float
     reliable: bool
     left_out: pd.DataFrame
+
+    @property
+    def level(self) -> Level:
+        """Its log evidence."""
+        return Level(self.log_z, self.error, self.reliable)
 
     def row(self) -> dict[str, Any]:
         """A row of the table."""

@@ -139,7 +139,7 @@ def _preferred(result: PooledResult) -> Verdict:
 def _sharing_section(result: PooledResult) -> Section:
     body = []
     for row in result.sharing.to_dict("records"):
-        error = Markup("{} ± {}").format(_tenths(row["log_bayes_factor"]), rounded(row["error"], 0.01))
+        error = _with_error(row["log_bayes_factor"], row["error"], bool(row.get("reliable", True)))
         spread: Cell = NOTHING
         if np.isfinite(row["spread_median"]):
             spread = Markup("{} ({})").format(
@@ -159,13 +159,13 @@ def _sharing_section(result: PooledResult) -> Section:
         )
     by = result.record["pooling"]["by"]
     caption = (
-        "Log Bayes factors (natural units) of one value for all groups, from the groups' own posteriors, all "
-        f"other parameters being each group's own: against a value for each {by} under the stated prior, and "
-        "against values from a normal population whose spread is about half of the prior's or less. The "
-        f"lesser counts, ± standard error over ensembles: from {STRONG:g} on (odds of 20 to 1), two errors "
-        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}. As stated: the "
-        "same from the joint posterior, with all other parameters shared or not as this study has them; it "
-        "says more where that holds, and stands for parameters that each group has to itself. Spread: "
+        "Log Bayes factors (natural units) of one value for all groups, all other parameters being each "
+        f"group's own: against a value for each {by} under the stated prior, and against values from a "
+        "normal population, its laws those of this study or else a spread of about half of the prior's or "
+        f"less. The lesser counts, ± Monte Carlo error: from {STRONG:g} on (odds of 20 to 1), two errors "
+        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}, also where "
+        "weights are too uneven to rely on (*). As stated: the same with all other parameters shared or not "
+        "as this study has them; it says more where that holds, and stands for what each group has. Spread: "
         "standard deviation between groups over that of the parameter's prior, median and 90 % HDI, where "
         "the parameter is hierarchical."
     )
@@ -191,8 +191,8 @@ def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
     word = row.get("verdict_as_stated")
     if not isinstance(word, str) or not word:
         return NOTHING, NOTHING
-    factor = _tenths(row["log_bayes_factor_as_stated"])
-    return Markup("{} ± {}").format(factor, rounded(row["error_as_stated"], 0.01)), word
+    reliable = bool(row.get("reliable_as_stated", True))
+    return _with_error(row["log_bayes_factor_as_stated"], row["error_as_stated"], reliable), word
 
 
 def _sentence(result: PooledResult) -> Markup:
@@ -276,7 +276,9 @@ def _tenths(value: float) -> str:
     return rounded(value, 0.1)
 
 
-def _with_error(value: float, error: float, reliable: bool) -> Markup:
+def _with_error(value: float, error: float, reliable: bool) -> Cell:
+    if not np.isfinite([value, error]).all():
+        return NOTHING
     return Markup("{} ± {}{}").format(
         _tenths(value), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
     )

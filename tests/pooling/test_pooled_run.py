@@ -15,6 +15,7 @@ from bayesterra.cli.studies import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooled import PooledResult, as_stated, row_likelihoods, run_pooled
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
+from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report import pooled_html
 from bayesterra.study import Study
@@ -64,19 +65,16 @@ def test_rows_of_mixed_groups_stand_as_in_the_table(make: MakeStudy) -> None:
         np.testing.assert_allclose(found.sel(row=mine), expected)
 
 
-def test_parameters_of_each_group_are_judged_as_the_study_states(make: MakeStudy) -> None:
-    """From the columns of their own values; shared parameters and those of a population are not."""
-    study = make(priors={**HELD, "c1": {"dist": "norm", "loc": 0.34, "scale": 0.05}},
-                 pooling={"shared": ["phi"], "separate": ["c1"], "hierarchical": {"K": {}}})  # fmt: skip
-    joint, rng = joint_posterior(study), np.random.default_rng(2)
-    chains = np.full((2, 4000, len(joint.names)), np.nan)
-    for name, middle in {"c1[Wh11]": 0.36, "c1[Wh32]": 0.30}.items():
-        chains[..., joint.names.index(name)] = rng.normal(middle, 0.002, chains.shape[:-1])
-    found = as_stated(joint, chains, rng)
-    assert set(found) == {"c1"}
-    assert found["c1"].verdict == "wheel-dependent"
-    chains[..., joint.names.index("c1[Wh32]")] += 0.06
-    assert as_stated(joint, chains, rng)["c1"].own > 2.0
+def test_what_each_group_has_is_judged_as_the_study_states(result: PooledResult) -> None:
+    """K of a population too: against values of its own, and against the population; φ is shared."""
+    table = result.sharing.set_index("parameter")
+    assert table["verdict_as_stated"]["phi"] == ""
+    assert table["verdict_as_stated"]["K"] in ("soil constant", "wheel-dependent", "cannot tell")
+    level = result.pooling.set_index("pooling")["log_evidence"].astype(float)
+    against_population = level["complete"] - level["as stated"]  # with K shared nothing is a group's own
+    assert table["log_bayes_factor_as_stated"]["K"] <= against_population + 1e-9
+    assert table["reliable_as_stated"].all()
+    assert (table["error_as_stated"]["K"], table["error"]["phi"]) == pytest.approx((0.0, 0.0), abs=0.3)
 
 
 def test_report_has_both_verdicts(result: PooledResult) -> None:
@@ -88,7 +86,7 @@ def test_report_has_both_verdicts(result: PooledResult) -> None:
     )
     assert "−9.9 ± 0.10" in html
     older = [name for name in map(str, result.sharing) if name.endswith("as_stated")]
-    assert len(older) == 3
+    assert len(older) == 4
     assert "as this study has them:" not in pooled_html(
         replace(result, sharing=result.sharing.drop(columns=older))
     )

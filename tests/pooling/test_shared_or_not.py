@@ -1,109 +1,118 @@
 """The verdict on a parameter beside closed forms for normal posteriors."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
-from scipy.special import ndtri
-from scipy.stats import multivariate_normal
+from numpy.random import default_rng
 
-from bayesterra.arrays import FloatArray
-from bayesterra.laws import Law
-from bayesterra.pooling.verdicts import Sharing, sharing, sharing_as_stated
+from bayesterra.pooling.alternatives import Level, level_of, with_roles
+from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
+from bayesterra.sharing import Pooling, Population
+from bayesterra.study import Study
 
-LAWS = {"n0": Law("norm", {"loc": 0.0, "scale": 1.0}), "n1": Law("norm", {"loc": 0.0, "scale": 1.0})}
+from .conftest import HELD
+from .gaussian import STANDARD, Gaussian, gaussian
 
-
-def _judged(values: FloatArray, sd: float, names: tuple[str, ...] = ("n0",)) -> Sharing:
-    """Groups measured each to ``sd``, under a standard normal prior; values (groups, k)."""
-    rng = np.random.default_rng(5)
-    precision = 1.0 + sd**-2.0
-    means = values / sd**2 / precision
-    draws = [m + rng.standard_normal((4, 4000, len(m))) / np.sqrt(precision) for m in means]
-    priors = [rng.standard_normal((4000, len(m))) for m in means]
-    return sharing(names, LAWS, draws, priors, "wheel")
-
-
-def _closed(values: FloatArray, sd: float) -> float:
-    """Log Bayes factor of a common value for readings that are ``values`` (groups,) with noise ``sd``."""
-    n, noise = len(values), sd**2 * np.eye(len(values))
-    common = multivariate_normal(np.zeros(n), noise + 1.0).logpdf(values)
-    own = multivariate_normal(np.zeros(n), noise + np.eye(n)).logpdf(values)
-    return float(common - own)
+MakeStudy = Callable[..., Study]
+FIXED = {**HELD, "phi": 0.5, "K": 0.01, "n0": STANDARD, "n1": STANDARD}
+KNOWN = {
+    "complete": Level(-1.0, 0.01, True),
+    "stated": Level(-2.0, 0.01, True),
+    "none": Level(-3.0, 0.01, True),
+}
 
 
-def _closed_population(values: FloatArray, sd: float) -> float:
-    """The same against a population with a half-normal spread of scale 1/2."""
-    n = len(values)
-    spreads = (np.arange(4000) + 0.5) * 3.0 / 4000
-    levels = [multivariate_normal(np.zeros(n), (sd**2 + t**2) * np.eye(n) + 1.0).pdf(values) for t in spreads]
-    weights = np.exp(-0.5 * (spreads / 0.5) ** 2)
-    population = np.log(np.average(levels, weights=weights))
-    return float(multivariate_normal(np.zeros(n), sd**2 * np.eye(n) + 1.0).logpdf(values) - population)
+@pytest.fixture(scope="module")
+def made(make: MakeStudy) -> Callable[..., JointPosterior]:
+    """The joint posterior of a conjugate case, with roles and priors."""
+
+    def joint(case: Gaussian, pooling: Pooling, **priors: Any) -> JointPosterior:
+        roles = {"shared": ["n1"], "separate": ["n0"]}
+        return case.joint(make(priors={**FIXED, **priors}, pooling=roles), pooling)
+
+    return joint
 
 
-@pytest.mark.parametrize("values", [[0.5, 0.52, 0.48, 0.5], [0.5, 0.8, 0.4, 0.65]])
-def test_factors_are_those_of_normal_laws(values: list[float]) -> None:
-    """Against values of each group's own, and against a population."""
-    at = np.array(values)
-    found = _judged(at[:, None], 0.1)
-    assert found.own == pytest.approx(_closed(at, 0.1), abs=0.25)
-    assert found.population == pytest.approx(_closed_population(at, 0.1), abs=0.25)
+def _sharing(log_z: float, *, error: float = 0.1, reliable: bool = True) -> Sharing:
+    """Common values with a log Bayes factor against the better of two alternatives."""
+    common = Level(log_z, error, reliable)
+    return Sharing(("n0",), common, Level(-2.0, 0.0, True), Level(0.0, 0.0, True), "wheel")
 
 
 def test_words() -> None:
-    """Six groups: the same value, values far apart, and nothing known."""
-    assert _judged(np.full((6, 1), 0.3), 0.01).verdict == "soil constant"
-    assert _judged(np.linspace(-1.0, 1.0, 6)[:, None], 0.05).verdict == "wheel-dependent"
-    assert _judged(np.zeros((6, 1)), 20.0).verdict == "cannot tell"
+    """Two errors beyond the threshold, against the better alternative, and only where weights allow it."""
+    assert _sharing(3.3).verdict == "soil constant"
+    assert _sharing(3.3, error=0.2).verdict == "cannot tell"
+    assert _sharing(-3.3).verdict == "wheel-dependent"
+    assert _sharing(-3.3, error=0.2).verdict == "cannot tell"
+    assert _sharing(-50.0, reliable=False).verdict == "cannot tell"
+    assert (_sharing(1.0).against_own, _sharing(1.0).log_factor) == (3.0, 1.0)
 
 
-@pytest.mark.parametrize("values", [[0.5, 0.52, 0.48, 0.5], [0.5, 0.8, 0.4, 0.65], [-1.0, 0.0, 0.6, 0.9]])
-def test_as_stated_it_is_the_factor_of_the_joint_posterior(values: list[float]) -> None:
-    """Readings with noise of their own and an error common to all, which hides no difference between them."""
-    at, groups = np.array(values), len(values)
-    noise = 0.1**2 * np.eye(groups) + 0.8**2
-    precision = np.linalg.inv(noise) + np.eye(groups)
-    mean = np.linalg.solve(precision, np.linalg.solve(noise, at))
-    rng = np.random.default_rng(8)
-    draws = rng.multivariate_normal(mean, np.linalg.inv(precision), size=(4, 4000))
-    priors = [rng.standard_normal(4000) for _ in values]
-    found = sharing_as_stated("n0", LAWS["n0"], draws, priors, "wheel")
-
-    def level(covariance: FloatArray) -> float:
-        return float(multivariate_normal(np.zeros(groups), noise + covariance).logpdf(at))
-
-    spreads = (np.arange(4000) + 0.5) * 3.0 / 4000
-    levels = [np.exp(level(t**2 * np.eye(groups) + 1.0)) for t in spreads]
-    population = np.log(np.average(levels, weights=np.exp(-0.5 * (spreads / 0.5) ** 2)))
-    common = level(np.ones((groups, groups)))
-    own, population = common - level(np.eye(groups)), common - population
-    if own < -20.0:  # far out the fitted tails are heavier than normal ones: the word holds, not the figure
-        assert own < found.own < -20.0
-        assert found.verdict == "wheel-dependent"
-        return
-    assert found.own == pytest.approx(own, abs=0.25)
-    assert found.population == pytest.approx(population, abs=0.25)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("groups", "draws", "sd", "factor"),
+    [(2, 1000, 0.1, -3.0), (4, 400, 0.2, -6.0), (3, 4000, 0.05, -30.0), (6, 4000, 0.1, 2.0)],
+)
+def test_factors_are_those_of_normal_laws(
+    made: Callable[..., JointPosterior], groups: int, draws: int, sd: float, factor: float
+) -> None:
+    """Within stated errors, also where groups are so far apart that none has a draw at the common value."""
+    case, rng = gaussian(groups, sd, default_rng(groups)), default_rng(11)
+    case = case.spread_to(factor) if factor < 0 else case
+    joint = made(case, Pooling("wheel", ("n1",), ("n0",)))
+    chains = case.chains(4, draws, rng)
+    alone = Level(case.own, 0.0, True)
+    found = judged_alone(Evidences(joint, chains, rng, alone, alone, alone), ["n0"])
+    assert found.reliable
+    for level, exact in ((found.common, case.common), (found.population, case.population)):
+        assert level.error < 0.1
+        assert abs(level.log_z - exact) < 4.5 * level.error + 0.005
+    if factor < 0:
+        assert case.log_factor == pytest.approx(factor, abs=1e-6)
+        assert found.verdict == ("cannot tell" if factor == -3.0 else "wheel-dependent")
 
 
-def test_as_stated_independent_groups_are_judged_as_alone() -> None:
-    """Posteriors of any shape: two humps, or nearly flat."""
-    rng = np.random.default_rng(9)
-    shape = (2, 4000, 3)
-    humps = np.where(rng.random(shape) < 0.4, rng.normal(-1.2, 0.3, shape), rng.normal(0.6, 0.5, shape))
-    flat = ndtri(rng.uniform(0.05, 0.95, shape))
-    priors = [rng.standard_normal(4000) for _ in range(3)]
-    for draws in (humps, flat):
-        alone = sharing(
-            ["n0"], LAWS, [draws[:, :, g, None] for g in range(3)], [x[:, None] for x in priors], "wheel"
-        )
-        stated = sharing_as_stated("n0", LAWS["n0"], draws, priors, "wheel")
-        assert stated.own == pytest.approx(alone.own, abs=0.2)
-        assert stated.population == pytest.approx(alone.population, abs=0.2)
+@pytest.mark.slow
+def test_as_stated_other_parameters_keep_their_roles(made: Callable[..., JointPosterior]) -> None:
+    """One n1 for all: values of n0 and their evidence are those of a joint normal law."""
+    case, rng = gaussian(3, 0.1, default_rng(2)).spread_to(-8.0), default_rng(4)
+    joint = made(case, Pooling("wheel", ("n1",), (), {"n0": Population()}))
+    found = judged_as_stated(Evidences(joint, case.chains(2, 2000, rng), rng, **KNOWN), "n0")
+    one = np.ones((3, 3))
+    assert (found.common, found.population) == (KNOWN["complete"], KNOWN["stated"])
+    assert abs(found.own.log_z - case.log_evidence(np.eye(3), one)) < 4.5 * found.own.error + 0.005
 
 
-def test_two_parameters_together() -> None:
-    """Independent ones add up, for a common value against values of each group's own."""
-    values = np.column_stack([np.full(4, 0.2), np.full(4, -0.4)])
-    together = _judged(values, 0.1, ("n0", "n1"))
-    apart = _closed(values[:, 0], 0.1) + _closed(values[:, 1], 0.1)
-    assert together.own == pytest.approx(apart, abs=0.4)
-    assert together.population < together.own
+@pytest.mark.slow
+def test_the_prior_of_a_factor_has_its_correlations(made: Callable[..., JointPosterior]) -> None:
+    """A common n0 of which each group's n1 depends: evidence of the joint normal law of all."""
+    case, rng = gaussian(3, 0.1, default_rng(5)), default_rng(6)
+    joint = made(case, Pooling("wheel", ("n0",), ("n1",)), correlation={"n0, n1": 0.8})
+    loose = made(case, Pooling("wheel", ("n0",), ("n1",)))
+    found = level_of(joint, case.chains(2, 2000, rng), rng)
+    one = np.ones((3, 3))
+    exact = case.log_evidence(one, 0.64 * one + 0.36 * np.eye(3), 0.8 * one)
+    assert abs(found.log_z - exact) < 4.5 * found.error + 0.005
+    assert abs(exact - case.common) > 0.1  # and not that of independent laws
+    assert loose.copula is None
+
+
+def test_evidences_that_are_known_are_not_computed_again(made: Callable[..., JointPosterior]) -> None:
+    """All shared, nothing shared, the study's own roles; a population of other laws is another study."""
+    case = gaussian(2, 0.1, default_rng(0))
+    joint = made(case, Pooling("wheel", ("n1",), (), {"n0": Population()}))
+    evidences = Evidences(joint, {}, default_rng(0), **KNOWN)
+    assert evidences.of(["n0", "n1"], {}) == KNOWN["complete"]
+    assert evidences.of([], {}) == KNOWN["none"]
+    assert evidences.of(["n1"], {"n0": Population()}) == KNOWN["stated"]
+    spread = replace(joint.hyper["n0"][1], shape={"scale": 2.0})
+    with pytest.raises(StopIteration):  # there are no draws of groups here to begin with
+        evidences.of(["n1"], {"n0": Population(spread=spread)})
+    assert with_roles(joint, ["n0"], {}).names == ("n0", "n1[g0]", "n1[g1]")

@@ -1,0 +1,172 @@
+"""Evidence of a study with other roles of its parameters, by importance sampling that adapts.
+
+It begins with the groups' own posteriors: what groups share is drawn from the product of their laws of it,
+the rest of each group from its law given that. Points drawn anew by their weights give the laws of the next
+round (population Monte Carlo: Cappé et al. 2004, J. Comput. Graph. Stat. 13, 907), which so find what lies
+far out in the tail of every group. The last round weighs fresh draws of laws that have not seen them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from bayesterra.arrays import FloatArray
+from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.moves import Laws, Walkers
+from bayesterra.pooling.pilots import fit_laws
+from bayesterra.pooling.sampler import starting_points
+from bayesterra.pooling.weighing import joint_shares
+from bayesterra.sampling.evidence import Evidence, summed
+from bayesterra.sharing import Population
+
+DRAWN, INNER = 512, 8
+"""Draws of what groups share in a round, and of each group's own for each of them; the last has ``LAST``."""
+LAST = 2048
+ROUNDS, MOST = 3, 8
+"""Rounds of adaptation, and how many more there may be where the weights remain too uneven."""
+REPEATS = 2
+"""Adaptations that have nothing in common but the study."""
+EVEN = 0.1
+"""Effective share of draws below which weights are tempered before laws are fitted to what they leave."""
+FEWEST = 100
+"""Points inside the support below which no law is fitted and no evidence estimated."""
+SHARE_DRAWS, SHARE_INNER = 2000, 8
+"""Draws for the share of a prior inside the physical support."""
+SURE = 0.25
+"""Largest error of a log evidence that does with the usual number of rounds."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Log evidence under the prior cut to the physical support and renormalised.
+
+    Attributes
+    ----------
+    log_z, error : natural units; Monte Carlo standard error. NaN where no draw says anything.
+    reliable : whether the error can be relied on.
+    """
+
+    log_z: float
+    error: float
+    reliable: bool
+
+
+UNKNOWN = Level(np.nan, np.nan, reliable=False)
+
+
+def with_roles(
+    joint: JointPosterior, shared: Sequence[str], hierarchical: Mapping[str, Population]
+) -> JointPosterior:
+    """The same groups; some parameters are shared, some have a population, all others are separate."""
+    names = joint.first.names
+    separate = tuple(name for name in names if name not in shared and name not in hierarchical)
+    ordered = {name: hierarchical[name] for name in names if name in hierarchical}
+    common = tuple(name for name in names if name in shared)
+    return replace(
+        joint, pooling=replace(joint.pooling, shared=common, separate=separate, hierarchical=ordered)
+    )
+
+
+def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Generator) -> Level:
+    """Estimate the evidence of a joint posterior that has something in common and something of each group.
+
+    Parameters
+    ----------
+    chains : draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
+    """
+    family = JointFamily(joint)
+    ensembles = len(next(iter(chains.values())))
+    laws = []
+    for e in range(REPEATS):
+        D, L = starting_points(family, {name: chain[e % ensembles] for name, chain in chains.items()}, rng)
+        inside = np.isfinite(Walkers.at(family, D, L).log_density)
+        if inside.sum() < FEWEST:
+            return UNKNOWN
+        laws.append(fit_laws(family, D[inside], L[:, inside], rng))
+    for _ in range(ROUNDS):
+        laws = [_improved(family, one, rng) for one in laws]
+    found = _evidence(family, laws, rng)
+    for _ in range(MOST - ROUNDS):
+        if found is not None and found.reliable and found.error < SURE:
+            break
+        laws = [_improved(family, one, rng) for one in laws]
+        found = _evidence(family, laws, rng)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a share of next to nothing, which no draw hits
+        share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
+    if found is None or not np.isfinite([share.whole, share.error]).all():
+        return UNKNOWN
+    error = float(np.hypot(found.error, share.error))
+    return Level(found.log_z - share.whole, error, found.reliable)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Draws of laws, their log weights (n,), and one of each group's own chosen by its weight."""
+
+    D: FloatArray
+    L: FloatArray
+    log_weights: FloatArray
+
+
+def _drawn(family: JointFamily, laws: Laws, D: FloatArray, log_law: FloatArray, rng: Generator) -> _Drawn:
+    """Weigh drivers (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
+    total = family.log_prior(D) - log_law
+    repeated, chosen = np.repeat(D, INNER, axis=0), []
+    for g, law in enumerate(laws.locals):
+        L, log_own = law.sample(repeated, rng)
+        population, likelihood = family.terms(g, repeated, L)
+        inside = np.isfinite(population) & np.isfinite(likelihood)
+        each = np.where(inside, population + np.where(inside, likelihood, 0.0), -np.inf) - log_own
+        each = each.reshape(len(D), INNER)
+        total = total + np.logaddexp.reduce(each, axis=1) - np.log(INNER)
+        best = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
+        chosen.append(L.reshape(len(D), INNER, -1)[np.arange(len(D)), best])
+    return _Drawn(D, np.array(chosen), np.where(np.isnan(total), -np.inf, total))
+
+
+def _improved(family: JointFamily, laws: Laws, rng: Generator) -> Laws:
+    """Laws fitted to draws of the given ones by their weights; the same where no draw has any."""
+    D = laws.drivers.sample(DRAWN, rng)
+    drawn = _drawn(family, laws, D, laws.drivers.log_density(D), rng)
+    if np.isfinite(drawn.log_weights).sum() < FEWEST:
+        return laws
+    weights = _tempered(drawn.log_weights)
+    kept = rng.choice(len(D), size=4 * DRAWN, p=weights)
+    return fit_laws(family, D[kept], drawn.L[:, kept], rng)
+
+
+def _tempered(log_weights: FloatArray) -> FloatArray:
+    """Weights (n,) that sum to 1, to a power at which they are even enough to fit laws to."""
+    level = log_weights - log_weights.max()
+    known = level[np.isfinite(level)]
+
+    def excess(power: float) -> float:
+        share = 2 * logsumexp(power * known) - logsumexp(2 * power * known) - np.log(len(level))
+        return float(np.exp(share) - EVEN)
+
+    power = 1.0 if excess(1.0) >= 0 else float(brentq(excess, 0.0, 1.0, rtol=1e-3))
+    weights = np.exp(np.where(np.isfinite(level), power * level, -np.inf))
+    return np.asarray(weights / weights.sum())
+
+
+def _evidence(family: JointFamily, laws: Sequence[Laws], rng: Generator) -> Evidence | None:
+    """Weigh fresh draws against the mixture of all laws of drivers; None where hardly any has a weight.
+
+    Each draw has the laws of locals that belong to its law of drivers.
+    """
+    each = LAST // len(laws)
+    D = [law.drivers.sample(each, rng) for law in laws]
+    pooled = [
+        np.logaddexp.reduce([law.drivers.log_density(at) for law in laws], axis=0) - np.log(len(laws))
+        for at in D
+    ]
+    parts = zip(laws, D, pooled, strict=True)
+    weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in parts])
+    return summed(weights) if np.isfinite(weights).sum() >= FEWEST else None
