@@ -27,12 +27,12 @@ from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.posteriors import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.predictive import (
     RowPredictions,
+    no_rows,
     predict_at_read_loads,
     predict_curves,
     predict_rows,
     predictive_table,
 )
-from bayesterra.predictive import RowPredictions, no_rows, predict_curves, predict_rows, predictive_table
 from bayesterra.results import Result, curves_dataset, draws_tree
 from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.journal import Journal
@@ -185,9 +185,7 @@ class Analysis:
         if self.study.drive == "both":
             before = failures.attempt(
                 "prior_predictive",
-                lambda: predict_at_read_loads(
-                    self.study, self.posterior, self.prior.x, default_rng(loading)
-                ),
+                lambda: predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading)),
                 lambda: no_rows(self.study, len(self.prior.x)),
             )
         standings = failures.attempt(

@@ -31,9 +31,8 @@ from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_pr
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
 from bayesterra.pooling.weighing import row_terms
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.results import conditions_dataset, left_out_dataset, observed_dataset, of_rows
 from bayesterra.posteriors import posterior
+from bayesterra.results import conditions_dataset, left_out_dataset, observed_dataset, of_rows
 from bayesterra.sampling.journal import Journal
 from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.sharing import law_sd

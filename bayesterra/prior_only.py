@@ -15,10 +15,9 @@ from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.derived import DERIVED, derive
 from bayesterra.diagnostics import hdi
-from bayesterra.netcdf import labelled_tree
-from bayesterra.messages import check_kind
-from bayesterra.messages import check_kind, check_seed
 from bayesterra.failures import Failures, with_failures
+from bayesterra.messages import check_kind, check_seed
+from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predictive import no_rows, predict_curves, predict_rows, predictive_table

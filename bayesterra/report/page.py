@@ -21,7 +21,7 @@ from bayesterra.report.missed import missed_sections
 from bayesterra.report.outputs import posterior_section, predictive_section, sampling_section
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
-from bayesterra.report.validation import cross_validation_section
+from bayesterra.report.validation import alarm_sentence, cross_validation_section
 from bayesterra.report.verdicts import (
     Verdict,
     failed_checks,
@@ -29,8 +29,6 @@ from bayesterra.report.verdicts import (
     identifiability_verdict,
     sampling_verdict,
 )
-from bayesterra.report.validation import alarm_sentence, cross_validation_section
-from bayesterra.report.verdicts import Verdict, failed_checks, verdicts
 from bayesterra.report.words import Finding, findings
 from bayesterra.results import Result
 from bayesterra.validation import Validation

@@ -13,16 +13,15 @@ import typer
 from bayesterra import workflow
 from bayesterra.cli.studies import run as run_command
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.pooled import PooledResult, as_stated, row_likelihoods, run_pooled
+from bayesterra.pooled import PooledResult, row_likelihoods, run_pooled
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooled import PooledResult, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report import pooled_html
 from bayesterra.study import Study
 from bayesterra.workflow import PooledRun, load_result, load_single, run
 from bayesterra.writing import write_study
 
-from .conftest import HELD, TABLE
+from .conftest import TABLE
 
 MakeStudy = Callable[..., Study]
 
