@@ -1,4 +1,4 @@
-"""Digests of the draws and tables of thirteen small studies, to see whether a change of code changed a result.
+"""Digests of the draws and tables of thirteen small studies: whether a change of code changed a result.
 
 Run ``python studies/support/digests.py > before.csv`` before a change and again after it, on one machine
 with the same libraries: the two files are equal, or name what differs. Seven minutes of a processor. The
