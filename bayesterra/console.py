@@ -217,7 +217,7 @@ def _verdict(row: Found) -> str:
 def misfit_line(result: Result) -> str:
     """One line where the model cannot make readings like these, with what is wrong; else empty."""
     checks = Validation.from_record(result.record).checks
-    if not checks.alarm:
+    if checks is None or not checks.alarm:
         return ""
     parts = "; ".join(f"{CHANNELS[one.channel].description} {one.finding}" for one in alarming(checks))
     return (

@@ -19,6 +19,7 @@ from bayesterra.failures import Failures, with_failures
 from bayesterra.inference import Kept, keep
 from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.pooling.alternatives import UNKNOWN
 from bayesterra.pooling.degrees import (
     COMPLETE,
     DEGREE_COLUMNS,
@@ -133,7 +134,8 @@ def run_pooled(
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = keep(samples.chains)
     chains = {name: lone.chains for name, lone in samples.lone.items()}
-    evidences = Evidences(joint, chains, default_rng(comparing), *(degree.level for degree in degrees))
+    complete_z, stated_z, none_z = [degree.level for degree in degrees] or [UNKNOWN] * 3
+    evidences = Evidences(joint, chains, default_rng(comparing), complete_z, stated_z, none_z)
     verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
     stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])
     summary = _summary(samples, kept, prior)

@@ -151,7 +151,7 @@ class JointPosterior:
             if self.copula is None:
                 return np.zeros(len(mean))
             scores[:, column] = population_score(values, mean, spread, limits).ravel()
-            return self.copula.log_own(shared, scores).reshape(len(own), -1).sum(axis=0)
+            return np.asarray(self.copula.log_own(shared, scores).reshape(len(own), -1).sum(axis=0))
 
         return added
 

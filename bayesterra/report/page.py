@@ -150,9 +150,9 @@ def warning(result: Result) -> Markup:
 
 
 def _misfit(result: Result) -> Markup:
-    """That the model cannot make readings like these; empty where it can."""
+    """That the model cannot make readings like these; empty where it can, or where that is not known."""
     checks = Validation.from_record(result.record).checks
-    if not checks.alarm:
+    if checks is None or not checks.alarm:
         return Markup("")
     return Markup(
         "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "

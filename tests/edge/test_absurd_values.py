@@ -11,14 +11,14 @@ import bayesterra as bt
 FIXED = {"set": "paper-box", "Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "K": 0.01, "c1": 0.3, "c2": 0.0}
 
 
-def study(wheel: object = None, noise: float = 1e-3, **columns: object) -> bt.Study:
+def study(wheel: Any = None, noise: Any = 1e-3, **columns: Any) -> bt.Study:
     """Two rows in which columns were replaced; only φ is free."""
     rows = pd.DataFrame(
         {"slip": [0.1, 0.2], "load [N]": 80.0, "sinkage [mm]": [5.0, 7.0], "drawbar_pull [N]": [10.0, 20.0]}
     )
     return bt.Study(
         rows.assign(**{name.replace("_[", " ["): column for name, column in columns.items()}),
-        {"W": wheel or bt.Wheel(0.157, 0.165)},  # type: ignore[dict-item]
+        {"W": wheel or bt.Wheel(0.157, 0.165)},
         slip_reference="shearing",
         model="M2",
         noise={"sinkage": noise, "drawbar_pull": 1.0},

@@ -50,30 +50,31 @@ OTHERS: dict[str, Call] = {
     "Prior": bt.Prior,
     "Noise": bt.Noise,
 }
+LOADED: dict[str, Call] = STUDY | EITHER | RESULT
 SURE = {"in_process"}
 """Takes nothing."""
 
 
 def test_every_public_function_is_here() -> None:
     """A new one gets its line."""
-    tried = {*STUDY, *EITHER, *RESULT, *TABLE, *PATH, *OTHERS, *SURE}
+    tried = {*LOADED, *TABLE, *PATH, *OTHERS, *SURE}
     assert {name for name in bt.__all__ if name[0].islower()} <= tried
 
 
 @pytest.mark.parametrize("wrong", [None, 3, [1, 2], object()], ids=lambda wrong: type(wrong).__name__)
-@pytest.mark.parametrize("name", {**STUDY, **EITHER, **RESULT, **TABLE, **PATH})
+@pytest.mark.parametrize("name", LOADED | TABLE | PATH)
 def test_another_object(name: str, wrong: object) -> None:
     """The line says what is needed and what was got."""
     if name == "soil_test" and wrong is None:
         pytest.skip("None is no data")
     with pytest.raises(bt.StudyError, match=f"^bt.{name} needs ") as caught:
-        {**STUDY, **EITHER, **RESULT, **TABLE, **PATH}[name](wrong)
+        (LOADED | TABLE | PATH)[name](wrong)
     got = "None" if wrong is None else f"an object of type {type(wrong).__name__}"
     assert str(caught.value).endswith(f"(got {got})")
 
 
 @pytest.mark.parametrize("wrong", ["studies/x", Path("studies/x")])
-@pytest.mark.parametrize("name", {**STUDY, **EITHER, **RESULT, **TABLE})
+@pytest.mark.parametrize("name", LOADED | TABLE)
 def test_a_path_in_place_of_what_it_holds(name: str, wrong: str | Path) -> None:
     """The line says how to load it."""
     loads = [
@@ -86,7 +87,7 @@ def test_a_path_in_place_of_what_it_holds(name: str, wrong: str | Path) -> None:
         if name in calls
     ]
     with pytest.raises(bt.StudyError, match=f"^bt.{name} needs ") as caught:
-        {**STUDY, **EITHER, **RESULT, **TABLE}[name](wrong)
+        (LOADED | TABLE)[name](wrong)
     how = " or ".join(f"{loader}('studies/x')" for loader in loads)
     assert str(caught.value).endswith(f", not a path: load it first with {how}")
 
@@ -126,7 +127,7 @@ WHEEL = bt.Wheel(0.157, 0.165)
 FIXED = {"set": "paper-box", "Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "K": 0.01, "c1": 0.3, "c2": 0.0}
 
 
-def study(**columns: object) -> bt.Study:
+def study(**columns: Any) -> bt.Study:
     """Two rows in which columns were replaced; only φ is free."""
     rows = pd.DataFrame({"slip": [0.1, 0.2], "load [N]": [80.0, 80.0], "sinkage [mm]": [5.0, 7.0]})
     return bt.Study(
@@ -149,9 +150,9 @@ def study(**columns: object) -> bt.Study:
         ("slip", [0.1, False]),
     ],
 )
-def test_truth_values_are_no_readings(column: str, cells: object) -> None:
+def test_truth_values_are_no_readings(column: str, cells: Any) -> None:
     """True in a table is a mistake, not 1 mm; only the column ``use`` is for them."""
-    cells = pd.Series(cells, dtype=object)  # type: ignore[call-overload]
+    cells = pd.Series(cells, dtype=object)
     name = column.split("_")[0]
     with pytest.raises(
         bt.StudyError, match=rf"'{name}' must be a number or empty \(got (True|False), row \d"

@@ -21,7 +21,7 @@ from .gaussian import STANDARD, Gaussian, gaussian
 
 MakeStudy = Callable[..., Study]
 FIXED = {**HELD, "phi": 0.5, "K": 0.01, "n0": STANDARD, "n1": STANDARD}
-KNOWN = {
+KNOWN: dict[str, Any] = {
     "complete": Level(-1.0, 0.01, True),
     "stated": Level(-2.0, 0.01, True),
     "none": Level(-3.0, 0.01, True),
