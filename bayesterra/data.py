@@ -29,7 +29,7 @@ DRIVE_OUTCOMES = {
 
 SD_SUFFIX = "_sd"
 MOST = 1e5
-"""N and N m, at most, of a reading: ten tonnes on one wheel."""
+"""N and N m, at most, of a reading of a wheel of up to 1 m: ten tonnes; larger ones carry more."""
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
 _PLAIN = ("slip", "wheel", "use")
@@ -320,7 +320,8 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
         became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
         return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row})"
     for name, column in {"load": rows.load, **rows.values}.items():
-        most = radius if name == "sinkage" else MOST
+        power = 3 if name == "resistance_moment" else 2
+        most = radius if name == "sinkage" else MOST * max(1.0, radius) ** power
         if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
             unit = CHANNELS[name].dimension
             return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"

@@ -43,6 +43,16 @@ def test_what_stands_on_the_bound_is_taken() -> None:
     assert "'drawbar_pull' must lie within" in " ".join(left.notes)
 
 
+def test_a_giant_wheel_carries_more() -> None:
+    """The bound grows with the wheel: with its square for forces, as pressures stay what they are."""
+    giant = bt.Wheel(100.0, 50.0)
+    assert (
+        study(giant, **{"load_[N]": [1e8, 1e9], "drawbar_pull_[N]": [1e7, 1e8]}).observations.load[1] == 1e9
+    )
+    with pytest.raises(bt.StudyError, match=r"'load' must lie within ±1e\+09 N \(got 2e\+09 N, row 2\)"):
+        study(giant, **{"load_[N]": [1e8, 2e9]})
+
+
 def test_a_sinkage_far_above_the_ground() -> None:
     """A wheel that hangs in the air by more than its radius is a mistake."""
     with pytest.raises(bt.StudyError, match=r"'sinkage' must lie within ±0.157 m \(got -1e\+297 m, row 2\)"):
