@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.random import SeedSequence, default_rng
-from scipy.special import logsumexp, ndtri
+from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
 from bayesterra.pooling.family import JointFamily
@@ -196,28 +196,35 @@ def _two(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
 
 
 def _population(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
-    """φ shared, c of a population: its mean and spread beside them."""
-    c, phi, _, cells = _grids(joint, grid, (80, 50, 2))
-    x = np.stack(np.meshgrid(c, phi, indexing="ij"), axis=-1).reshape(-1, 2)
-    likely = [p.log_prior_and_likelihood(x)[1].reshape(len(c), len(phi)) for p in joint.groups.values()]
+    """φ shared, c of a population: its mean and spread beside them.
+
+    Cells are those of the normal scores of c, which resolve populations of any spread.
+    """
+    _, phi, _, cells = _grids(joint, grid, (2, 50, 2))
+    nodes = np.linspace(0.0, 6000.0, 1201)
+    x = np.stack(np.meshgrid(nodes, phi, indexing="ij"), axis=-1).reshape(-1, 2)
+    likely = [p.log_prior_and_likelihood(x)[1].reshape(len(nodes), len(phi)) for p in joint.groups.values()]
     mean_law, spread_law = joint.hyper["c"]
     low, high = mean_law.quantile(np.array([1e-6, 1 - 1e-6]))
     means = grid(float(low), float(high), 30)
     spreads = grid(0.0, float(spread_law.quantile(np.array(0.9999))), 30)
-    y, total = joint.laws["phi"].score(phi), []
+    score, y = grid(-5.0, 5.0, 60), joint.laws["phi"].score(phi)
+    given = -0.5 * (score[:, None] - r * y) ** 2 / (1 - r**2) - 0.5 * np.log(2 * np.pi * (1 - r**2))
+    given = given + np.log(score[1] - score[0])
+    c, total = [], []
     for m in means:
         for s in spreads:
-            density = log_population(c, np.array(m), np.array(s), joint.laws["c"].range)
-            edge = np.cumsum(np.exp(density + cells[0]))
-            u = np.clip((edge - 0.5 * np.exp(density + cells[0])) / edge[-1], 1e-15, 1 - 1e-15)
-            z = ndtri(u)[:, None]
-            tied = -0.5 * np.log(1 - r**2) - (r**2 * (z**2 + y**2) - 2 * r * z * y) / (2 * (1 - r**2))
-            given = tied + density[:, None] + cells[0]
+            values = population_value(score, np.array(m), np.array(s), joint.laws["c"].range)
+            at = np.minimum(values / nodes[1], len(nodes) - 1.001)
+            low = at.astype(int)
+            share = (at - low)[:, None]
+            first, second = ((1 - share) * level[low] + share * level[low + 1] + given for level in likely)
             prior = mean_law.log_density(m) + spread_law.log_density(s)
-            total.append(likely[0] + given + logsumexp(likely[1] + given, axis=0) + prior)
+            total.append(first + logsumexp(second, axis=0) + prior)
+            c.append(values)
     area = np.log((means[1] - means[0]) * (spreads[1] - spreads[0])) + cells[1]
-    level = logsumexp(total, axis=0) + joint.laws["phi"].log_density(phi) + area
-    return _Exact.of(level, c[:, None], phi[None])
+    level = np.array(total) + joint.laws["phi"].log_density(phi) + area
+    return _Exact.of(level, np.array(c)[:, :, None], phi)
 
 
 CASES = {
@@ -258,7 +265,7 @@ def test_draws_and_evidence_are_those_of_a_grid(
     c, phi = _pairs(joint, samples.chains.reshape(-1, len(joint.names)))
     size = samples.diagnosis.ess
     z = (np.array([c.mean(), phi.mean()]) - exact.mean) / exact.sd * np.sqrt(size)
-    found = weigh_joint(JointFamily(joint), samples.laws, default_rng(0), outer=2048, inner=8).evidence
+    found = weigh_joint(samples, default_rng(0), outer=2048, inner=8).evidence
     assert np.abs(z).max() < 4.5
     np.testing.assert_allclose([c.std(), phi.std()], exact.sd, rtol=0.06)
     apart = np.arctanh(np.corrcoef(c, phi)[0, 1]) - np.arctanh(exact.correlation)
