@@ -36,7 +36,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "leave-slip-out": (("{folder}/run.py",),),
     "model-error": (("{folder}/run.py",),),
     "calibration": (("{folder}/run.py",),),
-    "calibration-groups": (("{folder}/run.py",),),
+    "calibration-groups": (("{folder}/run.py",), ("{folder}/factors.py",)),
     "many-wheels": (("{folder}/run.py",),),
     "faults": (("{folder}/run.py",),),
     "scale-out": (("{folder}/run.py",),),

@@ -18,10 +18,11 @@ from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
 from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import Laws, Walkers
+from bayesterra.pooling.moves import Walkers
 from bayesterra.pooling.pilots import fit_laws
-from bayesterra.pooling.sampler import starting_points
+from bayesterra.pooling.sampler import group_coordinates, starting_points
 from bayesterra.pooling.weighing import joint_shares
 from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sharing import Population
@@ -83,20 +84,23 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     """
     family = JointFamily(joint)
     ensembles = len(next(iter(chains.values())))
-    laws = []
+    laws: list[OuterLaws] = []
+    alone: list[Draws] = []
     for e in range(REPEATS):
-        D, L = starting_points(family, {name: chain[e % ensembles] for name, chain in chains.items()}, rng)
+        own = {name: chain[e % ensembles] for name, chain in chains.items()}
+        D, L = starting_points(family, own, rng)
         inside = np.isfinite(Walkers.at(family, D, L).log_density)
         if inside.sum() < FEWEST:
             return UNKNOWN
-        laws.append(fit_laws(family, D[inside], L[:, inside], rng))
+        alone.append([group_coordinates(family, g, chain, rng) for g, chain in enumerate(own.values())])
+        laws.append(_fitted(family, alone[e], D[inside], L[:, inside], rng))
     for _ in range(ROUNDS):
-        laws = [_improved(family, one, rng) for one in laws]
+        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
     found = _evidence(family, laws, rng)
     for _ in range(MOST - ROUNDS):
         if found is not None and found.reliable and found.error < SURE:
             break
-        laws = [_improved(family, one, rng) for one in laws]
+        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
         found = _evidence(family, laws, rng)
     with np.errstate(divide="ignore", invalid="ignore"):  # a share of next to nothing, which no draw hits
         share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
@@ -115,12 +119,18 @@ class _Drawn:
     log_weights: FloatArray
 
 
-def _drawn(family: JointFamily, laws: Laws, D: FloatArray, log_law: FloatArray, rng: Generator) -> _Drawn:
+def _fitted(family: JointFamily, alone: Draws, D: FloatArray, L: FloatArray, rng: Generator) -> OuterLaws:
+    return outer_laws(family, fit_laws(family, D, L, rng), alone, D, L, rng)
+
+
+def _drawn(
+    family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator
+) -> _Drawn:
     """Weigh drivers (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
     total = family.log_prior(D) - log_law
     repeated, chosen = np.repeat(D, INNER, axis=0), []
     for g, law in enumerate(laws.locals):
-        L, log_own = law.sample(repeated, rng)
+        L, log_own = law.sample(D, INNER, rng)
         population, likelihood = family.terms(g, repeated, L)
         inside = np.isfinite(population) & np.isfinite(likelihood)
         each = np.where(inside, population + np.where(inside, likelihood, 0.0), -np.inf) - log_own
@@ -131,7 +141,7 @@ def _drawn(family: JointFamily, laws: Laws, D: FloatArray, log_law: FloatArray, 
     return _Drawn(D, np.array(chosen), np.where(np.isnan(total), -np.inf, total))
 
 
-def _improved(family: JointFamily, laws: Laws, rng: Generator) -> Laws:
+def _improved(family: JointFamily, alone: Draws, laws: OuterLaws, rng: Generator) -> OuterLaws:
     """Laws fitted to draws of the given ones by their weights; the same where no draw has any."""
     D = laws.drivers.sample(DRAWN, rng)
     drawn = _drawn(family, laws, D, laws.drivers.log_density(D), rng)
@@ -139,7 +149,7 @@ def _improved(family: JointFamily, laws: Laws, rng: Generator) -> Laws:
         return laws
     weights = _tempered(drawn.log_weights)
     kept = rng.choice(len(D), size=4 * DRAWN, p=weights)
-    return fit_laws(family, D[kept], drawn.L[:, kept], rng)
+    return _fitted(family, alone, D[kept], drawn.L[:, kept], rng)
 
 
 def _tempered(log_weights: FloatArray) -> FloatArray:
@@ -156,17 +166,19 @@ def _tempered(log_weights: FloatArray) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _evidence(family: JointFamily, laws: Sequence[Laws], rng: Generator) -> Evidence | None:
+def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
     """Weigh fresh draws against the mixture of all laws of drivers; None where hardly any has a weight.
 
-    Each draw has the laws of locals that belong to its law of drivers.
+    Each draw has the laws of locals that belong to its law of drivers. What every adaptation finds alone,
+    its draws against its own law, joins the error: adaptations that disagree have not seen the same.
     """
     each = LAST // len(laws)
     D = [law.drivers.sample(each, rng) for law in laws]
-    pooled = [
-        np.logaddexp.reduce([law.drivers.log_density(at) for law in laws], axis=0) - np.log(len(laws))
-        for at in D
-    ]
+    levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
+    pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
     parts = zip(laws, D, pooled, strict=True)
     weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in parts])
-    return summed(weights) if np.isfinite(weights).sum() >= FEWEST else None
+    if np.isfinite(weights).sum() < FEWEST:
+        return None
+    own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
+    return summed(weights).beside([float(logsumexp(one) - np.log(each)) for one in own])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -55,6 +56,12 @@ class SharedCopula:
         white = np.linalg.solve(self._rest, (own - shared @ self._regression.T).T)
         tied = 0.5 * ((own**2).sum(axis=1) - (white**2).sum(axis=0))
         return np.asarray(tied - np.log(np.diagonal(self._rest)).sum())
+
+    def conditional(self, of: int, given: Sequence[int]) -> tuple[FloatArray, float]:
+        """Regression (k,) of one score on k others, and the standard deviation that remains."""
+        R = self.correlation
+        slope = np.linalg.solve(R[np.ix_(given, given)], R[given, of])
+        return np.asarray(slope), float(np.sqrt(1.0 - slope @ R[given, of]))
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared scores (n, k)."""

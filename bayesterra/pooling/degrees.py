@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.pooling.alternatives import Level
-from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.sampler import JointSamples
 from bayesterra.pooling.weighing import (
@@ -80,7 +79,7 @@ def degrees_of(
 ) -> tuple[Degree, Degree, Degree]:
     """Complete pooling, the study's own roles, none."""
     names = list(joint.groups)
-    of_joint = weigh_joint(JointFamily(joint), samples.laws, rng)
+    of_joint = weigh_joint(samples, rng)
     proposals = [adaptation.proposal for adaptation in complete.adaptations]
     of_all = weigh_plain(joint, names, complete.coordinates, proposals, rng)
     alone = []

@@ -109,7 +109,7 @@ class JointPosterior:
         prior = self.first.prior
         return prior.names.index(name) in prior.correlated
 
-    def _population(self, name: str, drivers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def population(self, name: str, drivers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and spread (n,) of a population among drivers."""
         at = len(self.shared) + 2 * self.populations.index(name)
         return drivers[:, at], drivers[:, at + 1]
@@ -124,10 +124,28 @@ class JointPosterior:
             values = own[:, self.local.index(name)]
             if name in self.populations:
                 limits = self.laws[name].range
-                scores.append(population_score(values, *self._population(name, drivers), limits))
+                scores.append(population_score(values, *self.population(name, drivers), limits))
             else:
                 scores.append(self.laws[name].score(values))
         return np.column_stack([np.empty((len(own), 0)), *scores])
+
+    def score_before(self, i: int, drivers: FloatArray, own: FloatArray) -> tuple[FloatArray, float]:
+        """Mean (n,) and standard deviation of a hierarchical value's normal score under its population.
+
+        Given what is shared and the hierarchical values before the ``i``-th among locals (n, d).
+        """
+        name, k = self.populations[i], len(self.tied_shared)
+        if self.copula is None or name not in self.tied_local:
+            return np.zeros(len(drivers)), 1.0
+        before = [other for other in self.populations[:i] if other in self.tied_local]
+        scores = [self._shared_scores(drivers)]
+        for other in before:
+            values = own[:, self.local.index(other)]
+            limits = self.laws[other].range
+            scores.append(population_score(values, *self.population(other, drivers), limits))
+        at = [*range(k), *(k + self.tied_local.index(other) for other in before)]
+        middle, width = self.copula.conditional(k + self.tied_local.index(name), at)
+        return np.asarray(np.column_stack(scores) @ middle), width
 
     def log_dependence(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
         """What correlations add to the log density (n,) of a group's locals inside their ranges."""
@@ -201,7 +219,7 @@ class JointPosterior:
         total = np.zeros(len(own))
         for i, name in enumerate(self.local):
             if name in self.populations:
-                mean, spread = self._population(name, drivers)
+                mean, spread = self.population(name, drivers)
                 total += log_population(own[:, i], mean, spread, self.laws[name].range)
             else:
                 total += self.laws[name].log_density(own[:, i])
@@ -254,7 +272,7 @@ class JointPosterior:
         for name in self.local:
             law, z = self.laws[name], scores.get(name)
             if name in self.populations:
-                mean, spread = self._population(name, drivers)
+                mean, spread = self.population(name, drivers)
                 columns.append(
                     draw_population(mean, spread, law.range, rng)
                     if z is None

@@ -290,7 +290,7 @@ def starting_points(
     chains : one ensemble's draws of each group alone, physical (steps, walkers, d).
     """
     joint, k = family.joint, len(family.joint.shared)
-    draws = [_coordinates(family, g, chain, rng) for g, chain in enumerate(chains.values())]
+    draws = [group_coordinates(family, g, chain, rng) for g, chain in enumerate(chains.values())]
     if k:
         laws = [fit_conditional(S, L, family.widths, rng) for S, L in draws]
         S = _common(family, laws, np.concatenate([S for S, _ in draws]), rng)
@@ -315,7 +315,7 @@ def starting_points(
     return drivers, L
 
 
-def _coordinates(
+def group_coordinates(
     family: JointFamily, group: int, chain: FloatArray, rng: Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Coordinates of shared (n, k) and own (n, d) parameters in ``FITTED`` draws of a group alone."""

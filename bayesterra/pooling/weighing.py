@@ -22,8 +22,9 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.coordinates import Coordinates
 from bayesterra.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.inner import FITTED, OuterLaws, outer_laws
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import Laws
+from bayesterra.pooling.sampler import JointSamples, group_coordinates
 from bayesterra.posteriors import INSIDE, Posterior
 from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sampling.mixture import ProposalLaw
@@ -43,16 +44,26 @@ class Weighed:
     base : log prior over proposal of what all groups share (s, n).
     groups : log likelihood of every group, its locals integrated out (groups, s, n).
     rows : the same without one of the group's rows, for every group (rows of the group, s, n).
+    apart : as ``base``, each stratum over its own proposal, not over that of all; None where not known.
     """
 
     base: FloatArray
     groups: FloatArray
     rows: tuple[FloatArray, ...]
+    apart: FloatArray | None = None
 
     @property
     def evidence(self) -> Evidence:
-        """Log evidence under the stated prior, not renormalised after the physical cut."""
-        return summed(self.base + self.groups.sum(axis=0))
+        """Log evidence under the stated prior, not renormalised after the physical cut.
+
+        Its error has in it how far the strata lie apart, each weighed against its own proposal.
+        """
+        likelihood = self.groups.sum(axis=0)
+        found = summed(self.base + likelihood)
+        if self.apart is None:
+            return found
+        own = logsumexp(self.apart + likelihood, axis=1) - np.log(likelihood.shape[1])
+        return found.beside(own.tolist())
 
     def left_out(self, group: int, row: int | None = None) -> LeftOutShare:
         """What all else predicts for a group, or for one of its rows."""
@@ -92,30 +103,43 @@ class LeftOutShare:
         return self.k <= self.limit
 
 
-def weigh_joint(
-    family: JointFamily, laws: Sequence[Laws], rng: Generator, *, outer: int = OUTER, inner: int = INNER
-) -> Weighed:
+def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, inner: int = INNER) -> Weighed:
     """Weigh fresh draws of the laws of all ensembles of a joint posterior."""
+    family = JointFamily(samples.joint)
+    laws = [_laws(family, samples, e, rng) for e in range(len(samples.laws))]
     each = -(-outer // len(laws))
     D = [law.drivers.sample(each, rng) for law in laws]
     everywhere = np.concatenate(D)
-    pooled = logsumexp([law.drivers.log_density(everywhere) for law in laws], axis=0) - np.log(len(laws))
-    base = (family.log_prior(everywhere) - pooled).reshape(len(laws), each)
-    groups = np.empty((family.groups, len(laws), each))
+    levels = np.array([law.drivers.log_density(everywhere) for law in laws])
+    shape = (len(laws), each)
+    prior = family.log_prior(everywhere).reshape(shape)
+    base = prior - (logsumexp(levels, axis=0) - np.log(len(laws))).reshape(shape)
+    apart = prior - np.array([level.reshape(shape)[e] for e, level in enumerate(levels)])
+    groups = np.empty((family.groups, *shape))
     rows: list[list[FloatArray]] = [[] for _ in range(family.groups)]
     for e, law in enumerate(laws):
         for g in range(family.groups):
             groups[g, e], without = _integrated(family, law, g, D[e], inner, rng)
             rows[g].append(without)
-    return Weighed(base, groups, tuple(np.stack(parts, axis=1) for parts in rows))
+    return Weighed(base, groups, tuple(np.stack(parts, axis=1) for parts in rows), apart)
+
+
+def _laws(family: JointFamily, samples: JointSamples, ensemble: int, rng: Generator) -> OuterLaws:
+    """Laws to weigh with, from one ensemble's draws of all groups together and of each alone."""
+    flat = samples.chains[ensemble].reshape(-1, samples.chains.shape[-1])
+    drivers, own = family.joint.split(flat[:: max(1, len(flat) // FITTED)])
+    L = np.stack([family.locals_from_physical(g, x) for g, x in enumerate(own)])
+    chains = [lone.chains[ensemble] for lone in samples.lone.values()]
+    alone = [group_coordinates(family, g, chain, rng) for g, chain in enumerate(chains)]
+    return outer_laws(family, samples.laws[ensemble], alone, family.drivers_from_physical(drivers), L, rng)
 
 
 def _integrated(
-    family: JointFamily, laws: Laws, group: int, D: FloatArray, inner: int, rng: Generator
+    family: JointFamily, laws: OuterLaws, group: int, D: FloatArray, inner: int, rng: Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Log marginal likelihood (n,) of a group given drivers, and the same without each row (rows, n)."""
     repeated = np.repeat(D, inner, axis=0)
-    L, log_law = laws.locals[group].sample(repeated, rng)
+    L, log_law = laws.locals[group].sample(D, inner, rng)
     drivers, _ = family.drivers_to_physical(repeated)
     population, own = family._prior(drivers, group, L)
     posterior = list(family.joint.groups.values())[group]

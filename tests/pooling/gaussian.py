@@ -75,6 +75,13 @@ class Gaussian:
         self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None
     ) -> float:
         """Of readings, values of the groups having the prior covariances (groups, groups)."""
+        covariance = self._covariance(n0, n1, both)
+        return float(multivariate_normal(np.zeros(len(covariance)), covariance).logpdf(self.y.T.ravel()))
+
+    def _covariance(
+        self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None
+    ) -> FloatArray:
+        """Prior covariance of all first readings, then of all second ones."""
         G = self.groups
         second = np.eye(G) if n1 is None else n1
         cross = np.zeros((G, G)) if both is None else both
@@ -83,7 +90,7 @@ class Gaussian:
         covariance[:G, G:] = cross + 0.5 * second
         covariance[G:, :G] = covariance[:G, G:].T
         covariance[G:, G:] = second + NOISE_OF_SECOND**2 * np.eye(G)
-        return float(multivariate_normal(np.zeros(2 * G), covariance).logpdf(self.y.T.ravel()))
+        return covariance
 
     @property
     def own(self) -> float:
@@ -98,8 +105,13 @@ class Gaussian:
     @property
     def population(self) -> float:
         """Log evidence of values of n0 from one population, its spread half-normal of scale 1/2."""
-        spreads = (np.arange(400) + 0.5) * 3.0 / 400
-        levels = [self.log_evidence(t**2 * np.eye(self.groups) + 1.0) for t in spreads]
+        spreads, whole = (np.arange(1000) + 0.5) * 3.0 / 1000, np.eye(2 * self.groups)
+        whole[self.groups :] = 0.0
+        at_one = self._covariance(np.ones((self.groups, self.groups)))
+        factors = np.linalg.cholesky(at_one + spreads[:, None, None] ** 2 * whole)
+        white = np.linalg.solve(factors, np.tile(self.y.T.ravel()[:, None], (len(spreads), 1, 1)))[..., 0]
+        scales = np.diagonal(factors, axis1=1, axis2=2)
+        levels = -0.5 * (white**2).sum(axis=1) - np.log(scales * np.sqrt(2 * np.pi)).sum(axis=1)
         weights = -0.5 * (spreads / 0.5) ** 2
         return float(logsumexp(levels + weights) - logsumexp(weights))
 
@@ -109,12 +121,20 @@ class Gaussian:
         return self.common - max(self.own, self.population)
 
     def spread_to(self, factor: float) -> Gaussian:
-        """The same with the first readings drawn apart until the log Bayes factor is ``factor``."""
-        middle, low, high = self.y.mean(axis=0), 0.0, 200.0
+        """The same, what readings say of n0 drawn apart or together until the log Bayes factor is ``factor``.
+
+        Raises
+        ------
+        ValueError : groups that agree in full have a lower one.
+        """
+        second, low, high = 0.5 * self.y[:, 1], 0.0, 200.0
+        first = self.y[:, 0] - second
         for _ in range(60):
             way = 0.5 * (low + high)
-            y = middle + (self.y - middle) * np.array([way, 1.0])
+            y = np.column_stack([first.mean() + way * (first - first.mean()) + second, self.y[:, 1]])
             low, high = (way, high) if replace(self, y=y).log_factor > factor else (low, way)
+        if high < 1e-9:
+            raise ValueError(f"groups that agree in full have a log Bayes factor below {factor}")
         return replace(self, y=y)
 
 

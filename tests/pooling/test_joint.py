@@ -99,7 +99,7 @@ def test_draws_have_the_posterior(samples: JointSamples, exact: _Exact) -> None:
 
 def test_evidence_of_all_and_without_a_wheel(samples: JointSamples, exact: _Exact) -> None:
     """Both from the same importance draws; errors as stated."""
-    weighed = weigh_joint(JointFamily(samples.joint), samples.laws, default_rng(0), outer=2048, inner=8)
+    weighed = weigh_joint(samples, default_rng(0), outer=2048, inner=8)
     found = weighed.evidence
     assert found.reliable
     assert found.error < 0.05

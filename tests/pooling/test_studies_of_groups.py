@@ -109,3 +109,20 @@ def test_stored_ranks_are_uniform(study_script: Callable[[str], ModuleType]) -> 
     assert table["task"].is_unique
     assert (table["status"] == "converged").all()
     assert list(made.tests["verdict"]) == list(pd.read_csv(folder / "tests.csv")["verdict"])
+
+
+def test_stored_factors_are_those_of_closed_forms() -> None:
+    """At every true factor 19 of 20 reported ones lie within two stated errors, and errors stay small."""
+    table = pd.read_csv(STORED.parent / "calibration-groups" / "factors.csv")
+    assert set(table["level"]) == {-30, -6, -3, 2}
+    assert not table.duplicated(["level", "number"]).any()
+    np.testing.assert_allclose(table["true"], table["level"], atol=1e-5)
+    for _, rows in table.groupby("level"):
+        assert len(rows) >= 20
+        assert rows["reliable"].mean() >= 0.95
+        for off, error in (
+            (rows["reported"] - rows["true"], rows["error"]),
+            (rows["population_off"], rows["population_error"]),
+        ):
+            assert (np.abs(off) <= 2.0 * error).mean() >= 0.95
+            assert error.median() < 0.05
