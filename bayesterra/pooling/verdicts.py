@@ -108,7 +108,7 @@ class Evidences:
     complete: Level
     stated: Level
     none: Level
-    found: dict[str, Level] = field(default_factory=dict)
+    found: dict[str, Level] = field(default_factory=dict, init=False)
 
     def of(self, shared: Sequence[str], hierarchical: Mapping[str, Population]) -> Level:
         """Log evidence where these are shared, those have a population, all others are each group's own."""

@@ -82,8 +82,8 @@ def test_every_dependence_is_in_the_prior(make: MakeStudy, roles: str, how: str)
         np.testing.assert_allclose(z.std(axis=0), 1.0, atol=0.03)
 
     def level(of: JointPosterior, drivers: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
-        each = [of.log_prior_of_group(drivers, one) for one in values]
-        return np.asarray(np.sum(each, axis=0) + of.log_prior_of_drivers(drivers))
+        own = np.sum([of.log_prior_of_group(drivers, one) for one in values], axis=0)
+        return np.asarray(own + of.log_prior_of_drivers(drivers))
 
     assert np.abs(level(joint, D, own) - level(loose, D, own)).mean() > 0.2
     if how == "by hand":  # the laws are then the same, so that the ratio of the densities has the mean 1
@@ -158,7 +158,7 @@ def _grids(joint: JointPosterior, grid: Grid, sizes: tuple[int, int, int]) -> tu
     """Values of c, φ and K, and the logs of their cells."""
     laws = (joint.laws.get(name, joint.laws["c"]) for name in ("c", "phi", "K"))
     ends = [law.quantile(np.array([1e-7, 1 - 1e-7])) for law in laws]
-    columns = [grid(float(pair[0]), float(pair[1]), n) for pair, n in zip(ends, sizes, strict=True)]
+    columns = [grid(float(low), float(high), n) for (low, high), n in zip(ends, sizes, strict=True)]
     return (*columns, np.array([np.log(column[1] - column[0]) for column in columns]))
 
 
@@ -205,8 +205,8 @@ def _population(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
     x = np.stack(np.meshgrid(nodes, phi, indexing="ij"), axis=-1).reshape(-1, 2)
     likely = [p.log_prior_and_likelihood(x)[1].reshape(len(nodes), len(phi)) for p in joint.groups.values()]
     mean_law, spread_law = joint.hyper["c"]
-    low, high = mean_law.quantile(np.array([1e-6, 1 - 1e-6]))
-    means = grid(float(low), float(high), 30)
+    lowest, highest = mean_law.quantile(np.array([1e-6, 1 - 1e-6]))
+    means = grid(float(lowest), float(highest), 30)
     spreads = grid(0.0, float(spread_law.quantile(np.array(0.9999))), 30)
     score, y = grid(-5.0, 5.0, 60), joint.laws["phi"].score(phi)
     given = -0.5 * (score[:, None] - r * y) ** 2 / (1 - r**2) - 0.5 * np.log(2 * np.pi * (1 - r**2))
