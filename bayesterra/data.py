@@ -28,8 +28,10 @@ DRIVE_OUTCOMES = {
 """Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
 
 SD_SUFFIX = "_sd"
-MOST = 1e5
-"""N and N m, at most, of a reading of a wheel of up to 1 m: ten tonnes; larger ones carry more."""
+MOST_LOAD = 1e12
+"""N, at most, of a load: beyond it sums and squares overflow."""
+MOST = 1e4
+"""Pull and moment (at an arm of 1 m), at most, as a multiple of the greatest load in the table."""
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
 _PLAIN = ("slip", "wheel", "use")
@@ -320,8 +322,9 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
         became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
         return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row})"
     for name, column in {"load": rows.load, **rows.values}.items():
-        power = 3 if name == "resistance_moment" else 2
-        most = radius if name == "sinkage" else MOST * max(1.0, radius) ** power
+        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(
+            name, _most(rows, radius)
+        )
         if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
             unit = CHANNELS[name].dimension
             return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"
@@ -331,3 +334,10 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
         sinkage = rows.values["sinkage"][index]
         return f"'sinkage' must be below the wheel radius {radius:g} m (got {sinkage:g} m, row {row})"
     return None
+
+
+def _most(rows: Observations, radius: float) -> float:
+    """Greatest pull (N) or moment (N m) beside such loads; a wheel pulls less than it carries."""
+    loads = np.concatenate([rows.load, rows.values.get("normal_force", rows.load[:0])])
+    carried = np.abs(loads[np.isfinite(loads) & (np.abs(loads) <= MOST_LOAD)])
+    return MOST * float(carried.max(initial=10.0)) * max(1.0, radius)

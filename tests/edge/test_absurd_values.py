@@ -26,31 +26,32 @@ def study(wheel: Any = None, noise: Any = 1e-3, **columns: Any) -> bt.Study:
     )
 
 
-@pytest.mark.parametrize("value", [2e5, 1e6, 1e9, 1e160, 1e300, -1e300])
-@pytest.mark.parametrize("name", ["load", "drawbar_pull"])
-def test_readings_beyond_every_wheel(name: str, value: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "value", "bound"),
+    [
+        *(("drawbar_pull", value, "800000") for value in (1e6, 1e9, 1e160, 1e300, -1e300)),
+        *(("load", value, r"1e\+12") for value in (2e12, 1e160, 1e300, -1e300)),
+    ],
+)
+def test_readings_beyond_every_wheel(name: str, value: float, bound: str) -> None:
     """The line names column, row, value and bound; a run would be drowned by one such reading."""
-    expected = rf"'{name}' must lie within ±100000 N \(got {value:g} N, row 2\)".replace("+", r"\+")
-    with pytest.raises(bt.StudyError, match=expected):
-        study(**{f"{name}_[N]": [10.0, value]})
+    got = f"{value:g}".replace("+", r"\+")
+    with pytest.raises(bt.StudyError, match=rf"'{name}' must lie within ±{bound} N \(got {got} N, row 2\)"):
+        study(**{f"{name}_[N]": [80.0, value]})
 
 
 def test_what_stands_on_the_bound_is_taken() -> None:
     """And rows that are not in the fit are left out, as with every other problem."""
-    assert len(study(**{"drawbar_pull_[N]": [10.0, 1e5]}).observations) == 2
+    assert len(study(**{"drawbar_pull_[N]": [10.0, 8e5]}).observations) == 2
     left = study(**{"drawbar_pull_[N]": [10.0, 1e300]}, use=[1, 0])
     assert len(left.observations) == 1
     assert "'drawbar_pull' must lie within" in " ".join(left.notes)
 
 
 def test_a_giant_wheel_carries_more() -> None:
-    """The bound grows with the wheel: with its square for forces, as pressures stay what they are."""
-    giant = bt.Wheel(100.0, 50.0)
-    assert (
-        study(giant, **{"load_[N]": [1e8, 1e9], "drawbar_pull_[N]": [1e7, 1e8]}).observations.load[1] == 1e9
-    )
-    with pytest.raises(bt.StudyError, match=r"'load' must lie within ±1e\+09 N \(got 2e\+09 N, row 2\)"):
-        study(giant, **{"load_[N]": [1e8, 2e9]})
+    """The bound on pulls grows with the loads of the table."""
+    taken = study(bt.Wheel(100.0, 50.0), **{"load_[N]": [1e8, 1e9], "drawbar_pull_[N]": [1e7, 1e8]})
+    assert taken.observations.load[1] == 1e9
 
 
 def test_a_sinkage_far_above_the_ground() -> None:

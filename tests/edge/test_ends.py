@@ -105,7 +105,8 @@ def test_a_signal_during_imports_ends_the_process(sign: signal.Signals, tmp_path
         "try:\n    time.sleep(60)\nexcept BaseException:\n    pass\nprint('swallowed', flush=True)\n"
     )
     program = (
-        "import sys, bayesterra.study, bayesterra.__main__ as line\n"
+        "import signal, sys, bayesterra.study, bayesterra.__main__ as line\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in jobs in the background
         "def load(path):\n    import swallowing\n"
         f"bayesterra.study.load_study = load\nsys.exit(line.main(['check', {str(STUDY)!r}]))\n"
     )

@@ -86,8 +86,12 @@ def test_a_folder_is_only_replaced_when_asked(
     (out / "note.txt").write_text("old")
     assert main(["identify", str(pair_folder), "--out", str(out), "--quiet"]) == 2
     assert "add --overwrite to replace it" in capsys.readouterr().err
+    with pytest.raises(ResultError, match=r"note\.txt' was not written by bayesterra and is left alone"):
+        made.save(out, overwrite=True)
+    (out / "note.txt").unlink()
+    (out / "report.html").write_text("old")
     made.save(out, overwrite=True)
-    assert not (out / "note.txt").exists()
+    assert (out / "report.html").read_text(encoding="utf-8") != "old"
     other = tmp_path / "other"
     shutil.copytree(pair_folder, other)
     with pytest.raises(ResultError, match=r"is not a folder with identifiability\.json"):

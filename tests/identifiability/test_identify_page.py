@@ -13,6 +13,7 @@ from numpy.random import default_rng
 
 from bayesterra import report
 from bayesterra.console import _verdict
+from bayesterra.failures import Failures
 from bayesterra.figures.rows import found_rows
 from bayesterra.identified import Identified
 from bayesterra.inference import Analysis
@@ -164,9 +165,10 @@ def test_a_run_judges_its_design() -> None:
     target = posterior(study)
     x = draw_cut_prior(target, 2000, default_rng(1)).x
     kept = SimpleNamespace(flat=x[::2])
-    drawn = SimpleNamespace(study=study, posterior=target, prior=SimpleNamespace(x=x), kept=kept)
-    found, record = Analysis.identifiability(cast(Analysis, drawn), default_rng(2))
-    words = found.table.set_index("parameter")["verdict"]
+    prior = SimpleNamespace(x=x)
+    drawn = SimpleNamespace(study=study, posterior=target, prior=prior, kept=kept, failures=Failures())
+    table, findings = Analysis.identifiability(cast(Analysis, drawn), default_rng(2))
+    words, record = table.set_index("parameter")["verdict"], findings["directions"]
     assert words[words == "structurally not determined"].index.tolist() == ["kc", "kphi"]
     assert record["unseen"][0].startswith("only k_c + 0.165 k_φ is determined")
     assert [(row["scope"], row["directions"]) for row in record["groups"][:2]] == [("all", 4), ("P_I", 3)]

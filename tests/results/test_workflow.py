@@ -12,6 +12,7 @@ import pytest
 
 from bayesterra.diagnostics import Diagnosis
 from bayesterra.errors import ResultError, SupportError
+from bayesterra.failures import Failures
 from bayesterra.results import Result
 from bayesterra.sampling.journal import Journal
 from bayesterra.sampling.sampler import Progress
@@ -33,7 +34,7 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 @pytest.fixture
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line, for tests that are not about it."""
-    monkeypatch.setattr("bayesterra.report.write", lambda result, path: path.write_text("report\n"))
+    monkeypatch.setattr("bayesterra.report.html_and_failures", lambda result: ("report\n", Failures()))
 
 
 @pytest.fixture
