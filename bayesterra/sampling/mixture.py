@@ -142,13 +142,28 @@ def defended(mixture: StudentMixture, u: FloatArray, weights: FloatArray, share:
     """Add one wide component over all weighted points, so that nothing near them is proposed too rarely."""
     weights = weights / weights.sum()
     centre = weights @ u
-    factor = 1.3 * np.linalg.cholesky(_spread(u - centre, weights))
+    factor = 1.3 * root(_spread(u - centre, weights))
     return StudentMixture(
         np.append((1 - share) * mixture.weights, share),
         np.vstack([mixture.means, centre]),
         np.concatenate([mixture.factors, factor[None]]),
         mixture.dof,
     )
+
+
+def root(covariance: FloatArray) -> FloatArray:
+    """Cholesky factors of covariances (..., d, d).
+
+    Where rounding left one indefinite, as points on a ridge of no width do, all get a little more of their
+    diagonals, and as much more as it takes.
+    """
+    diagonal = np.eye(covariance.shape[-1]) * (covariance + 1e-300)
+    for more in (0.0, 1e-6, 1e-3, 1.0):
+        try:
+            return np.asarray(np.linalg.cholesky(covariance + more * diagonal))
+        except np.linalg.LinAlgError:
+            continue
+    return np.sqrt(np.maximum(diagonal, 0.0))
 
 
 @dataclass(frozen=True)
@@ -176,7 +191,7 @@ def _start(points: _Points, components: int, rng: Generator, dof: float) -> Stud
     """Centres on points drawn by weight, each with the points' own covariance shrunk by the number."""
     d = points.z.shape[1]
     means = points.z[rng.choice(len(points.z), size=components, p=points.weights)]
-    factor = np.linalg.cholesky(points.spread) * components ** (-1.0 / d)
+    factor = root(points.spread) * components ** (-1.0 / d)
     factors = np.repeat(factor[None], components, axis=0)
     return StudentMixture(np.full(components, 1.0 / components), means, factors, dof)
 
@@ -199,5 +214,5 @@ def _maximise(
     scatter = (second - total[:, :, None] * means[:, :, None] * means[:, None, :]) / mass[:, None, None]
     shrink = (d / (effective + d))[:, None, None]
     volume = (mass ** (2.0 / d))[:, None, None]
-    factors = np.linalg.cholesky((1 - shrink) * scatter + shrink * volume * points.spread)
+    factors = root((1 - shrink) * scatter + shrink * volume * points.spread)
     return StudentMixture(mass / mass.sum(), means, factors, mixture.dof)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.mixture import StudentMixture, root
 from bayesterra.sampling.unbending import Proposal
 
 SHARE = 0.2
@@ -103,7 +103,7 @@ class _Points:
         weights = 0.5 * weights / weights.sum() + 0.5 / len(near)
         offsets = self.v[near] - centre
         covariance = (offsets * weights[:, None]).T @ offsets + 1e-9 * np.diag(spread**2)
-        factor = WIDENING * np.linalg.cholesky(covariance)
+        factor = WIDENING * root(covariance)
         return StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
 
     def with_component(self, one: StudentMixture, share: float) -> _Points:

@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_t, t
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture
+from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture, root
 
 MIXTURE = StudentMixture(
     weights=np.array([0.7, 0.3]),
@@ -122,3 +122,16 @@ def test_defence_covers_all_points_at_its_share() -> None:
     missed = u[u[:, 0] > 4.0]
     assert (wide.log_density(missed) - narrow.log_density(missed)).min() > 2.0
     assert wide.log_density(missed).min() > -15.0
+
+
+def test_a_covariance_that_rounding_left_indefinite_has_a_factor() -> None:
+    """Points on a ridge of no width; a sound covariance keeps its own, to the last bit."""
+    sound = np.array([[2.0, 0.3], [0.3, 1.0]])
+    np.testing.assert_array_equal(root(sound), np.linalg.cholesky(sound))
+    flat = np.array([[1.0, 1.0 + 1e-12], [1.0 + 1e-12, 1.0]])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(flat)
+    for matrix in (flat, np.stack([sound, flat]), 1e-300 * flat, np.zeros((2, 2))):
+        factor = root(matrix)
+        np.testing.assert_allclose(factor @ np.swapaxes(factor, -1, -2), matrix, rtol=1e-2, atol=1e-280)
+        assert (np.diagonal(factor, axis1=-2, axis2=-1) > 0).all()
