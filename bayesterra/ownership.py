@@ -53,11 +53,12 @@ _OLDER = frozenset(
 
 
 def begin_mark(work: Path) -> None:
-    """Put the mark into a folder for work that may hold an earlier one."""
+    """Put the mark into a folder for work that may hold an earlier one, or what an older version left."""
     if not _is_mark(work / MADE):
+        older = "".join(f"{name}\n" for name in sorted(_OLDER) if _is_file(work.parent / name))
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
         with os.fdopen(os.open(work / MADE, flags, 0o644), "wb") as file:
-            file.write(_HEAD.encode())
+            file.write((_HEAD + older).encode())
 
 
 def note(path: Path) -> None:
@@ -94,7 +95,8 @@ def own_names(folder: Path, *, finished: bool) -> frozenset[str]:
     known = listed(folder)
     if finished:
         return _OLDER if known is None else frozenset((*known, SUMS))
-    return _OLDER | frozenset(known or ()) | frozenset(_text(folder / WORK / MADE).splitlines()[1:])
+    mark = folder / WORK / MADE
+    return frozenset(known or ()) | (frozenset(_text(mark).splitlines()[1:]) if _is_mark(mark) else _OLDER)
 
 
 def strangers(folder: Path, names: Collection[str]) -> Iterator[Path]:

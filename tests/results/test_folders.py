@@ -348,7 +348,10 @@ def test_an_empty_part_of_a_user_is_not_taken(tmp_path: Path) -> None:
     refused(tmp_path / "out", r"out\.part' was not made by bayesterra")
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "checkpoint/notes.txt", "figures/notes.txt", "run.json.bak"])
+@pytest.mark.parametrize(
+    "name",
+    ["notes.txt", "checkpoint/notes.txt", "figures/notes.txt", "run.json.bak", "summary.csv", "report.html"],
+)
 def test_a_users_file_in_an_unfinished_folder_is_never_touched(name: str, tmp_path: Path) -> None:
     """It is named in one line; the segments stay too. Once it is away all goes on."""
     segment = killed(tmp_path / "out")
