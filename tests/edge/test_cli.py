@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from bayesterra.__main__ import main
-from bayesterra.errors import StudyError
+from bayesterra.errors import ResultError, StudyError
 from bayesterra.study import load_study
+from bayesterra.taskstore import read_tasks
 
 from .conftest import Write
 
@@ -123,6 +124,34 @@ def test_a_prior_without_support_is_refused(write: Write, capsys: Captured) -> N
     line = refused(["check", str(write(("c3 = 0.0", "c1 = 0.9\nc2 = 0.9")))], capsys)
     assert "no parameter set of the prior fits the conditions of the data" in line
     assert "θm outside (θ2, θ1)" in line
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (".", "'.' is the working directory: leave it first, or give another with --out"),
+        ("/proc/nothing", "'/proc/nothing"),
+    ],
+)
+def test_a_run_into_a_place_that_cannot_be_ends_at_once(
+    out: str, message: str, write: Write, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    """The folder it stands in, which holds a result, and one where even root can make nothing."""
+    folder = write().parent
+    (folder / "run.json").touch()
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    line = refused(["run", ".", "--out", out, "--overwrite", "--quiet"], capsys)
+    assert line.startswith(f"error: {message}")
+    assert sorted(folder.iterdir()) == before
+    assert not folder.with_name(f"{folder.name}.part").exists()
+
+
+def test_tasks_of_the_working_directory(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path of one dot has no name, from which that of the unfinished folder would be made."""
+    monkeypatch.chdir(write().parent)
+    with pytest.raises(ResultError, match=r"^'\.' holds no finished tasks: there is no tasks\.sqlite"):
+        read_tasks(".")
 
 
 def test_errors_reach_the_shell_without_a_traceback(tmp_path: Path) -> None:

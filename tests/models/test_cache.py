@@ -99,6 +99,7 @@ def test_without_a_folder_it_works_and_says_so_once(
 ) -> None:
     """One note that names the way out; none with --quiet."""
     cache.write_text("a file where the folder should be", encoding="utf-8")
+    assert not _cache._writable(cache / "models")
     monkeypatch.setattr(_cache, "_writable", lambda folder: False)
     assert [hits(), hits()] == [0, 0]
     (note,) = caplog.messages
