@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
 from numpy.random import default_rng
 
@@ -73,6 +74,20 @@ def test_objections_are_counted_in_english(moduli: Identified) -> None:
     assert three.verdicts[2].word == "3 objections"
     assert "see below" in three.verdicts[2].sentence
     assert "<b><i>n</i><sub>0</sub></b> (determined): c." in str(three.sections[0])
+
+
+def test_points_of_a_profile_that_were_not_solved_are_counted(moduli: Identified) -> None:
+    """Beside the trust, where there are any."""
+    first, *others = moduli.found.profiles.found["likelihood"]
+    profiles = []
+    for count in (0, 2):
+        lost = replace(first, failed=np.arange(len(first.values)) >= len(first.values) - count)
+        found = {**moduli.found.profiles.found, "likelihood": (lost, *others)}
+        profiles.append(replace(moduli.found.profiles, found=found))
+    pages = [
+        identifiability_page(replace(moduli, found=replace(moduli.found, profiles=one))) for one in profiles
+    ]
+    assert [re.findall(r"\d+ %, (\d+) not solved", str(page.sections)) for page in pages] == [[], ["2"]]
 
 
 def test_draws_that_did_not_converge_are_warned_of(moduli: Identified, page: VerdictPage) -> None:

@@ -1,5 +1,6 @@
 """The panels of the profiles show every parameter, the thresholds, and what is possible."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -70,3 +71,21 @@ def test_the_figure_leaves_no_state_and_is_the_same_twice(hit: Profiles) -> None
     assert first == second
     assert pyplot.get_fignums() == []
     assert dict(mpl.rcParams) == before
+
+
+def test_points_that_were_not_solved_are_crosses_beside_the_curve(hit: Profiles) -> None:
+    """A spike that failed is marked where it is; the curve passes below it, and the legend explains it."""
+    at, profile = hit.names.index("K"), hit.profile("K")
+    spike = int(np.flatnonzero(profile.inside)[3])
+    failed = np.arange(len(profile.values)) == spike
+    broken = replace(profile, rise=np.where(failed, profile.rise + 3.0, profile.rise), failed=failed)
+    each = tuple(broken if one is profile else one for one in hit.found["likelihood"])
+    panels = profile_panels(replace(hit, found={**hit.found, "likelihood": each}))
+    lines, place = panels[at].get_lines(), broken.values[spike] / 1e-3
+    crosses = [line.get_xydata()[0] for line in lines if line.get_marker() == "x" and len(line.get_xdata())]
+    assert np.array(crosses) == pytest.approx(np.array([[place, broken.rise[spike]]]))
+    for line in (line for line in lines if len(line.get_xdata()) > 100):
+        assert np.interp(place, *line.get_xydata().T) < broken.rise[spike] - 1.0
+    legends = [panels[at].figure.legends[0], profile_panels(hit)[at].figure.legends[0]]
+    named = [[text.get_text() for text in legend.get_texts()].count("not solved") for legend in legends]
+    assert named == [1, int(any(one.failed.any() for each in hit.found.values() for one in each))]

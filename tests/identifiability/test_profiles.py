@@ -13,8 +13,8 @@ from bayesterra.data import Observations
 from bayesterra.forward import Forward
 from bayesterra.identifiability._chart import chart
 from bayesterra.identifiability._target import Target
-from bayesterra.identifiability._tracing import standing_out, trace
-from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, profiles
+from bayesterra.identifiability._tracing import SOURCES, Traces, standing_out, trace
+from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, _Found, profiles
 from bayesterra.likelihood import Likelihood
 from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
 from bayesterra.noise import Noise
@@ -295,14 +295,36 @@ def test_nothing_is_read_off_a_point_that_failed() -> None:
     assert not standing_out(column, np.append([np.inf], minus[1:])).tolist()[0]
 
 
-def test_points_that_stand_out_are_tried_from_between_their_neighbours() -> None:
-    """A hole and a spike in a profile are gone once it has settled; the other points stay."""
+def traced() -> Traces:
+    """Traces of two parameters, φ and n0, of a linear problem."""
     laws = {name: BOX[name] for name in ("phi", "n0")}
     design = np.array([[20.0, 5.0], [0.0, 9.0], [3.0, 1.0]])
     density = linear(laws, design, design @ np.array([0.6, 1.0]))
     target = Target(density, chart(density), False, anchor=np.full(2, 0.5))
     starts = np.random.default_rng(4).random((50, 2))
-    traces = trace(target, starts, levels=[0.5, 1.92], rng=np.random.default_rng(5))
+    return trace(target, starts, levels=[0.5, 1.92], rng=np.random.default_rng(5))
+
+
+def test_points_that_no_descent_solved_are_marked() -> None:
+    """A hole, and a spike that one descent alone reached; one that two agree on belongs to the profile."""
+    traces = traced()
+    own = np.flatnonzero(traces.column == 1)
+    hole, alone, agreed = own[[3, 7, 11]]
+    traces.value[hole], traces.y[hole] = np.inf, 0.0
+    for spike, count in ((alone, 1), (agreed, 2)):
+        traces.y[spike, 0] = 0.99 if traces.y[spike, 0] < 0.5 else 0.01
+        traces.value[spike] = -traces.target.log_density(traces.y[spike][None])[0]
+        traces.witnesses[spike] = np.append(
+            np.full(count, traces.value[spike]), np.full(SOURCES - count, np.nan)
+        )
+    first, second = _Found.of(("phi", "n0"), "likelihood", traces.target, traces, traces.y[:0]).profiles
+    assert np.flatnonzero(second.failed).tolist() == [3, 7]
+    assert not first.failed.any()
+
+
+def test_points_that_stand_out_are_tried_from_between_their_neighbours() -> None:
+    """A hole and a spike in a profile are gone once it has settled; the other points stay."""
+    traces = traced()
     right, y = traces.value.copy(), traces.y.copy()
     assert not standing_out(traces.column, right).any()
     hole = np.flatnonzero(traces.column == 0)[4]
