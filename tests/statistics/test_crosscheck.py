@@ -2,19 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra import crosscheck
+from bayesterra import crosscheck, inference
 from bayesterra.arrays import FloatArray
 from bayesterra.crosscheck import CrossCheck, Weighted, against_nested, compare
+from bayesterra.diagnostics import effective_size
 from bayesterra.errors import StudyError
-from bayesterra.inference import run
+from bayesterra.inference import keep, run
 from bayesterra.posteriors import Posterior, posterior
 from bayesterra.report import html
 from bayesterra.results import Result
+from bayesterra.sampling.sampler import Samples, sample
+from bayesterra.schema import SamplingOptions
 from bayesterra.study import Study
 
 NAMES = ("a", "b")
@@ -119,6 +123,34 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
     assert len(found.table) == 3 * (1 + 2 * 4)
     assert set(found.table["parameter"]) == {"", "c", "phi"}
     assert found.verdict == "agree"
+
+
+def test_a_run_counts_its_draws_for_what_they_are_worth(
+    make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its kept draws are no independent ones: each statistic has the size that their chains give it."""
+    sampled, taken = list[Samples](), list[Weighted]()
+
+    def noted(*given: Any, **more: Any) -> Samples:
+        sampled.append(sample(*given, **more))
+        return sampled[-1]
+
+    def judged(target: Posterior, ours: Weighted, seed: SeedSequence, report: object) -> CrossCheck:
+        taken.append(ours)
+        return three(draws(1), draws(2), draws(3))
+
+    monkeypatch.setattr(inference, "sample", noted)
+    monkeypatch.setattr(inference, "check_installed", lambda: None)
+    monkeypatch.setattr(inference, "against_nested", judged)
+    options = SamplingOptions(target_ess=400, walkers=32)
+    result = run(make_study(free=("c", "phi"), sampling=options), crosscheck=True)
+    kept = result.draws["posterior"]["phi"]
+    chains = sampled[0].chains
+    chains = chains[:, :: keep(chains).every]
+    assert taken[0].x.shape == (kept.size, 2) == (chains[..., 0].size, 2)
+    assert taken[0].sizes[1, 0] == pytest.approx(effective_size(chains[..., 1]), rel=0.01)
+    assert taken[0].sizes[1, 0] != kept.size
+    assert result.record["crosscheck"]["verdict"] == "agree"
 
 
 def test_what_is_not_installed_is_said_before_anything_runs(
