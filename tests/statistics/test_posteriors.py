@@ -1,5 +1,6 @@
 """The posterior density: its support, its constants, its names; and draws of the cut prior."""
 
+import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -214,3 +215,22 @@ def test_a_prior_without_support_says_which_condition_fails(make_study: MakeStud
     study = make_study(free=("n0", "c1"), priors={"c1": Law("uniform", lower=1.1, upper=2.0)})
     with pytest.raises(SupportError, match=r"no parameter set .* draws 100 %: θm outside \(θ2, θ1\)$"):
         draw_cut_prior(posterior(study), 100, np.random.default_rng(1))
+
+
+def test_all_reasons_that_leave_no_support_are_named(make_study: MakeStudy) -> None:
+    """Three conditions fail, the most frequent first, and their shares add up."""
+    laws = {
+        "n0": Law("norm", {"loc": -0.3, "scale": 0.3}),
+        "phi": Law("norm", {"loc": 0.1, "scale": 0.1}),
+        "c1": Law("uniform", lower=1.1, upper=2.0),
+    }
+    with pytest.raises(SupportError) as caught:
+        draw_cut_prior(posterior(make_study(free=tuple(laws), priors=laws)), 100, np.random.default_rng(1))
+    listed = re.findall(r"([\d.]+) %: (.+?)(?:, (?=[\d.]+ %: )|$)", str(caught.value))
+    shares = [float(share) for share, _ in listed]
+    assert {reason for _, reason in listed} == {
+        REASONS[code] for code in (OUTSIDE_PHYSICS, Status.EXPONENT, Status.CONTACT_ANGLE)
+    }
+    assert shares == sorted(shares, reverse=True)
+    assert min(shares) > 1.0
+    assert sum(shares) == pytest.approx(100.0, abs=1e-9)
