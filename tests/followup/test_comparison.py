@@ -13,6 +13,7 @@ from bayesterra.errors import ResultError
 from bayesterra.followup import ComparisonPage, load_results
 from bayesterra.prediction import PREDICTED
 from bayesterra.results import Result
+from bayesterra.sampling.evidence import SPREAD
 from bayesterra.side_by_side import Evidence, log_evidence, outcomes_of
 from bayesterra.workflow import RunResult
 
@@ -31,6 +32,10 @@ def test_evidence_is_that_of_the_cut_prior(wide: RunResult) -> None:
     found = log_evidence(replace(wide, record={**wide.record, "evidence": known}))
     assert found.value == pytest.approx(2.0 + np.log(4))
     assert found.error == pytest.approx(0.05)
+    assert found.reliable  # as older results, which do not say
+    doubted = replace(wide, record={**wide.record, "evidence": {**known, "reliable": False}})
+    assert not log_evidence(doubted).reliable
+    assert 0 < wide.record["evidence"]["spread"] < SPREAD  # what its ensembles found alone has joined it
 
 
 def test_unknown_evidence_is_no_number(wide: RunResult) -> None:
