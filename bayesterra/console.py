@@ -14,15 +14,15 @@ from rich.table import Table
 
 from bayesterra.calibration import Progress as CalibrationProgress
 from bayesterra.design.judging import Progress as DesignProgress
-from bayesterra.failures import sentences
 from bayesterra.figures.rows import Found, found_rows
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.numbers import interval, probability, resolution, rounded
-from bayesterra.report.validation import alarming
+from bayesterra.report.validation import alarming, misfit_text
+from bayesterra.report.verdicts import UNSEEN
 from bayesterra.results import Result
 from bayesterra.sampling.sampler import Progress
-from bayesterra.terminal import PlainConsole
+from bayesterra.terminal import PlainConsole, print_failures
 from bayesterra.validation import Validation
 
 
@@ -123,23 +123,15 @@ def print_result(result: Result, report: Path) -> None:
     """Print the verdict, the parameters and the name of the report."""
     console = PlainConsole()
     console.print(_table(result))
-    console.print(verdict_line(result), highlight=False)
+    console.print(verdict_line(result.record), highlight=False, soft_wrap=True)
     if misfit := misfit_line(result):
         PlainConsole(stderr=True).print(misfit, highlight=False, soft_wrap=True)
     if found := result.record.get("crosscheck"):
         console.print(
             f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
         )
-    _print_failures(console, result.record)
+    print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
-
-
-def _print_failures(console: PlainConsole, record: Mapping[str, Any]) -> None:
-    """Say what could not be computed; nothing where all could."""
-    if text := sentences(record):
-        console.print(
-            f"{text} run.json says where it failed: please report it.", highlight=False, soft_wrap=True
-        )
 
 
 def print_pooled(record: Mapping[str, Any], report: Path) -> None:
@@ -152,19 +144,14 @@ def print_pooled(record: Mapping[str, Any], report: Path) -> None:
         figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
         table.add_row(row["pooling"], *(f"{figure:.1f}" for figure in figures))
     console.print(table)
-    verdict = record["verdict"]
-    word = "converged" if verdict["converged"] else "did NOT converge"
-    console.print(
-        f"Sampling {word}: {verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}.",
-        highlight=False,
-    )
+    console.print(verdict_line(record), highlight=False, soft_wrap=True)
     console.print(f"Evidence prefers: {found['preferred']}. {found['sentence']}", highlight=False)
     if found.get("sentence_as_stated"):
         console.print(
             f"With the other parameters as this study has them: {found['sentence_as_stated']}",
             highlight=False,
         )
-    _print_failures(console, record)
+    print_failures(console, record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
@@ -181,7 +168,7 @@ def print_prior(result: PriorResult, report: Path) -> None:
     console.print(table)
     share = result.record["prior_support"]["shares"]["inside the support"]
     console.print(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it.", highlight=False)
-    _print_failures(console, result.record)
+    print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
@@ -220,18 +207,15 @@ def misfit_line(result: Result) -> str:
     if checks is None or not checks.alarm:
         return ""
     parts = "; ".join(f"{CHANNELS[one.channel].description} {one.finding}" for one in alarming(checks))
-    return (
-        f"warning: the model does not fit these readings: {parts} (overall p {probability(checks.overall)});"
-        " check units, loads and priors before you use any figure"
-    )
+    return misfit_text(f"{parts} (overall p {probability(checks.overall)})")
 
 
-def verdict_line(result: Result) -> str:
+def verdict_line(record: Mapping[str, Any]) -> str:
     """One line: converged or not, with the figures behind the word."""
-    verdict = result.record["verdict"]
+    verdict = record["verdict"]
     figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
     if verdict["converged"]:
-        return f"Sampling converged: {figures} (a mode that no ensemble found does not show)."
+        return f"Sampling converged: {figures}. {UNSEEN}"
     failed = "; ".join(
         f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
         for check in verdict["checks"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, Self
@@ -14,6 +14,7 @@ import pandas as pd
 
 from bayesterra import report
 from bayesterra.csvfiles import csv_text
+from bayesterra.failures import with_failures
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.laws import Law
 from bayesterra.messages import check_kind, check_seed
@@ -51,14 +52,18 @@ class SavedSoilTest(SoilTestResult):
             self._write(part)
         return Path(folder) / "report.html"
 
-    def _write(self, part: Path) -> None:
+    def _write(self, part: Path) -> Self:
+        """Write all files; returns the result with what could not be made of its report in the record."""
+        page, failures = report.soil_test_and_failures(self)
+        whole = replace(self, record=with_failures(self.record, failures))
         write_tree(self.draws, part / "draws.nc")
         for name in TABLES:
             write_text(part / f"{name}.csv", csv_text(getattr(self, name), "%.6g"))
-        write_text(part / "run.json", json.dumps(_plain(self.record), indent=1, ensure_ascii=False) + "\n")
-        write_text(part / "report.html", report.soil_test_html(self))
+        write_text(part / "run.json", json.dumps(_plain(whole.record), indent=1, ensure_ascii=False) + "\n")
+        write_text(part / "report.html", page)
         write_text(part / "soiltest.toml", "\n".join(_lines(self.test)) + "\n")
         write_text(part / "readings.csv", csv_text(self.test.table))
+        return whole
 
 
 def soil_test(
@@ -121,8 +126,7 @@ def soil_test_into(
     with whole_folder(out, overwrite=overwrite) as part:
         with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
             found = soil_test(test, seed=seed, progress=show)
-        found._write(part)
-    return found
+        return found._write(part)
 
 
 def _lines(test: SoilTest) -> Iterator[str]:

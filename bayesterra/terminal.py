@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from bayesterra.errors import printable
+from bayesterra.failures import sentences
 
 
 class PlainConsole(Console):
@@ -21,6 +23,14 @@ class PlainConsole(Console):
         """Text of a sentence or of a cell: brackets are units, and what does not show is spelled out."""
         options |= {"markup": False, "emoji": False}
         return super().render_str("\n".join(map(_harmless, text.split("\n"))), **options)
+
+
+def print_failures(console: Console, record: Mapping[str, Any]) -> None:
+    """Say what could not be computed; nothing where all could."""
+    if text := sentences(record):
+        console.print(
+            f"{text} run.json says where it failed: please report it.", highlight=False, soft_wrap=True
+        )
 
 
 def _harmless(line: str) -> str:

@@ -9,9 +9,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.soiltests import CHECK
+from bayesterra.report.validation import misfit_text
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.quantities import QUANTITIES as SOIL_TEST_QUANTITIES
-from bayesterra.terminal import PlainConsole
+from bayesterra.terminal import PlainConsole, print_failures
 
 
 def print_soil_test(found: SoilTestResult, report: Path, console: Console | None = None) -> None:
@@ -30,11 +32,11 @@ def print_soil_test(found: SoilTestResult, report: Path, console: Console | None
     console.print(table)
     for note in (*found.test.notes, *found.record["fits"]["notes"]):
         console.print(f"note: {note}.", highlight=False, soft_wrap=True)
-    if found.record["alarm"]:
-        checks = found.record["checks"]
-        worst = min(checks, key=lambda name: checks[name])
-        console.print(f"! New tests are not as predicted: {worst} (p {checks[worst]:.2g}).", highlight=False)
+    if found.misfit:
+        PlainConsole(stderr=True).print(misfit_text(found.misfit, CHECK), highlight=False, soft_wrap=True)
     if not found.converged:
         console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
-    console.print(found.sentence, highlight=False, soft_wrap=True)
+    if found.sentence:
+        console.print(found.sentence, highlight=False, soft_wrap=True)
+    print_failures(console, found.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from pathlib import Path
 
 from bayesterra.calibration import Calibration
 from bayesterra.design.choosing import Design
 from bayesterra.failures import Failures
-from bayesterra.folders import write_text
 from bayesterra.holdout import Holdout
 from bayesterra.identified import Identified
 from bayesterra.pooled import PooledResult
@@ -38,8 +36,8 @@ __all__ = [
     "pooled_html",
     "prior_and_failures",
     "prior_html",
+    "soil_test_and_failures",
     "soil_test_html",
-    "write",
 ]
 
 
@@ -52,11 +50,6 @@ def html_and_failures(result: Result) -> tuple[str, Failures]:
     """The same, and those of its sections that could not be made."""
     made = page(result)
     return render(made), made.failures
-
-
-def write(result: Result, path: str | Path) -> None:
-    """Write the report to ``path``, whole or not at all."""
-    write_text(Path(path), html(result))
 
 
 def pooled_html(result: PooledResult) -> str:
@@ -108,4 +101,10 @@ def holdout_html(found: Holdout) -> str:
 
 def soil_test_html(result: SoilTestResult) -> str:
     """The result of a soil test as a self-contained HTML page."""
-    return render(soil_test_page(result), "soiltest.html")
+    return soil_test_and_failures(result)[0]
+
+
+def soil_test_and_failures(result: SoilTestResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = soil_test_page(result)
+    return render(made, "soiltest.html"), made.failures

@@ -21,7 +21,7 @@ from bayesterra.report.missed import missed_sections
 from bayesterra.report.outputs import posterior_section, predictive_section, sampling_section
 from bayesterra.report.strip import StripRow, legend, strip
 from bayesterra.report.symbols import listed
-from bayesterra.report.validation import alarm_sentence, cross_validation_section
+from bayesterra.report.validation import alarm_sentence, cross_validation_section, misfit_warning
 from bayesterra.report.verdicts import (
     Verdict,
     failed_checks,
@@ -154,10 +154,7 @@ def _misfit(result: Result) -> Markup:
     checks = Validation.from_record(result.record).checks
     if checks is None or not checks.alarm:
         return Markup("")
-    return Markup(
-        "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
-        "did. What to do: check units, loads and priors; then another model, or a [discrepancy]."
-    ).format(alarm_sentence(checks))
+    return misfit_warning(alarm_sentence(checks))
 
 
 def _unsettled(result: Result) -> Markup:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations
 from typing import Any
@@ -10,23 +10,27 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bayesterra.failures import Failures, failed
 from bayesterra.figures import soiltests as figures
 from bayesterra.figures.axis import TAIL, Axis
 from bayesterra.figures.rows import Row
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
+from bayesterra.report.attempts import missing, section, verdict
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.strip import StripRow, axis_end, keys
 from bayesterra.report.strip import drawing as strip_drawing
 from bayesterra.report.symbols import in_symbols, letters, listed
+from bayesterra.report.validation import misfit_warning
 from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.leastsquares import METHODS
 from bayesterra.soiltests.leaving_out import ALARM
 from bayesterra.soiltests.quantities import QUANTITIES
 
+CHECK = "units, plate sizes or normal stresses, and priors"
 LAWS = {
     "plate": Markup(
         "Bekker: <i>p</i> = (<i>k</i><sub>c</sub>/<i>b</i> + <i>k</i><sub>φ</sub>) "
@@ -52,7 +56,7 @@ class SoilTestPage(VerdictPage):
 
 def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     """Put the page together."""
-    record, test = result.record, result.test
+    record, test, failures = result.record, result.test, Failures()
     kinds = {"plate": "plate sinkage", "shear": "annular shear"}
     facts = (
         kinds[test.kind],
@@ -60,24 +64,47 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         f"{record['tests']} tests",
         f"{record['readings']} readings",
     )
+
+    def made(anchor: str, title: str, make: Callable[[SoilTestResult], Section], part: str = "") -> Section:
+        return section(failures, anchor, title, lambda: make(result), failed(record, part))
+
+    def strip() -> tuple[StripRow, ...]:
+        return tuple(_row(result, name) for name in result.names)
+
+    verdicts = (
+        verdict(failures, "Sampling", lambda: _sampling(result)),
+        verdict(failures, "New tests", lambda: _fit(result)),
+        verdict(failures, "Identifiability", lambda: _found(result)),
+    )
+    rows = failures.attempt("report: strip", strip, tuple[StripRow, ...])
+    sections = (
+        made("readings", "Readings", _readings),
+        made("tests", "Predictions of new tests", _tests, "left_out"),
+        made("parameters", "Parameters", _parameters),
+        made("least-squares", "Least squares", _squares, "fits"),
+        made("assumptions", "Assumptions and prior", _assumptions),
+        made("reproduce", "Reproduce this", _reproduce),
+    )
+    warning = (_misfit(result), _warning(result), missing(record, failures))
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
         facts=tuple(fact for fact in facts if fact),
-        warning=_warning(result),
-        verdicts=(_sampling(result), _fit(result), _found(result)),
-        strip=tuple(_row(result, name) for name in result.names),
+        warning=Markup(" ").join(filter(None, warning)),
+        verdicts=verdicts,
+        strip=rows,
         legend=keys(result.least_squares["method"].unique()),
-        sections=(
-            _readings(result),
-            _tests(result),
-            _parameters(result),
-            _squares(result),
-            _assumptions(result),
-            _reproduce(result),
-        ),
+        sections=sections,
         version=record["versions"]["bayesterra"],
+        failures=failures,
     )
+
+
+def _misfit(result: SoilTestResult) -> Markup:
+    """That tests are not as the others predict them; empty where they are, or where that is not known."""
+    if not result.record["alarm"]:
+        return Markup("")
+    return misfit_warning(Markup("{}.").format(result.misfit), CHECK, "another law, or wider [noise]")
 
 
 def _warning(result: SoilTestResult) -> Markup:
@@ -100,6 +127,8 @@ def _sampling(result: SoilTestResult) -> Verdict:
 def _fit(result: SoilTestResult) -> Verdict:
     """Whether new tests are predicted as well as the intervals say."""
     table, checks = result.left_out, result.record["checks"]
+    if line := failed(result.record, "left_out"):
+        return Verdict("New tests", "not known", "fair", Markup("{}").format(line))
     inside = int(((table["level_pit"] > 0.05) & (table["level_pit"] < 0.95)).sum())
     text = Markup(
         "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
@@ -114,7 +143,10 @@ def _fit(result: SoilTestResult) -> Verdict:
 
 
 def _found(result: SoilTestResult) -> Verdict:
-    directions = result.record["directions"]
+    directions = result.record.get("directions")
+    if directions is None:
+        why = failed(result.record, "identifiability")
+        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
     determined, of = directions["determined"], directions["of"]
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
@@ -355,11 +387,13 @@ def _assumptions(result: SoilTestResult) -> Section:
 
 def _reproduce(result: SoilTestResult) -> Section:
     record = result.record
+    integral = record.get("evidence")
+    evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
     rows = (
         ("command", Markup("<code>bayesterra soiltest FILE --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
         ("source", record["source"] or "not given"),
-        ("log evidence", f"{record['evidence']['log_z']:.2f} ± {record['evidence']['error']:.2f}"),
+        ("log evidence", evidence),
         (
             "settings",
             ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),

@@ -39,6 +39,23 @@ def alarm_sentence(checks: PredictiveChecks) -> Markup:
     return Markup("{} (overall <i>p</i> {}).").format(listed(parts), probability(checks.overall))
 
 
+def misfit_warning(
+    found: Markup,
+    check: str = "units, loads and priors",
+    then: str = "another model, or a [discrepancy]",
+) -> Markup:
+    """What a page opens with where the model cannot make readings like these."""
+    return Markup(
+        "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
+        "did. What to do: check {}; then {}."
+    ).format(found, check, then)
+
+
+def misfit_text(found: str, check: str = "units, loads and priors") -> str:
+    """The same in one line for a terminal."""
+    return f"warning: the model does not fit these readings: {found}; check {check} before you use any figure"
+
+
 def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
     """The strangest statistic of each channel that has a strange one, ``most`` channels at most."""
     found: dict[str, Check] = {}

@@ -20,7 +20,7 @@ from bayesterra.results import Result
 from bayesterra.validation import Validation
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
-UNSEEN = "A mode that none of them found does not show."
+UNSEEN = "A second solution that no ensemble found would not show."
 """What convergence cannot say."""
 FEW_READINGS = 3
 """Readings per free parameter below which the check of the fit can hardly fail."""

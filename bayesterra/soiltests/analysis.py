@@ -21,7 +21,8 @@ from bayesterra import record
 from bayesterra.arrays import FloatArray
 from bayesterra.diagnostics import array_ess, array_r_hat
 from bayesterra.errors import StudyError
-from bayesterra.identifiability import Identifiability, identifiability
+from bayesterra.failures import Failures, with_failures
+from bayesterra.identifiability import Identifiability, identifiability, undetermined
 from bayesterra.inference import PRIOR_DRAWS, Kept, keep
 from bayesterra.netcdf import labelled_tree
 from bayesterra.parameters import Parameter
@@ -31,7 +32,7 @@ from bayesterra.sampling.evidence import evidence
 from bayesterra.sampling.sampler import Progress, Samples, Target, sample_target
 from bayesterra.soiltests.curves import log_curve, structural
 from bayesterra.soiltests.leastsquares import Fitted, fit
-from bayesterra.soiltests.leaving_out import PLAN, LeftOut, leave_out
+from bayesterra.soiltests.leaving_out import PLAN, LeftOut, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates
 from bayesterra.soiltests.quantities import QUANTITIES
 from bayesterra.soiltests.scatter import marginal_sd
@@ -60,7 +61,7 @@ class SoilTestResult:
         units.
     bands : quantiles of the mean curve and of a new test, by plate or normal stress, over a grid; field
         units.
-    record : versions, seed, settings, verdicts, notes.
+    record : versions, seed, settings, verdicts, notes; ``failures`` say what could not be computed, and why.
     """
 
     test: SoilTest
@@ -100,6 +101,14 @@ class SoilTestResult:
         """What these tests determine, in a sentence."""
         return str(self.record["finding"])
 
+    @property
+    def misfit(self) -> str:
+        """The check that says most strongly that tests are not as the others predict them; empty without."""
+        checks = self.record["checks"] if self.record["alarm"] else {}
+        worst = min(checks, key=lambda name: checks[name], default="")
+        said = f"tests are not as the others predict them ({worst}: p {checks.get(worst, 1.0):.2g})"
+        return said if worst else ""
+
     def _repr_html_(self) -> str:
         return str(self.summary.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
 
@@ -134,19 +143,29 @@ def analyse(
     target = Target(posterior, coordinates(posterior))
     samples = sample_target(target, test.sampling, sampling, report, adaptation=plan)
     kept = keep(samples.chains)
-    report(Progress("leaving tests out", 1.0))
-    left_out = leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving)
-    integral = evidence(
-        target.densities, [adapted.proposal for adapted in samples.adaptations], default_rng(weighing)
-    ).beside([adapted.log_evidence for adapted in samples.adaptations])
-    return _Parts(test, posterior, prior, samples, kept, left_out, fit(test.readings)).result(
-        seed, record.of_evidence(integral, prior), default_rng(predicting), started
+    failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
+    left_out = failures.attempt(
+        "left_out",
+        lambda: leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving),
+        lambda: none_left_out(test.kind),
+    )
+
+    def integral() -> dict[str, Any]:
+        proposals = [adapted.proposal for adapted in samples.adaptations]
+        found = evidence(target.densities, proposals, default_rng(weighing))
+        found = found.beside([adapted.log_evidence for adapted in samples.adaptations])
+        return {"evidence": record.of_evidence(found, prior)}
+
+    weighed = failures.attempt("evidence", integral, dict[str, Any])
+    fitted = failures.attempt("fits", lambda: fit(test.readings), lambda: Fitted({}, ()))
+    return _Parts(test, posterior, prior, samples, kept, left_out, fitted, failures).result(
+        seed, weighed, default_rng(predicting), started
     )
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """Everything that was found, before it is put into tables."""
+    """Everything that was found, before it is put into tables; ``failures``: what was not."""
 
     test: SoilTest
     posterior: TestPosterior
@@ -155,32 +174,46 @@ class _Parts:
     kept: Kept
     left_out: LeftOut
     fitted: Fitted
+    failures: Failures
 
     def result(self, seed: int, integral: dict[str, Any], rng: Generator, started: float) -> SoilTestResult:
         """Tables, labelled draws and the record."""
-        found, whole = self.identifiability()
+        table, told = self._told()
+        summary = self._summary()
+        bands = self.failures.attempt("bands", lambda: self._bands(rng), lambda: _no_bands(self.test.kind))
+        found = {
+            **self._origin(seed),
+            "verdict": record.of_diagnosis(self.samples.diagnosis),
+            "sampling": record.of_samples(self.samples, self.kept.every),
+            **integral,
+            "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
+            "checks": self.left_out.checks,
+            "alarm": None if "left_out" in self.failures else self.left_out.alarm,
+            "fits": {"notes": list(self.fitted.notes)},
+            **told,
+            "seconds": {**self.samples.seconds, "total": time.perf_counter() - started},
+        }
         return SoilTestResult(
             test=self.test,
             draws=self._draws(),
-            summary=self._summary(),
+            summary=summary,
             least_squares=self._least_squares(),
-            identifiability=found.table,
+            identifiability=table,
             left_out=_in_field_units(self.left_out.table),
-            bands=self._bands(rng),
-            record={
-                **self._origin(seed),
-                "verdict": record.of_diagnosis(self.samples.diagnosis),
-                "sampling": record.of_samples(self.samples, self.kept.every),
-                "evidence": integral,
-                "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
-                "checks": self.left_out.checks,
-                "alarm": self.left_out.alarm,
-                "fits": {"notes": list(self.fitted.notes)},
-                "directions": {"determined": whole.determined, "of": len(whole.contractions)},
-                "finding": finding(self.test, found.table),
-                "seconds": {**self.samples.seconds, "total": time.perf_counter() - started},
-            },
+            bands=_in_field_units(bands),
+            record=with_failures(found, self.failures),
         )
+
+    def _told(self) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """Verdicts on all parameters, and the record of the directions and of the finding."""
+        both = self.failures.attempt("identifiability", self.identifiability, lambda: None)
+        if both is None:
+            prior, draws = (self.posterior.prior.stated(x) for x in (self.prior.x, self.kept.flat))
+            return undetermined(self.posterior.names, prior, draws), {"finding": ""}
+        table, whole = both[0].table, both[1]
+        said = self.failures.attempt("finding", lambda: finding(self.test, table), str)
+        directions = {"determined": whole.determined, "of": len(whole.contractions)}
+        return table, {"directions": directions, "finding": said}
 
     @property
     def soil(self) -> list[str]:
@@ -218,9 +251,11 @@ class _Parts:
             )
             for i, name in enumerate(self.posterior.names)
         ]
-        return pd.DataFrame(
-            rows + [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)]
-        )
+
+        def stresses() -> list[dict[str, Any]]:
+            return [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)]
+
+        return pd.DataFrame(rows + self.failures.attempt("derived", stresses, list[dict[str, Any]]))
 
     def _stress_row(self, level: float, mode: FloatArray) -> dict[str, Any]:
         """The stress at the typical path under a plate or normal stress, which tests measure directly."""
@@ -248,18 +283,20 @@ class _Parts:
         start: FloatArray = held[int(self.posterior.log_density(held).argmax())]
         if not d:
             return start
-        factor = np.linalg.cholesky(np.atleast_2d(np.cov(draws[:, :d].T)))
 
-        def at(y: FloatArray) -> FloatArray:
-            return np.concatenate([start[:d] + factor @ y, start[d:]])
+        def climbed() -> FloatArray:
+            factor = np.linalg.cholesky(np.atleast_2d(np.cov(draws[:, :d].T)))
 
-        def height(y: FloatArray) -> float:
-            return float(np.minimum(-self.posterior.log_density(at(y)[None])[0], 1e10))
+            def at(y: FloatArray) -> FloatArray:
+                return np.concatenate([start[:d] + factor @ y, start[d:]])
 
-        found = minimize(
-            height, np.zeros(d), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000}
-        )
-        return at(found.x)
+            def height(y: FloatArray) -> float:
+                return float(np.minimum(-self.posterior.log_density(at(y)[None])[0], 1e10))
+
+            options = {"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000}
+            return at(minimize(height, np.zeros(d), method="Nelder-Mead", options=options).x)
+
+        return self.failures.attempt("mode", climbed, lambda: start)
 
     def _least_squares(self) -> pd.DataFrame:
         known = self.test.published or self.test.truth
@@ -292,7 +329,7 @@ class _Parts:
                 found = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
                 scaled |= {f"{name}_q{100 * q:02.0f}": row for q, row in zip(QUANTILES, found, strict=True)}
             parts.append(pd.DataFrame(scaled))
-        return _in_field_units(pd.concat(parts, ignore_index=True).rename(columns=_columns(readings.kind)))
+        return pd.concat(parts, ignore_index=True).rename(columns=_columns(readings.kind))
 
     def _draws(self) -> xr.DataTree:
         readings, kept = self.test.readings, self.kept
@@ -369,6 +406,11 @@ def _columns(kind: str) -> dict[str, str]:
     if kind == "plate":
         return {"level": "plate_radius", "path": "sinkage [mm]"}
     return {"level": "normal_stress", "path": "displacement [mm]"}
+
+
+def _no_bands(kind: str) -> pd.DataFrame:
+    quantiles = [f"{name}_q{100 * q:02.0f}" for name in ("curve", "test") for q in QUANTILES]
+    return pd.DataFrame(columns=[*_columns(kind).values(), *quantiles], dtype=float)
 
 
 def _in_field_units(table: pd.DataFrame) -> pd.DataFrame:

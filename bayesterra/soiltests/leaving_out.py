@@ -10,6 +10,7 @@ bands hold.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,6 +33,8 @@ enough."""
 DRAWS = 500
 ANEW = SamplingOptions(target_ess=500, walkers=32)
 BANDS = (0.5, 0.9)
+COLUMNS = ("test", "level", "readings", "elpd", "level_pit", "slope_pit",
+           *(f"covered_{100 * band:.0f}" for band in BANDS), "k_hat", "anew")  # fmt: skip
 ALARM = 0.05
 """Probability of a false alarm over all checks together."""
 
@@ -75,10 +78,18 @@ def leave_out(posterior: TestPosterior, draws: FloatArray, seed: SeedSequence) -
             weights = np.full(len(x), -np.log(len(x)))
         row = _predicted(posterior, number, x, weights)
         rows.append({"test": name, "level": readings.levels[number], **row, "k_hat": k_hat, "anew": anew})
-    table = pd.DataFrame(rows).rename(
-        columns={"level": "plate_radius" if readings.kind == "plate" else "normal_stress"}
-    )
+    table = _table(rows, readings.kind)
     return LeftOut(table, _checks(table, readings.levels))
+
+
+def none_left_out(kind: str) -> LeftOut:
+    """Without any test, where leaving them out failed."""
+    return LeftOut(_table([], kind), {})
+
+
+def _table(rows: list[dict[str, Any]], kind: str) -> pd.DataFrame:
+    columns = {"level": "plate_radius" if kind == "plate" else "normal_stress"}
+    return pd.DataFrame(rows, columns=list(COLUMNS)).rename(columns=columns)
 
 
 def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatArray:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from bayesterra import report
 from bayesterra.adequacy import FitCheck
 from bayesterra.figures.rows import summary_rows
 from bayesterra.report import symbols, verdicts, words
@@ -21,6 +20,7 @@ from bayesterra.report.inputs import data_section
 from bayesterra.report.page import Page, page, render, warning
 from bayesterra.report.strip import _lanes, mode_outside
 from bayesterra.results import Result
+from bayesterra.workflow import RunResult
 
 NASTY = '<script>alert(1)</script> & "it" $x_1$'
 
@@ -132,8 +132,8 @@ def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
 
 def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: Path, html: str) -> None:
     """Drawing and writing the report of a result once more changes nothing."""
-    report.write(small_result, tmp_path / "report.html")
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == html
+    RunResult.of(small_result).save(tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8") == html
 
 
 def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> None:

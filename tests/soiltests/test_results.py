@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,15 @@ from scipy.stats import spearmanr
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.failures import PARTS
+from bayesterra.figures import soiltests as figures
+from bayesterra.listing.soiltests import print_soil_test
 from bayesterra.models import Wheel
+from bayesterra.report import soil_test_html
 from bayesterra.soiltesting import SavedSoilTest
+from bayesterra.soiltests import analysis
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
-from bayesterra.soiltests.leaving_out import LeftOut
+from bayesterra.soiltests.leaving_out import LeftOut, none_left_out
 from bayesterra.soiltests.study import load_soil_test, soil_test
 from bayesterra.study import Study
 from bayesterra.tabulated import Tabulated
@@ -77,6 +83,71 @@ def test_a_test_that_is_off_is_outside_its_prediction(analysed: Analysed) -> Non
     assert found.pop("0.06 0") > 0.97
     assert all(0.02 < level < 0.98 for level in found.values())
     assert set(result.left_out["test"]) == set(result.test.readings.tests)
+
+
+BROKEN = {
+    "left_out": "leave_out", "evidence": "evidence", "fits": "fit", "identifiability": "identifiability",
+    "mode": "minimize", "derived": "log_curve", "bands": "log_curve",
+}  # fmt: skip
+
+
+def test_no_check_costs_the_posterior(
+    analysed: Analysed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All that comes after the sampling fails: draws and summary stand, page and terminal say what failed."""
+
+    def refuse(*_: object, **__: object) -> float:
+        raise ValueError("all tail values are the same")
+
+    sound = analysed("one plate")
+    for name in set(BROKEN.values()):
+        monkeypatch.setattr(analysis, name, refuse)
+    monkeypatch.setattr(figures, "pair", refuse)
+    found = SavedSoilTest.of(analyse(plates((0.03,)), seed=1))
+    report = found.save(tmp_path / "out")
+    np.testing.assert_array_equal(found.values(), sound.values())
+    assert list(found.summary["parameter"]) == list(found.names)
+    assert np.isfinite(found.summary[["mode", "median", "r_hat"]]).all(axis=None)
+    record = json.loads((report.parent / "run.json").read_text(encoding="utf-8"))
+    assert set(record["failures"]) == {*BROKEN, "report: Parameters"}
+    assert record["alarm"] is None
+    page = report.read_text(encoding="utf-8")
+    print_soil_test(found, report)
+    printed = capsys.readouterr().out
+    for part in BROKEN:
+        assert f"{PARTS[part]} could not be computed (ValueError: all tail values are the same)" in page
+        assert f"{PARTS[part]} could not be computed (ValueError: all tail values are the same)" in printed
+    assert "report: Parameters could not be computed" in page
+    assert "No soil parameter is determined" not in page + printed
+    assert "failures" not in sound.record
+
+
+def test_a_finding_that_fails_leaves_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sentence is empty, and the table of verdicts stands."""
+    monkeypatch.setattr(analysis, "leave_out", lambda *_: none_left_out("plate"))
+    monkeypatch.setattr(analysis, "finding", lambda *_: {}["nothing"])
+    found = analyse(plates((0.03,)), seed=1)
+    assert (found.sentence, list(found.record["failures"])) == ("", ["finding"])
+    assert words(found)["n"] == "determined"
+
+
+def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
+    analysed: Analysed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with wheels: the page opens with it, and one line on standard error warns; else nothing does."""
+    sound = replace(analysed("plates"), record={**analysed("plates").record, "alarm": False})
+    loud = {**sound.record, "alarm": True, "checks": {"levels of tests uniform": 0.001, "b": 0.4}}
+    alarmed = replace(sound, record=loud)
+    opening = soil_test_html(alarmed).split("<main>")[1].lstrip()
+    said = "these readings: tests are not as the others predict them (levels of tests uniform: p 0.001)"
+    assert opening.startswith(f'<p class="warning" role="alert">The model does <b>not fit</b> {said}. ')
+    print_soil_test(alarmed, Path("report.html"))
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"warning: the model does not fit {said}; check units, plate sizes or normal")
+    assert printed.count("\n") == 1
+    print_soil_test(sound, Path("report.html"))
+    assert capsys.readouterr().err == ""
+    assert "<b>not fit</b>" not in soil_test_html(sound)
 
 
 def test_alarms_need_a_small_p_value_for_the_number_of_checks() -> None:
