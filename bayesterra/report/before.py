@@ -11,11 +11,13 @@ from markupsafe import Markup
 from bayesterra import figures
 from bayesterra.derived import DERIVED, reference_load
 from bayesterra.failures import Failures, failed
+from bayesterra.joint_rows import TYPICAL
 from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.posteriors import posterior
 from bayesterra.prior_only import PriorResult
 from bayesterra.report.attempts import missing, section, verdict
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
-from bayesterra.report.inputs import conditions, prior_sources, stated_law, support
+from bayesterra.report.inputs import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
@@ -47,7 +49,7 @@ def prior_page(result: PriorResult) -> VerdictPage:
         section(failures, "prior", "Prior", lambda: _prior_section(result)),
         section(failures, "predictions", "What the prior predicts", lambda: _predictive_section(result)),
         section(failures, "derived", "Derived quantities", lambda: _derived_section(result)),
-        Section("data", "Conditions and model", conditions(study)),
+        section(failures, "data", "Conditions and model", lambda: _conditions(result)),
         Section("reproduce", "Reproduce this", (_reproduce(result),)),
     )
     return VerdictPage(
@@ -105,6 +107,11 @@ def _pull(result: PriorResult) -> Verdict:
     low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
     sentence = Markup("90 % of the prior, under {} N.").format(given(round(reference_load(result.study), 1)))
     return Verdict("Greatest pull", f"{interval(low, high)} N", "good" if low > 0 else "fair", sentence)
+
+
+def _conditions(result: PriorResult) -> Section:
+    note = slip_note(posterior(result.study), result.values()[:TYPICAL])
+    return Section("data", "Conditions and model", (*conditions(result.study), *note))
 
 
 def _prior_section(result: PriorResult) -> Section:

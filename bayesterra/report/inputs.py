@@ -10,12 +10,13 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.adequacy import spread_draws
+from bayesterra.arrays import FloatArray
 from bayesterra.figures.rows import summary_rows
 from bayesterra.joint_rows import TYPICAL, slip_doubts
 from bayesterra.model_errors import Size
 from bayesterra.noise import Noise
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posteriors import posterior
+from bayesterra.posteriors import Posterior, posterior
 from bayesterra.priors import Entry, Law, Tie
 from bayesterra.report.blocks import Block, Cell, Section, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, moments, share
@@ -41,15 +42,13 @@ DRIVES = {
 def data_section(result: Result) -> Section:
     """Data and model."""
     cut = Text(support(result.record["prior_support"]))
-    blocks = (*conditions(result.study), *_slip(result), _priors(result), *prior_sources(result.study), cut)
+    note = slip_note(posterior(result.study), spread_draws(result, TYPICAL))
+    blocks = (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
     return Section("data", "Data and model", blocks)
 
 
-def _slip(result: Result) -> tuple[Text, ...]:
-    """Rows where errors of slip are not what the first order makes of them, at posterior draws."""
-    if result.study.errors.slip is None:
-        return ()
-    target, x = posterior(result.study), spread_draws(result, TYPICAL)
+def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
+    """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
     doubts = slip_doubts(target.likelihood, target.prior.soil_values(x), target.noise_values(x))
     return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
 

@@ -11,12 +11,14 @@ from markupsafe import Markup
 
 from bayesterra import figures
 from bayesterra.failures import Failures, failed
+from bayesterra.joint_rows import TYPICAL
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooled import PooledResult
+from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
 from bayesterra.report.attempts import missing, section, verdict
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
-from bayesterra.report.inputs import conditions, prior_sources, stated_law
+from bayesterra.report.inputs import conditions, prior_sources, slip_note, stated_law
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.pages import VerdictPage
 from bayesterra.report.symbols import angles, law_text, listed, symbol, symbols, unit
@@ -68,7 +70,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
         made("pooling", "Complete, partial and no pooling", _degrees_section),
         made("posterior", "Joint posterior", _summary_section),
         made("prior", "Prior and roles", _prior_section),
-        Section("data", "Data and model", conditions(study)),
+        made("data", "Data and model", _data),
         made("reproduce", "Reproduce this", _reproduce),
     )
     return PooledPage(
@@ -368,6 +370,16 @@ def joined_laws(study: Study) -> Markup | str:
         "joined by correlations of normal scores, a Gaussian copula of what is shared and what a group has, "
         "a hierarchical value by its score under its population's law ({})"
     ).format(listed(named))
+
+
+def _data(result: PooledResult) -> Section:
+    blocks = [*conditions(result.study)]
+    if result.study.errors.slip is not None:
+        joint, frame = joint_posterior(result.study), result.to_dataframe()
+        D, L = joint.split(frame[list(joint.names)].to_numpy()[:: max(1, len(frame) // TYPICAL)])
+        for own, density in zip(L, joint.groups.values(), strict=True):
+            blocks += slip_note(density, joint.of_group(D, own))
+    return Section("data", "Data and model", tuple(blocks))
 
 
 def _reproduce(result: PooledResult) -> Section:
