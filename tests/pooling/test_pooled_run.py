@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
+from markupsafe import escape
 
-from bayesterra import workflow
+from bayesterra import pooled, workflow
 from bayesterra.cli.studies import run as run_command
+from bayesterra.console import print_pooled
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.failures import PARTS
+from bayesterra.model_errors import ModelErrors, Size, SlipError
 from bayesterra.pooled import PooledResult, row_likelihoods, run_pooled
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import PoolingOptions
-from bayesterra.report import pooled_html
+from bayesterra.prior_only import run_prior
+from bayesterra.report import pooled_html, prior_html
 from bayesterra.study import Study
 from bayesterra.workflow import PooledRun, load_result, load_single, run
 from bayesterra.writing import write_study
@@ -122,6 +128,45 @@ def test_page_says_what_is_shared(result: PooledResult) -> None:
         assert group in page
 
 
+def test_a_run_stands_without_degrees_and_verdicts(
+    make: MakeStudy, small: PoolingOptions, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Record, page and terminal say what is missing, and the folder is read back."""
+    broken = {"degrees": "degrees_of", "sharing": "shared_or_not", "sharing_as_stated": "as_stated"}
+    for name in broken.values():
+        monkeypatch.setattr(pooled, name, lambda *_: {}["no such weights"])
+    found = run_pooled(make(sampling={"target_ess": 200, "walkers": 32}), seed=1, plan=small)
+    assert list(found.record["failures"]) == list(broken)
+    report = PooledRun.of(found).save(tmp_path / "out")
+    again = load_result(tmp_path / "out")
+    np.testing.assert_allclose(again.to_dataframe(), found.to_dataframe())
+    page = report.read_text(encoding="utf-8")
+    print_pooled(again.record, report)
+    printed = capsys.readouterr().out
+    for part in broken:
+        said = f"{PARTS[part]} could not be computed (KeyError: 'no such weights')"
+        assert str(escape(said)) in page
+        assert said in printed
+    assert page.count("degrees of pooling could not") == 3  # above all, in the verdict and in the section
+
+
+def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(
+    result: PooledResult, make: MakeStudy
+) -> None:
+    """Each group its rows, those near a transition slip; before any reading too."""
+    note = "Note: errors of slip (sd 0.02) are taken to first order, which is doubtful in row"
+    study = copy(result.study)
+    object.__setattr__(study, "errors", ModelErrors(slip=SlipError(Size(sd=0.02))))
+    shown = pooled_html(replace(result, study=study))
+    assert f"{note} 3 within 2 sd of the transition slips" in shown
+    assert f"{note} 6 within 2 sd of the transition slips" in shown
+    assert note not in pooled_html(result)
+    before = prior_html(run_prior(make(pooling=None, slip={"sd": 0.02})))
+    assert f"{note}s 3, 6 within 2 sd of the transition slips" in before
+    assert note not in prior_html(run_prior(make(pooling=None)))
+
+
 def test_no_crosscheck_of_groups(make: MakeStudy) -> None:
     """A cross-check is refused."""
     with pytest.raises(StudyError, match=r"--crosscheck takes studies without a \[pooling\] table"):
@@ -143,6 +188,7 @@ def test_command_writes_the_folder_and_says_what_it_found(
     assert left.value.exit_code == 0
     printed = capsys.readouterr().out
     assert "Sampling converged" in printed
+    assert "A second solution that no ensemble found would not show." in printed
     assert result.record["pooling"]["sentence"].split(":")[0] in printed
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"report.html", "draws.nc", "summary.csv", "sharing.csv", "pooling.csv", "left_out.csv"} <= names
