@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp, ndtr
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import beta, multivariate_normal, norm
 
 from bayesterra.arrays import FloatArray
+from bayesterra.laws import Law
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
 from bayesterra.sampling.evidence import Evidence, evidence
@@ -170,3 +171,20 @@ def test_evidence_of_small_studies_is_that_of_the_prior(
     assert isinstance(found, Evidence)
     assert error < 0.2
     assert abs(found.log_z - expected) < 4 * np.hypot(found.error, error)
+
+
+@pytest.mark.parametrize("shape", [0.02, 0.2])
+def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_study: MakeStudy) -> None:
+    """A whole run: with 0.02 nearly all of the law stands at its two ends."""
+    law = Law("beta", {"a": shape, "b": shape, "scale": 5e3})
+    density = posterior(make_study(free=("c",), priors={"c": law}, noise=LOOSE))
+    plan = AdaptationOptions(particles=256, components=4, shores=0)
+    options = SamplingOptions(walkers=32, target_ess=200)
+    samples = sample(density, options, SeedSequence(3), adaptation=plan)
+    target = Target(density, samples.coordinates)
+    found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
+    shares = (np.arange(20_000) + 0.5) / 20_000  # the mean over the quantiles of the law is its integral
+    x = 5e3 * beta.ppf(shares, shape, shape)
+    expected = float(logsumexp(density.log_terms(x[:, None]).sum(axis=(1, 2))) - np.log(len(x)))
+    assert found.reliable
+    assert abs(found.log_z - expected) < max(4 * found.error, 1e-3)
