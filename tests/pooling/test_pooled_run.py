@@ -135,7 +135,7 @@ def test_a_run_stands_without_degrees_and_verdicts(
     """Record, page and terminal say what is missing, and the folder is read back."""
     broken = {"degrees": "degrees_of", "sharing": "shared_or_not", "sharing_as_stated": "as_stated"}
     for name in broken.values():
-        monkeypatch.setattr(pooled, name, lambda *_: {}["no such weights"])
+        monkeypatch.setattr(pooled, name, lambda *_: dict[str, str]()["no such weights"])
     found = run_pooled(make(sampling={"target_ess": 200, "walkers": 32}), seed=1, plan=small)
     assert list(found.record["failures"]) == list(broken)
     report = PooledRun.of(found).save(tmp_path / "out")

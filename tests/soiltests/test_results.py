@@ -125,7 +125,7 @@ def test_no_check_costs_the_posterior(
 def test_a_finding_that_fails_leaves_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sentence is empty, and the table of verdicts stands."""
     monkeypatch.setattr(analysis, "leave_out", lambda *_: none_left_out("plate"))
-    monkeypatch.setattr(analysis, "finding", lambda *_: {}["nothing"])
+    monkeypatch.setattr(analysis, "finding", lambda *_: dict[str, str]()["nothing"])
     found = analyse(plates((0.03,)), seed=1)
     assert (found.sentence, list(found.record["failures"])) == ("", ["finding"])
     assert words(found)["n"] == "determined"
