@@ -215,6 +215,14 @@ def test_kept_draws_are_laid_walker_after_walker() -> None:
     np.testing.assert_allclose(kept.chains[..., 0], expected, atol=0.01)
 
 
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_draws_piled_at_an_end_have_a_tail(end: float) -> None:
+    """A law with a pole at an end of its range puts many draws on one value; they moved all the same."""
+    chains = np.clip(walks(0.0) / 2.0, -0.2, 0.2) if end else np.minimum(walks(0.0), 0.3)
+    assert (chains == chains.max()).mean() > 0.2
+    assert tail_size(chains) == pytest.approx(chains.size, rel=0.1)
+
+
 def test_hdi_is_the_shortest_interval() -> None:
     """For an exponential law the 90 % interval of highest density begins at zero and ends at ln 10."""
     draws = np.random.default_rng(1).exponential(size=100_000)

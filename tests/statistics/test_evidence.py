@@ -176,7 +176,7 @@ def test_evidence_of_small_studies_is_that_of_the_prior(
 @pytest.mark.parametrize("shape", [0.02, 0.2])
 def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_study: MakeStudy) -> None:
     """A whole run: with 0.02 nearly all of the law stands at its two ends."""
-    law = Law("beta", {"a": shape, "b": shape, "scale": 5e3})
+    law = Law("beta", {"a": shape, "b": shape, "scale": 500.0})
     density = posterior(make_study(free=("c",), priors={"c": law}, noise=LOOSE))
     plan = AdaptationOptions(particles=256, components=4, shores=0)
     options = SamplingOptions(walkers=32, target_ess=200)
@@ -184,7 +184,7 @@ def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_s
     target = Target(density, samples.coordinates)
     found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
     shares = (np.arange(20_000) + 0.5) / 20_000  # the mean over the quantiles of the law is its integral
-    x = 5e3 * beta.ppf(shares, shape, shape)
+    x = 500.0 * beta.ppf(shares, shape, shape)
     expected = float(logsumexp(density.log_terms(x[:, None]).sum(axis=(1, 2))) - np.log(len(x)))
     assert found.reliable
     assert abs(found.log_z - expected) < max(4 * found.error, 1e-3)
