@@ -65,7 +65,7 @@ def rank_scores(chains: FloatArray) -> FloatArray:
 
 
 def tail_indicators(chains: FloatArray) -> tuple[FloatArray, ...]:
-    """Whether draws lie at or below the 5 and the 95 % quantile; below it where it is their greatest value."""
+    """Whether draws lie at or below the 5 and the 95 % quantile, below it where it is the greatest value."""
     greatest = chains.max()
     below = (chains < q if q == greatest else chains <= q for q in np.quantile(chains, TAILS))
     return tuple(inside.astype(float) for inside in below)
