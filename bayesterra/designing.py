@@ -16,14 +16,12 @@ import numpy as np
 from numpy.random import default_rng
 
 from bayesterra import report
-from bayesterra.checksums import check_sums
 from bayesterra.csvfiles import csv_text
 from bayesterra.design.candidates import Candidate, Wishes, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.design.gain import Estimate
 from bayesterra.design.judging import Progress, Report, as_content, from_content
 from bayesterra.design.readings import Situation
-from bayesterra.drawn import is_result
 from bayesterra.engines import Engine
 from bayesterra.errors import StudyError
 from bayesterra.figures.design import gain_over_slip_png
@@ -32,12 +30,10 @@ from bayesterra.messages import check_kind, check_seed, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.posteriors import draw_cut_prior, posterior
 from bayesterra.predicting import wheel_named
-from bayesterra.reading import read_json
 from bayesterra.record import PACKAGES
 from bayesterra.results import Result
-from bayesterra.study import STUDY_FILE, Study, load_study
+from bayesterra.study import Study
 from bayesterra.taskfolders import task_folder
-from bayesterra.workflow import load_single
 
 MARK = "design.json"
 """File by which folders of this kind are known."""
@@ -227,23 +223,8 @@ def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
     return ("other wheel", given) if isinstance(given, Wheel) else wheel_named(study, given)
 
 
-def known_in(path: Path) -> Result | Study:
-    """The result in a folder that ``run`` wrote, else the study, with or without readings."""
-    if is_result(path) and not _prior_only(path):
-        return load_single(path)
-    check_sums(path, STUDY_FILE, "measurements.csv")
-    return load_study(path, prior_only=True)
-
-
-def _prior_only(folder: Path) -> bool:
-    try:
-        return bool(read_json(folder / "run.json").get("prior_only"))
-    except (OSError, ValueError, AttributeError):
-        return False
-
-
 def design_into(
-    path: Path,
+    known: Result | Study,
     out: Path,
     *,
     engine: Engine | None = None,
@@ -253,7 +234,7 @@ def design_into(
     watch: Callable[[Progress], None] = lambda update: None,
     **wishes: Any,
 ) -> Recommendation:
-    """Recommend the next drive for a result folder or a study, and write the folder ``out``.
+    """Recommend the next drive for a result or a study, and write the folder ``out``.
 
     Every judged candidate is saved at once in ``<out>.part``; ``resume`` goes on from there. ``wishes``:
     keywords of :func:`asked`. ``watch`` is called as candidates are judged.
@@ -267,9 +248,8 @@ def design_into(
     from bayesterra.console import design_bar, note
 
     check_free(out, overwrite=overwrite, mark=MARK)
-    known = known_in(path)
     if isinstance(known, Result) and not known.converged:
-        note(f"the sampling of '{path}' has not converged: gains from its draws may be wrong")
+        note("the sampling of this result has not converged: gains from its draws may be wrong")
     question = asked(known, **wishes)
     opened = task_folder(
         out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite

@@ -14,18 +14,17 @@ from bayesterra import schema
 from bayesterra.checksums import check_sums
 from bayesterra.csvfiles import csv_text, read_csv, rows_of_cells
 from bayesterra.data import Observations
-from bayesterra.drawn import is_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.figures.stream import bands_over_rows_png
 from bayesterra.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.messages import errors_in
 from bayesterra.reading import damage
+from bayesterra.results import Result
 from bayesterra.streaming.rows import read_row
 from bayesterra.streaming.state import MARK, STATE
 from bayesterra.streaming.stream import Stream, load_stream
 from bayesterra.streaming.updates import Alarm, Update, cells
 from bayesterra.study import STUDY_FILE, load_study
-from bayesterra.workflow import load_result
 
 UPDATES = "updates.csv"
 FIGURE = "rows.png"
@@ -92,12 +91,12 @@ class Following:
         write_bytes(folder / FIGURE, bands_over_rows_png(updates, truth))
 
 
-def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:
+def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Following:
     """A stream on a study file, on a finished result, or on a stream that was put down.
 
     Parameters
     ----------
-    what : study file or folder, result folder, or folder of a stream.
+    what : a finished result, or the path of a study or of a stream.
     first : table of the first row, which takes the place of the study's measurements.
     **settings : of :class:`bayesterra.streaming.stream.Stream`; None for what the study file says. A stream
         that was put down has its own.
@@ -107,12 +106,12 @@ def begin(what: Path, first: pd.DataFrame, **settings: Any) -> Following:
     StudyError, ResultError : what is there cannot be used.
     """
     given = {name: value for name, value in settings.items() if value is not None}
+    if isinstance(what, Result):
+        return Following(Stream(what, **given))
     if (what / MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
         check_sums(what, UPDATES)
         return _gone_on(stream, what / UPDATES)
-    if is_result(what):
-        return Following(Stream(load_result(what), **given))
     study = load_study(what, prior_only=True, table=first)
     path = what / STUDY_FILE if what.is_dir() else what
     with errors_in(path):
@@ -141,7 +140,7 @@ def _begun_anew(stream: Stream, before: pd.DataFrame) -> int:
 
 
 def follow(
-    what: Path,
+    what: Path | Result,
     data: Path | TextIO,
     *,
     out: Path | None = None,

@@ -10,17 +10,14 @@ from typing import Self
 
 from bayesterra import report
 from bayesterra.csvfiles import csv_text
-from bayesterra.drawn import is_result
 from bayesterra.engines import Engine
-from bayesterra.errors import ResultError
 from bayesterra.folders import check_free, whole_folder, write_text
 from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
 from bayesterra.messages import check_kind, check_seed
 from bayesterra.results import Result
-from bayesterra.study import Study, load_study
-from bayesterra.workflow import load_single
+from bayesterra.study import Study
 
-__all__ = ["IdentifyResult", "foresee", "identify", "identify_into", "opened"]
+__all__ = ["IdentifyResult", "foresee", "identify", "identify_into"]
 
 MARK = "identifiability.json"
 """File by which folders of this kind are known."""
@@ -80,23 +77,8 @@ def identify(
     return IdentifyResult.of(identify_study(what, seed=seed, engine=engine, report=progress))
 
 
-def opened(path: Path) -> Study | Result:
-    """The result folder or the study at a path.
-
-    Raises
-    ------
-    BayesterraError : it is neither, or something in it is wrong.
-    """
-    if is_result(path):
-        return load_single(path)
-    if path.is_file() or (path / "study.toml").is_file():
-        return load_study(path)
-    missing = "neither run.json nor study.toml in it" if path.is_dir() else "no such file or folder"
-    raise ResultError(f"'{path}' is neither a study nor a result: {missing}")
-
-
 def identify_into(
-    path: Path,
+    what: Study | Result,
     out: Path,
     *,
     seed: int = 1,
@@ -104,10 +86,9 @@ def identify_into(
     overwrite: bool = False,
     quiet: bool = False,
 ) -> IdentifyResult:
-    """Analyse the result or study at a path into a new folder, with a word on each part on a terminal."""
+    """Analyse a result or a study into a new folder, with a word on each part on a terminal."""
     from bayesterra.console import stages
 
-    what = opened(path)
     check_free(out, overwrite=overwrite, mark=MARK)
     with stages(show=not quiet) as show:
         found = identify(what, seed=seed, engine=engine, progress=show)

@@ -84,10 +84,14 @@ def identify(
     from bayesterra.engines import chosen
     from bayesterra.identifying import identify_into
     from bayesterra.listing.verdicts import print_identified
+    from bayesterra.opening import opened
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     with chosen(workers, scheduler) as engine:
-        found = identify_into(what, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet)
+        study_or_result = opened(what)
+        found = identify_into(
+            study_or_result, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet
+        )
     print_identified(found, folder / "report.html")
     raise typer.Exit(0 if found.record["converged"] else 3)
 
@@ -144,6 +148,7 @@ def design(
     from bayesterra.engines import chosen
     from bayesterra.followup import slips_of
     from bayesterra.listing.designs import print_design
+    from bayesterra.opening import opened_for_design
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
@@ -151,7 +156,13 @@ def design(
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
     with chosen(workers, scheduler) as engine:
         found = design_into(
-            known, folder, engine=engine, resume=resume, overwrite=overwrite, quiet=quiet, **asked
+            opened_for_design(known),
+            folder,
+            engine=engine,
+            resume=resume,
+            overwrite=overwrite,
+            quiet=quiet,
+            **asked,
         )
     print_design(found, folder)
 

@@ -58,10 +58,11 @@ def follow(
 ) -> None:
     """Update a posterior row by row as a rover drives, and say when the soil has changed."""
     from bayesterra import following
+    from bayesterra.opening import opened_for_stream
     from bayesterra.ticker import print_end, print_row
 
     found = following.follow(
-        what,
+        opened_for_stream(what),
         sys.stdin if str(data) == "-" else data,
         out=out,
         restart=restart,

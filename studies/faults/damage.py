@@ -15,11 +15,11 @@ import pandas as pd
 from numpy.random import Generator
 from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, one_study, quick_study, rng_of
 
-from bayesterra.designing import known_in
 from bayesterra.drawn import read_drawn
 from bayesterra.errors import BayesterraError
 from bayesterra.folders import WORK, part_of
 from bayesterra.following import begin
+from bayesterra.opening import opened_for_design, opened_for_stream
 from bayesterra.sampling.journal import pack
 from bayesterra.taskstore import TaskStore
 from bayesterra.workflow import load_result
@@ -60,12 +60,12 @@ def _prior(folder: Path) -> str:
 
 
 def _known(folder: Path) -> str:
-    found: Any = known_in(folder)
+    found: Any = opened_for_design(folder)
     return _digest(type(found).__name__, found.values().tobytes())
 
 
 def _stream(folder: Path) -> str:
-    found = begin(folder, pd.DataFrame())
+    found = begin(opened_for_stream(folder), pd.DataFrame())
     stream = found.stream
     state = {name: array.tobytes() for name, array in pack(stream.cloud).items()}
     return _digest(state, found.table, found.soil, len(stream), stream.log_evidence, stream.study.fingerprint)

@@ -52,7 +52,7 @@ def test_an_interrupted_design_goes_on_where_it_was(tmp_path: Path) -> None:
     """Nothing is judged twice, the folder is that of an undisturbed one, and the store tells on the way."""
     out, seen = tmp_path / "out", list[int]()
     with pytest.raises(KeyboardInterrupt):
-        design_into(HIT, out, quiet=True, watch=stop_at(5), **WISHES)
+        design_into(bt.load_study(HIT), out, quiet=True, watch=stop_at(5), **WISHES)
     status = json.loads((tmp_path / "out.part" / "status.json").read_text())
     assert status["judged"] == 5
     table = bt.read_tasks(out)
@@ -60,15 +60,17 @@ def test_an_interrupted_design_goes_on_where_it_was(tmp_path: Path) -> None:
     assert np.shape(table["replicates"][0]) == (21, 3)
     assert table.attrs["made_with"]["number"] == 2
     with pytest.raises(ResultError, match="holds 5 finished candidates: add --resume to go on, or --overwr"):
-        design_into(HIT, out, quiet=True, **WISHES)
+        design_into(bt.load_study(HIT), out, quiet=True, **WISHES)
     with pytest.raises(ResultError, match="was made with seed 1, not 2: give the same, or begin anew"):
-        design_into(HIT, out, quiet=True, resume=True, seed=2, **WISHES)
+        design_into(bt.load_study(HIT), out, quiet=True, resume=True, seed=2, **WISHES)
     with pytest.raises(ResultError, match="was made with another list of candidates"):
-        design_into(HIT, out, quiet=True, resume=True, **WISHES | {"slips": [0.1, 0.3, 0.45]})
-    design_into(HIT, out, quiet=True, resume=True, watch=lambda now: seen.append(now.judged), **WISHES)
+        design_into(bt.load_study(HIT), out, quiet=True, resume=True, **WISHES | {"slips": [0.1, 0.3, 0.45]})
+    design_into(
+        bt.load_study(HIT), out, quiet=True, resume=True, watch=lambda now: seen.append(now.judged), **WISHES
+    )
     assert seen[:2] == [3, 5]  # the first three are there, then two of the next
     assert {path.name for path in out.parent.iterdir()} == {"out"}
-    design_into(HIT, tmp_path / "other", quiet=True, **WISHES)
+    design_into(bt.load_study(HIT), tmp_path / "other", quiet=True, **WISHES)
     for name in ("design.csv", "plan.csv", "design.json"):
         assert (out / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
     assert {path.name for path in out.iterdir()} == {path.name for path in (tmp_path / "other").iterdir()}
@@ -79,7 +81,7 @@ def test_the_command_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     out = tmp_path / "out"
     command = ["design", str(HIT), "--about", "phi", "--slip", "0.1,0.3", "--out", str(out)]
     with pytest.raises(KeyboardInterrupt):
-        design_into(HIT, out, quiet=True, watch=stop_at(1), about=["phi"], slips=[0.1, 0.3])
+        design_into(bt.load_study(HIT), out, quiet=True, watch=stop_at(1), about=["phi"], slips=[0.1, 0.3])
     assert main([*command, "--workers", "1"]) == 2
     assert "holds 1 finished candidates: add --resume" in capsys.readouterr().err
     assert main([*command, "--workers", "1", "--resume"]) == 0

@@ -197,7 +197,7 @@ def test_a_bad_target_is_refused_before_the_work(pair_folder: Path, tmp_path: Pa
     """A folder that is in the way is noticed at once."""
     (tmp_path / "out").mkdir()
     with pytest.raises(ResultError, match="exists already"):
-        identify_into(pair_folder, tmp_path / "out", quiet=True)
+        identify_into(bt.load_result(pair_folder), tmp_path / "out", quiet=True)
 
 
 @pytest.mark.usefixtures("plain_page")
