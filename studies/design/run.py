@@ -20,7 +20,6 @@ from bayesterra.arrays import FloatArray
 from bayesterra.coordinates import coordinates
 from bayesterra.design.candidates import Candidate, Wishes, candidates
 from bayesterra.design.choosing import CRITERIA, Design, choose
-from bayesterra.design.nested import Sizes, nested_gain
 from bayesterra.design.readings import Situation, readings_of
 from bayesterra.models import M1
 from bayesterra.posteriors import draw_cut_prior
@@ -29,6 +28,10 @@ from bayesterra.sampling.importance import effective_draws, normalised, systemat
 from bayesterra.sampling.sampler import Target
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from nested import Sizes, nested_gain  # noqa: E402
+
 ABOUT = ("c", "phi")
 LOAD = 80.0
 DRIVEN = (0.05, 0.2, 0.4, 0.6)

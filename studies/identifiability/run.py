@@ -19,9 +19,12 @@ from bayesterra.identifiability.verdicts import DETERMINED
 from bayesterra.identified import Identified, identify_study
 from bayesterra.laws import Law
 from bayesterra.parameters import PARAMETERS
-from bayesterra.sensitivity.groups import WHEELS
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from sensitivity.groups import WHEELS  # noqa: E402
+
 SLIPS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
 LOAD = 80.0
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}

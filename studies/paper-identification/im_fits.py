@@ -163,8 +163,9 @@ def without_shear() -> pd.DataFrame:
 
     M3 leaves the shear stress out of the normal force; this is what it finds where there is none.
     """
+    from sensitivity.groups import WHEELS
+
     from bayesterra.models import M1
-    from bayesterra.sensitivity.groups import WHEELS
 
     rows = []
     for wheel, soil in SOILS.items():

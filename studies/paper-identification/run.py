@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "paper")]
+sys.path[:0] = [str(HERE), str(HERE.parent / "paper"), str(HERE.parent / "support")]
 
 import im_figures as figures  # noqa: E402
 import im_fits as fits  # noqa: E402

@@ -7,9 +7,9 @@ import section4_curves as curves
 from section4_curves import BEARING, CONTACT, curve, errors
 from section4_findings import FIT, Finding
 from section4_tables import error_bounds_of, table_9
+from sensitivity.groups import GROUPS, WHEELS
 
 from bayesterra.models import M1
-from bayesterra.sensitivity.groups import GROUPS, WHEELS
 
 
 def contact_errors() -> list[Finding]:

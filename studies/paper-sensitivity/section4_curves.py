@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
+from sensitivity.groups import GROUPS, SECTION_4, WHEELS, Group, Setting, soil_array
+from sensitivity.influence import relative_change
+from sensitivity.responses import error_figures, respond, respond_groups
+from sensitivity.shares import Shares, Stresses, group_shares, stress_distributions
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M1, SOIL_FIELDS
-from bayesterra.sensitivity.groups import GROUPS, SECTION_4, WHEELS, Group, Setting, soil_array
-from bayesterra.sensitivity.influence import relative_change
-from bayesterra.sensitivity.responses import error_figures, respond, respond_groups
-from bayesterra.sensitivity.shares import Shares, Stresses, group_shares, stress_distributions
 
 ALL = tuple(GROUPS.values())
 NAMES = tuple(GROUPS)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from bayesterra.sensitivity.groups import REFERENCE
+from sensitivity.groups import REFERENCE
 
 FIT = dict(zip(("z", "F_DP", "M_DR"), np.array(REFERENCE.printed_errors) * 100, strict=True))
 """The printed error of G1 against the measurements, percent: what the paper itself takes for a fit."""

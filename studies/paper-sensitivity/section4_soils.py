@@ -7,10 +7,10 @@ import section4_curves as curves
 from section4_curves import BEARING, SHEARING, curve, errors, part
 from section4_findings import FIT, Finding
 from section4_tables import tables_6_to_8
+from sensitivity.groups import REFERENCE, WHEELS, Setting, soil_array
+from sensitivity.shares import force_shares
 
 from bayesterra.models import M1, SOIL_FIELDS
-from bayesterra.sensitivity.groups import REFERENCE, WHEELS, Setting, soil_array
-from bayesterra.sensitivity.shares import force_shares
 
 
 def deformation_modulus() -> list[Finding]:

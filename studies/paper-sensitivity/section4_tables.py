@@ -7,15 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-
-import bayesterra as bt
-from bayesterra.models import M1, SOIL_FIELDS
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.priors import Law
-from bayesterra.sensitivity.cut_prior import group_inputs, study_problem
-from bayesterra.sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
-from bayesterra.sensitivity.influence import influences
-from bayesterra.sensitivity.responses import (
+from sensitivity.cut_prior import group_inputs, study_problem
+from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
+from sensitivity.influence import influences
+from sensitivity.responses import (
     OUTCOMES,
     error_bounds,
     error_figures,
@@ -23,8 +18,13 @@ from bayesterra.sensitivity.responses import (
     respond,
     respond_groups,
 )
-from bayesterra.sensitivity.shares import group_shares
-from bayesterra.sensitivity.sobol import Sobol, sobol
+from sensitivity.shares import group_shares
+from sensitivity.sobol import Sobol, sobol
+
+import bayesterra as bt
+from bayesterra.models import M1, SOIL_FIELDS
+from bayesterra.posteriors import Posterior, posterior
+from bayesterra.priors import Law
 
 HERE = Path(__file__).parent
 ALL = tuple(GROUPS.values())

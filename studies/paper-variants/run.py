@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "paper")]
+sys.path[:0] = [str(HERE), str(HERE.parent / "paper"), str(HERE.parent / "support")]
 
 import paper_statements  # noqa: E402
 import var_figures as figures  # noqa: E402

@@ -9,13 +9,13 @@ import pandas as pd
 from paper_data import LOAD, NOISE, OUTCOMES, TRANSITION, hit_readings
 from paper_data import readings as made
 from scipy.optimize import least_squares
+from sensitivity.groups import WHEELS as RIGS
 from var_fits import CONSTANT, HIT, LOAD_DRIVEN, LOWEST, REFERENCE, WHEELS, im2, study_of
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identification.decoupled import Contact, largest_stress, mobilised, shape
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import entrance_angle, shear_start_radius
-from bayesterra.sensitivity.groups import WHEELS as RIGS
 
 DEPTHS = np.geomspace(5e-4, 0.08, 400)
 """Sinkages (m) among which an equilibrium is looked for."""

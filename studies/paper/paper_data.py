@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from sensitivity.groups import WHEELS
 
 import bayesterra as bt
 from bayesterra.models import M1, Soil
-from bayesterra.sensitivity.groups import WHEELS
 
 STUDIES = Path(__file__).parents[1]
 SLIPS = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.6])

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
+from nested import Sizes, nested_gain
 
 from bayesterra.arrays import FloatArray
 from bayesterra.design.candidates import Wishes, candidates
 from bayesterra.design.choosing import choose
 from bayesterra.design.gain import Estimate, estimate, normal_estimate
-from bayesterra.design.nested import Sizes, nested_gain
 from bayesterra.design.pairs import Interest, pairs
 from bayesterra.design.readings import Reading, Situation, readings_of
 from bayesterra.designing import situation_of

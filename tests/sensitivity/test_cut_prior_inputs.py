@@ -6,22 +6,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-
-from bayesterra.models import Soil, Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import INSIDE, Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law, Tie
-from bayesterra.sensitivity.cut_prior import (
+from sensitivity.cut_prior import (
     cut_coupling,
     forward_at,
     group_inputs,
     single_inputs,
     study_problem,
 )
-from bayesterra.sensitivity.groups import SECTION_4, WHEELS, Setting
-from bayesterra.sensitivity.problems import columns_of, draw_base
-from bayesterra.sensitivity.shapley import shapley
-from bayesterra.sensitivity.sobol import Sobol, sobol
+from sensitivity.groups import SECTION_4, WHEELS, Setting
+from sensitivity.problems import columns_of, draw_base
+from sensitivity.shapley import shapley
+from sensitivity.sobol import Sobol, sobol
+
+from bayesterra.models import Soil, Wheel
+from bayesterra.noise import Noise
+from bayesterra.posteriors import INSIDE, Posterior, draw_cut_prior, posterior
+from bayesterra.priors import Law, Tie
 from bayesterra.study import Study
 
 

@@ -2,24 +2,24 @@
 
 import numpy as np
 import pytest
-
-from bayesterra.models import M1, M2, M3, Wheel
-from bayesterra.sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
-from bayesterra.sensitivity.influence import (
+from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
+from sensitivity.influence import (
     TABLE_9,
     influence_class,
     influences,
     relative_change,
     single_changes,
 )
-from bayesterra.sensitivity.responses import (
+from sensitivity.responses import (
     error_bounds,
     error_figures,
     error_table,
     respond,
     respond_groups,
 )
-from bayesterra.sensitivity.shares import force_shares, group_shares, stress_distributions
+from sensitivity.shares import force_shares, group_shares, stress_distributions
+
+from bayesterra.models import M1, M2, M3, Wheel
 
 ALL = tuple(GROUPS.values())
 TABLE_4 = (

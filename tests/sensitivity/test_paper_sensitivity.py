@@ -10,10 +10,10 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from sensitivity.groups import GROUPS
+from sensitivity.responses import OUTCOMES
 
 from bayesterra.models import SOIL_FIELDS
-from bayesterra.sensitivity.groups import GROUPS
-from bayesterra.sensitivity.responses import OUTCOMES
 
 STUDIES = Path(__file__).parents[2] / "studies"
 STUDY = STUDIES / "paper-sensitivity"

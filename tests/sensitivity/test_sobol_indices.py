@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.random import Generator
+from sensitivity.problems import Problem, draw_base, partners
+from sensitivity.shapley import shapley
+from sensitivity.sobol import closed_index, sobol, total_index
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.sensitivity.problems import Problem, draw_base, partners
-from bayesterra.sensitivity.shapley import shapley
-from bayesterra.sensitivity.sobol import closed_index, sobol, total_index
 
 Draw = Callable[[int, Generator], FloatArray]
 

@@ -11,8 +11,8 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.models.geometry import entrance_angle, leaving_angle, maximum_stress_angle
-from bayesterra.sensitivity.groups import Group, Setting, soil_array
-from bayesterra.sensitivity.responses import broadcast_soil, respond
+from sensitivity.groups import Group, Setting, soil_array
+from sensitivity.responses import broadcast_soil, respond
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def stress_distributions(
 ) -> Stresses:
     """Stresses of ``soils`` (n, 9) at ``slips`` (m,) and ``sinkage`` (n, m) or any shape that broadcasts.
 
-    Give the sinkage of :func:`bayesterra.sensitivity.responses.respond` for a given load (Fig. 8), or one
+    Give the sinkage of :func:`sensitivity.responses.respond` for a given load (Fig. 8), or one
     number for all (Fig. 11). ``points`` must be odd and at least 3: half on either side of θm.
     """
     if points < 3 or points % 2 == 0:

@@ -4,7 +4,7 @@ The cut to where the model has answers makes parameters dependent: θ2 < θm < �
 N = n0 + n1 s > 0 joins n0 and n1; K_s = k_c/b + k_φ > 0 joins k_c and k_φ; and that the load must be carried
 joins all bearing, shearing and contact parameters. Inputs that hold together what the first three join are
 independent but for the last, whose share :class:`Coupling` tells. Nothing of it is approximated: partners
-are drawn given what they share under the whole cut (:mod:`bayesterra.sensitivity.problems`).
+are drawn given what they share under the whole cut (:mod:`sensitivity.problems`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bayesterra.forward import Forward
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
 from bayesterra.posteriors import INSIDE, Posterior
-from bayesterra.sensitivity.groups import Setting
-from bayesterra.sensitivity.problems import Problem
+from sensitivity.groups import Setting
+from sensitivity.problems import Problem
 
 Inputs = dict[str, tuple[int, ...]]
 

@@ -11,7 +11,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.models import Soil, WheelSoilModel
 from bayesterra.parameters import CHANNELS
-from bayesterra.sensitivity.groups import REFERENCE, Group, Setting, soil_array
+from sensitivity.groups import REFERENCE, Group, Setting, soil_array
 
 OUTCOMES = ("sinkage", "drawbar_pull", "resistance_moment")
 """What answers to slip and load: the last axis of every array here."""

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sensitivity.problems import Problem, columns_of, draw_base, partners
+from sensitivity.problems import Problem, columns_of, draw_base, partners
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.models import SOIL_FIELDS, WheelSoilModel
 from bayesterra.parameters import PARAMETERS
-from bayesterra.sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Group, Setting
-from bayesterra.sensitivity.responses import OUTCOMES, error_figures, respond_groups
+from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Group, Setting
+from sensitivity.responses import OUTCOMES, error_figures, respond_groups
 
 THRESHOLDS: Mapping[str, float] = MappingProxyType(
     {"very large": 1.2, "large": 0.5, "relatively large": 0.35, "small": 0.2, "very small": 0.0}

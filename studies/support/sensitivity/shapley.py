@@ -11,8 +11,8 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sensitivity.problems import Problem, columns_of, draw_base, partners
-from bayesterra.sensitivity.sobol import closed_index
+from sensitivity.problems import Problem, columns_of, draw_base, partners
+from sensitivity.sobol import closed_index
 
 MOST_INPUTS = 10
 """Every subset of the inputs is looked at, 2^k − 2 of them."""
