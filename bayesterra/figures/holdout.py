@@ -63,9 +63,9 @@ def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
     ax = own_axes(ax, 7.2, 2.6)
     table = table[table["channel"] == one_of("channel", channel, channels(table))]
     place, colours = _places(table), _colours(table)
-    for number, (name, colour) in enumerate(colours.items()):
+    for position, (name, colour) in enumerate(colours.items()):
         own = table[(table["predictor"] == name) & table["crps"].notna()]
-        x = own["row"].map(place).to_numpy(np.float64) + 0.24 * (number - 0.5 * (len(colours) - 1))
+        x = own["row"].map(place).to_numpy(np.float64) + 0.24 * (position - 0.5 * (len(colours) - 1))
         ax.vlines(x, own["q05"], own["q95"], color=colour, linewidth=1.3)
         ax.vlines(x, own["q25"], own["q75"], color=colour, linewidth=5)
         ax.plot(x, own["q50"], "_", color="white", markersize=5, markeredgewidth=1.2, zorder=5)

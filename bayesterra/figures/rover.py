@@ -73,7 +73,7 @@ def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> N
     fixed = (
         f"{states.tow[0, 0]:.3g} N tow" if over == "slope" else f"slope {states.slope[0, 0] / DEGREE:.3g}°"
     )
-    for ax, (field, label) in zip(axes, _LABELS.items(), strict=False):
+    for ax, (field, title) in zip(axes, _LABELS.items(), strict=False):
         alike = field == "slip" and outlook.rover.equal_slip
         for axle in (1,) if alike else (0, 1):
             colour = BOTH if alike else COLOURS[axle]
@@ -83,7 +83,7 @@ def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> N
             ax.set_ylim(0, _top(states))
         else:
             ax.set_ylim(0, None)
-        ax.set(xlabel="slope α [°]" if over == "slope" else "tow force [N]", ylabel=label, xlim=(x[0], x[-1]))
+        ax.set(xlabel="slope α [°]" if over == "slope" else "tow force [N]", ylabel=title, xlim=(x[0], x[-1]))
         ax.set_title(fixed, fontsize=8.5)
         ax.set_ylim(top=1.12 * ax.get_ylim()[1])
         hatch_failing(ax, x, cannot(states))
@@ -126,10 +126,10 @@ def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
         Patch(color=GRID, alpha=0.6, label="slip not driven"),
     ]
     curves = [outlook.over_slope, *([] if outlook.over_tow is None else [outlook.over_tow])]
-    for shares, colour, label in (
+    for shares, colour, title in (
         (cannot, DOUBTFUL, "over 5 % of draws do not hold"),
         (unanswered, PRIOR, "over 5 % without answer"),
     ):
         if any((shares(curve) > UNANSWERED).any() for curve in curves):
-            entries.append(Patch(facecolor="none", edgecolor=colour, hatch="////", label=label))
+            entries.append(Patch(facecolor="none", edgecolor=colour, hatch="////", label=title))
     figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)
