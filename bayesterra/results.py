@@ -71,7 +71,8 @@ class Result:
         return str(self.summary.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
 
 
-def _dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **attributes: Any) -> xr.Dataset:
+def labelled_dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **attributes: Any) -> xr.Dataset:
+    """Dataset of variables with their dimensions, and attributes."""
     dataset = xr.Dataset({name: (dims, values) for name, (dims, values) in variables.items()})
     sizes = {dim: size for dim, size in dataset.sizes.items() if dim not in dataset.coords}
     coordinates = {str(dim): np.arange(size) for dim, size in sizes.items()}
@@ -80,7 +81,7 @@ def _dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **attributes:
 
 def parameter_dataset(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
     """Label draws (chain, draw, d) by parameter; each variable says its unit, in SI."""
-    dataset = _dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
+    dataset = labelled_dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
     for name in names:
         parameter = PARAMETERS[name]
         unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(name, parameter.dimension or "1")
@@ -116,13 +117,13 @@ def draws_tree(
     predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
     groups = {
         "posterior": parameter_dataset(posterior.names, chains),
-        "sample_stats": _dataset(
+        "sample_stats": labelled_dataset(
             {
                 "lp": (("chain", "draw"), log_density.reshape(shape)),
                 **{name: (("chain", "draw"), values) for name, values in labels.items()},
             }
         ),
-        "log_prior": _dataset(
+        "log_prior": labelled_dataset(
             {
                 name: (("chain", "draw"), law.log_density(chains[:, :, i]))
                 for i, (name, law) in enumerate(laws.items())
@@ -156,7 +157,7 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
         silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
     dims = ("chain", "draw", "row")
-    dataset = _dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
+    dataset = labelled_dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
     return dataset.assign_coords(row=list(likelihood.observations.rows))
 
 
@@ -165,14 +166,14 @@ def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     chains = len(rows.readings) if rows.readings.ndim == 4 else 1
     readings = rows.readings.reshape(chains, -1, *rows.readings.shape[-2:])
     dims = ("chain", "draw", "row")
-    dataset = _dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
+    dataset = labelled_dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
     return dataset.assign_coords(row=list(study.observations.rows))
 
 
 def observed_dataset(study: Study) -> xr.Dataset:
     """The readings of all rows of the table."""
     values = study.observations.values
-    dataset = _dataset({name: (("row",), values[name]) for name in study.noise}, kind=study.kind)
+    dataset = labelled_dataset({name: (("row",), values[name]) for name in study.noise}, kind=study.kind)
     return dataset.assign_coords(row=list(study.observations.rows))
 
 
@@ -187,7 +188,7 @@ def conditions_dataset(study: Study) -> xr.Dataset:
     }
     if study.drive == "sinkage":
         variables["sinkage"] = (("row",), observations.values["sinkage"])
-    return _dataset(variables).assign_coords(row=list(observations.rows))
+    return labelled_dataset(variables).assign_coords(row=list(observations.rows))
 
 
 def left_out_dataset(study: Study) -> xr.Dataset:
@@ -204,7 +205,7 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
             name: np.stack([_quantiles(getattr(curve, name)) for curve in curves])
             for name in ("modelled", "readings")
         }
-    dataset = _dataset(
+    dataset = labelled_dataset(
         {
             **{name: (dims, values) for name, values in stacks.items()},
             "slip": (("wheel", "point"), np.stack([curve.slip for curve in curves])),

@@ -10,7 +10,7 @@ from bayesterra.identifiability.local import LocalAnalysis
 
 LOWEST = 1e-6
 """Eigenvalues below this are drawn at it: so little is nothing."""
-EIGENVALUE_OF_HALF = 9.0
+TENTH_LEFT = 9.0
 """Information that leaves a tenth of the prior's variance."""
 
 
@@ -26,7 +26,7 @@ def spectrum(found: LocalAnalysis, ax: Axes | None = None) -> Axes:
     places = np.arange(1, len(middle) + 1)
     ax.vlines(places, low, high, color=POSTERIOR, linewidth=5, alpha=0.3)
     ax.plot(places, middle, "o", color=POSTERIOR)
-    for level, dashes in ((1.0, (0, (4, 3))), (EIGENVALUE_OF_HALF, (0, (1, 2)))):
+    for level, dashes in ((1.0, (0, (4, 3))), (TENTH_LEFT, (0, (1, 2)))):
         ax.axhline(level, color=INK, linewidth=0.8, linestyle=dashes)
     ax.set(yscale="log", xticks=places, xlabel="direction", ylabel="information, prior = 1")
     return ax
