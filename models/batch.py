@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bayesterra.models import _drivers
 from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels import drivers
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]
@@ -36,24 +36,24 @@ def run(
 
 def forces(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
     """Return F_N, F_DP, M_DR (n, m, 3) and status."""
-    return run(_drivers.forces, theta, rows, sinkage, plan, (3,))
+    return run(drivers.forces, theta, rows, sinkage, plan, (3,))
 
 
 def components(
     theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan
 ) -> tuple[FloatArray, Codes]:
     """Return the three forces and the eight components (n, m, 11) and status."""
-    return run(_drivers.forces, theta, rows, sinkage, plan, (11,))
+    return run(drivers.forces, theta, rows, sinkage, plan, (11,))
 
 
 def response(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
     """Return z, F_DP, M_DR (n, m, 3) and status."""
-    return run(_drivers.response, theta, rows, load, plan, (3,))
+    return run(drivers.response, theta, rows, load, plan, (3,))
 
 
 def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> FloatArray:
     """Return d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, 10), or (n, m, 3, 14) with M2L."""
-    return run(_drivers.jacobian, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
+    return run(drivers.jacobian, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
 
 
 def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:

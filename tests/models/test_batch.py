@@ -216,7 +216,7 @@ def test_empty_batches(conditions: Conditions) -> None:
 
 def test_elementary_functions() -> None:
     """The kernels' own exp, log, sine, versine and arc cosine are good to a few units in the last place."""
-    from bayesterra.models import _elementary as own
+    from bayesterra.models.kernels import elementary as own
 
     x = np.concatenate(
         [np.linspace(-700, 700, 400), np.geomspace(1e-18, 1, 200), -np.geomspace(1e-18, 1, 200)]
@@ -241,10 +241,10 @@ def test_kernels_are_written_for_vectors() -> None:
     """LLVM turns the integration loop, exp and log included, into vector code."""
     import numba
 
-    from bayesterra.models import _integral
-    from bayesterra.models._compiled import FAST
+    from bayesterra.models.kernels import integral
+    from bayesterra.models.kernels.compiler import FAST
 
-    source = _integral.integrate.py_func  # type: ignore[attr-defined]  # a numba dispatcher
+    source = integral.integrate.py_func  # type: ignore[attr-defined]  # a numba dispatcher
     kernel = numba.njit(fastmath=FAST, error_model="numpy")(source)
     kernel(np.ones(8 * 64), 0)
     code = kernel.inspect_llvm(kernel.signatures[0])

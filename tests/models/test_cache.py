@@ -14,8 +14,8 @@ from numba.core import config
 import bayesterra
 from bayesterra.cli import app
 from bayesterra.cli.common import hushed
-from bayesterra.models import _cache
-from bayesterra.models._compiled import compiled
+from bayesterra.models.kernels import cache as kernel_cache
+from bayesterra.models.kernels.compiler import compiled
 
 ROOT = Path(bayesterra.__file__).parents[1]
 
@@ -29,7 +29,7 @@ def halved(x: float) -> float:
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Folder of compiled functions for this test alone; nothing was said of it yet."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(_cache, "_told", [])
+    monkeypatch.setattr(kernel_cache, "_told", [])
     return tmp_path / "cache"
 
 
@@ -89,7 +89,7 @@ def test_a_damaged_entry_is_made_anew(kind: str, cache: Path) -> None:
 def test_other_sources_other_code(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An entry of other sources is compiled anew, and replaced."""
     assert [hits(), hits()] == [0, 1]
-    monkeypatch.setattr(_cache, "_fingerprint", lambda source: "other")
+    monkeypatch.setattr(kernel_cache, "_fingerprint", lambda source: "other")
     assert [hits(), hits()] == [0, 1]
     assert entry(cache).is_file()
 
@@ -99,14 +99,14 @@ def test_without_a_folder_it_works_and_says_so_once(
 ) -> None:
     """One note that names the way out; none with --quiet."""
     cache.write_text("a file where the folder should be", encoding="utf-8")
-    assert not _cache._writable(cache / "models")
-    monkeypatch.setattr(_cache, "_writable", lambda folder: False)
+    assert not kernel_cache._writable(cache / "models")
+    monkeypatch.setattr(kernel_cache, "_writable", lambda folder: False)
     assert [hits(), hits()] == [0, 0]
     (note,) = caplog.messages
     assert note.startswith(f"note: compiled models cannot be kept (no write access to {cache}")
     assert note.endswith("NUMBA_CACHE_DIR may name a folder that can be written")
     caplog.clear()
-    _cache._told.clear()
+    kernel_cache._told.clear()
     assert hushed(True)
     assert hits() == 0
     assert not hushed(False)
@@ -116,7 +116,7 @@ def test_without_a_folder_it_works_and_says_so_once(
 def test_a_folder_that_can_only_be_read_is_read(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An image with a warm cache needs no other."""
     assert hits() == 0
-    monkeypatch.setattr(_cache, "_writable", lambda folder: False)
+    monkeypatch.setattr(kernel_cache, "_writable", lambda folder: False)
     assert hits() == 1
 
 
@@ -127,7 +127,7 @@ def test_a_full_disk_is_no_reason_to_stop(tmp_path: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "from test_cache import halved\n"
-        "from bayesterra.models._compiled import compiled\n"
+        "from bayesterra.models.kernels.compiler import compiled\n"
         "print(compiled(halved)(3.0))\n"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesterra.models._cache import CompiledFiles
+from bayesterra.models.kernels.cache import CompiledFiles
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bayesterra.models._compiled import compiled
 from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels.compiler import compiled
 
 ROUGH_COUNT = 8
 COUNTS = (12, 14, 16, 18, 20, 24, 28, 32, 36, 44, 64, 96)

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from bayesterra.models._compiled import FAST, Number, inlined
+from bayesterra.models.kernels.compiler import FAST, Number, inlined
 
 _DOUBLE, _INT32, _INT64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 _BIAS = 1023

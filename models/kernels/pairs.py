@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, Whole, compiled
 from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, Whole, compiled
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import divide, exp, exp_minus_1, log, sin, versine
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import divide, exp, exp_minus_1, log, sin, versine
 
 
 @compiled

@@ -5,14 +5,14 @@ A desk is a workspace of _lanes with room behind it: for a curve, then for whate
 
 import numpy as np
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import exp, log
-from bayesterra.models._evaluate import M1, evaluate
-from bayesterra.models._pairs import load_effects
-from bayesterra.models._quadrature import ROUGH, choose_rule
-from bayesterra.models._solve import start
 from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import exp, log
+from bayesterra.models.kernels.evaluation import M1, evaluate
+from bayesterra.models.kernels.pairs import load_effects
+from bayesterra.models.kernels.quadrature import ROUGH, choose_rule
+from bayesterra.models.kernels.solver import start
 
 DEGREE = at.LANES - 1
 CURVE = at.SIZE

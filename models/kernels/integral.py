@@ -7,10 +7,10 @@ one power serves both.
 
 from typing import Any
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import exp, exp_minus_1, log, sin, versine
-from bayesterra.models._quadrature import NODES, STARTS, WEIGHTS
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import exp, exp_minus_1, log, sin, versine
+from bayesterra.models.kernels.quadrature import NODES, STARTS, WEIGHTS
 
 
 @compiled

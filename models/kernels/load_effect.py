@@ -12,10 +12,10 @@ so that a search can come back, and UNDER_ROOT is negative.
 
 from typing import Any
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._closed_form import fill, triangles
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import divide, root
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.closed_form import fill, triangles
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import divide, root
 
 _SMALLEST = 1e-300
 

@@ -6,11 +6,11 @@ nodes finish; the last step is so small that F_DP and M_DR are carried along it 
 
 import numpy as np
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import exp, log, root
-from bayesterra.models._evaluate import evaluate
-from bayesterra.models._quadrature import ROUGH
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import exp, log, root
+from bayesterra.models.kernels.evaluation import evaluate
+from bayesterra.models.kernels.quadrature import ROUGH
 
 _MARGIN = 1e-9  # the search ends this far below the radius, relative
 _DEPTH = 80.0  # and begins this far below its end in log z

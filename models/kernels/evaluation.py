@@ -1,10 +1,10 @@
 """Compiled evaluation of eight lanes by one of the models."""
 
-from bayesterra.models._arc import assemble, measure
-from bayesterra.models._closed_form import close
-from bayesterra.models._compiled import Lanes, compiled
-from bayesterra.models._integral import integrate
-from bayesterra.models._load_effect import close_under_load, scale_pull
+from bayesterra.models.kernels.arc import assemble, measure
+from bayesterra.models.kernels.closed_form import close
+from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.integral import integrate
+from bayesterra.models.kernels.load_effect import close_under_load, scale_pull
 
 M1, M2, M3, M2L = 1, 2, 3, 4
 

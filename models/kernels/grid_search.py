@@ -6,10 +6,10 @@ and M3 can have one maximum, beyond z = 0.36 r, when theta_m is close to theta_1
 
 import numpy as np
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled
-from bayesterra.models._evaluate import M1
-from bayesterra.models._solve import misfit, refine
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.evaluation import M1
+from bayesterra.models.kernels.solver import misfit, refine
 
 _DEPTH = 12.0  # the grid begins this far below the radius in log z
 _ROUNDS = 40

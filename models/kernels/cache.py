@@ -98,10 +98,10 @@ class CompiledFiles:
 
 @cache
 def _fingerprint(source: Path) -> str:
-    """Digest of the compiled sources of the models, of those beside a source, and of the source."""
+    """Digest of the sources of the models' kernels, of those beside a source, and of the source."""
     digest = sha256()
     folders = (Path(__file__).parent, source.parent)
-    for part in (*(part for folder in folders for part in sorted(folder.glob("_*.py"))), source):
+    for part in (*(part for folder in folders for part in sorted(folder.glob("*.py"))), source):
         digest.update(part.read_bytes())
     return digest.hexdigest()
 

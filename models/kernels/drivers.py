@@ -5,11 +5,12 @@ A pair's result does not depend on its neighbours: lanes never mix, and the rule
 
 import numpy as np
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, Whole, compiled
-from bayesterra.models._evaluate import M1, M2L, evaluate
-from bayesterra.models._grid_search import can_fall, search_by_grid
-from bayesterra.models._pairs import (
+from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, Whole, compiled
+from bayesterra.models.kernels.evaluation import M1, M2L, evaluate
+from bayesterra.models.kernels.grid_search import can_fall, search_by_grid
+from bayesterra.models.kernels.pairs import (
     LOAD,
     NORMAL_FORCE,
     OK,
@@ -22,9 +23,8 @@ from bayesterra.models._pairs import (
     screen,
     screen_sinkage,
 )
-from bayesterra.models._quadrature import ROUGH, RULES, choose_rule
-from bayesterra.models._solve import hand_over, refine, rough_search, start
-from bayesterra.models.checks import FloatArray
+from bayesterra.models.kernels.quadrature import ROUGH, RULES, choose_rule
+from bayesterra.models.kernels.solver import hand_over, refine, rough_search, start
 
 _STEP = 1e-40  # of the complex step: so small that its square vanishes
 

@@ -1,8 +1,8 @@
 """Compiled geometry of the contact arc, and the forces from integrals over it."""
 
-from bayesterra.models import _lanes as at
-from bayesterra.models._compiled import Lanes, compiled
-from bayesterra.models._elementary import angle_of_versine, divide, root, sin, versine
+from bayesterra.models.kernels import lanes as at
+from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.elementary import angle_of_versine, divide, root, sin, versine
 
 
 @compiled

@@ -1,10 +1,10 @@
 """What compiled code of other layers may use: compiler, elementary functions, forces along the sinkage."""
 
-from bayesterra.models._compiled import Lanes, compiled, inlined
-from bayesterra.models._elementary import exp, log
-from bayesterra.models._grid_search import can_fall
-from bayesterra.models._pairs import Codes, Plan, screen
-from bayesterra.models._trace import (
+from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.elementary import exp, log
+from bayesterra.models.kernels.grid_search import can_fall
+from bayesterra.models.kernels.pairs import Codes, Plan, screen
+from bayesterra.models.kernels.tracing import (
     CURVE,
     CURVE_SIZE,
     DEGREE,
