@@ -13,48 +13,99 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bayesterra.calibrating import CalibrationResult, calibrate
-    from bayesterra.designing import Recommendation, recommend
-    from bayesterra.engines import Engine, dask_cluster, in_process, local_pool
+    from bayesterra.analysis.comparison import compare
+    from bayesterra.analysis.prior_only import run_prior
+    from bayesterra.analysis.run import RunResult, load_result, run
+    from bayesterra.analysis.simulation import simulate
+    from bayesterra.checking.calibration import CalibrationResult, calibrate
+    from bayesterra.checking.holdout import HoldoutResult, leave_out
+    from bayesterra.design.recommendation import Recommendation, recommend
     from bayesterra.errors import BayesterraError, EngineError, ResultError, StudyError, SupportError
-    from bayesterra.followup import compare, predict
-    from bayesterra.identification import Fit, fit
-    from bayesterra.identifying import IdentifyResult, foresee, identify
-    from bayesterra.leaving import HoldoutResult, leave_out
+    from bayesterra.follow.stream import Stream, load_stream
+    from bayesterra.identifiability.identify import IdentifyResult, foresee, identify
+    from bayesterra.least_squares.fit import fit
+    from bayesterra.least_squares.results import Fit
+    from bayesterra.likelihood.posterior import Posterior, posterior
     from bayesterra.models import Soil, Wheel
-    from bayesterra.noise import Noise
-    from bayesterra.posteriors import Posterior, posterior
-    from bayesterra.priors import Law, Prior
-    from bayesterra.rover.geometry import Rover
-    from bayesterra.roving import predict_rover
-    from bayesterra.simulation import simulate
-    from bayesterra.soiltesting import load_soil_test, soil_test
-    from bayesterra.streaming.stream import Stream, load_stream
-    from bayesterra.study import Study, load_study
-    from bayesterra.taskstore import read_tasks
-    from bayesterra.workflow import RunResult, load_result, run, run_prior
+    from bayesterra.prediction.forecast import predict
+    from bayesterra.prediction.outlook import predict_rover
+    from bayesterra.prediction.rover import Rover
+    from bayesterra.runtime.dask import dask_cluster
+    from bayesterra.runtime.engines import Engine, in_process, local_pool
+    from bayesterra.runtime.tasks import read_tasks
+    from bayesterra.soiltests.run import soil_test
+    from bayesterra.soiltests.study import load_soil_test
+    from bayesterra.stats.laws import Law
+    from bayesterra.study.noise import Noise
+    from bayesterra.study.priors import Prior
+    from bayesterra.study.study import Study, load_study
 
 _HOMES = {
-    "calibrating": ("CalibrationResult", "calibrate"),
-    "designing": ("Recommendation", "recommend"),
-    "engines": ("Engine", "dask_cluster", "in_process", "local_pool"),
-    "errors": ("BayesterraError", "EngineError", "ResultError", "StudyError", "SupportError"),
-    "followup": ("compare", "predict"),
-    "identification": ("Fit", "fit"),
-    "identifying": ("IdentifyResult", "foresee", "identify"),
-    "leaving": ("HoldoutResult", "leave_out"),
-    "models": ("Soil", "Wheel"),
-    "noise": ("Noise",),
-    "posteriors": ("Posterior", "posterior"),
-    "priors": ("Law", "Prior"),
-    "rover.geometry": ("Rover",),
-    "roving": ("predict_rover",),
-    "simulation": ("simulate",),
-    "streaming.stream": ("Stream", "load_stream"),
-    "taskstore": ("read_tasks",),
-    "soiltesting": ("load_soil_test", "soil_test"),
-    "study": ("Study", "load_study"),
-    "workflow": ("RunResult", "load_result", "run", "run_prior"),
+    "analysis.comparison": ("compare",),
+    "analysis.prior_only": ("run_prior",),
+    "analysis.run": (
+        "load_result",
+        "run",
+        "RunResult",
+    ),
+    "analysis.simulation": ("simulate",),
+    "checking.calibration": (
+        "calibrate",
+        "CalibrationResult",
+    ),
+    "checking.holdout": (
+        "HoldoutResult",
+        "leave_out",
+    ),
+    "design.recommendation": (
+        "recommend",
+        "Recommendation",
+    ),
+    "errors": (
+        "BayesterraError",
+        "EngineError",
+        "ResultError",
+        "StudyError",
+        "SupportError",
+    ),
+    "follow.stream": (
+        "load_stream",
+        "Stream",
+    ),
+    "identifiability.identify": (
+        "foresee",
+        "identify",
+        "IdentifyResult",
+    ),
+    "least_squares.fit": ("fit",),
+    "least_squares.results": ("Fit",),
+    "likelihood.posterior": (
+        "Posterior",
+        "posterior",
+    ),
+    "models": (
+        "Soil",
+        "Wheel",
+    ),
+    "prediction.forecast": ("predict",),
+    "prediction.outlook": ("predict_rover",),
+    "prediction.rover": ("Rover",),
+    "runtime.dask": ("dask_cluster",),
+    "runtime.engines": (
+        "Engine",
+        "in_process",
+        "local_pool",
+    ),
+    "runtime.tasks": ("read_tasks",),
+    "soiltests.run": ("soil_test",),
+    "soiltests.study": ("load_soil_test",),
+    "stats.laws": ("Law",),
+    "study.noise": ("Noise",),
+    "study.priors": ("Prior",),
+    "study.study": (
+        "load_study",
+        "Study",
+    ),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -120,7 +120,7 @@ def _usage(error: Exception) -> str:
     unknown = re.match(r"No such command '(.*?)'\.?$", message)
     if unknown is None:
         return message
-    from bayesterra.messages import did_you_mean
+    from bayesterra.errors import did_you_mean
 
     commands = [command.callback.__name__ for command in app.registered_commands if command.callback]
     return f"No such command '{unknown[1]}'{did_you_mean(unknown[1], commands)}"

@@ -4,9 +4,13 @@ Inside the package every value is SI and radians; ``scale`` is the SI value of o
 which reports, tables and plots speak.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+
+from bayesterra.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -91,15 +95,21 @@ CHANNELS: dict[str, Channel] = {
         ),
     )
 }
+
 OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 """Channels that can be outcomes of a drive, in the order of the results."""
 
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
+
 LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
+
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
+
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
+
 SLIP_ERROR = "slip_error"
+
 SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
 """How names of estimated standard deviations begin: for ``str.startswith``."""
 
@@ -112,7 +122,6 @@ _MODULI = (
 _OFFSET = Parameter(
     "sinkage_offset", "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"
 )
-
 
 _SIZES = {
     NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
@@ -139,7 +148,6 @@ _SLIP_ERROR = Parameter(
     SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"
 )
 
-
 PARAMETERS: dict[str, Parameter] = {
     parameter.name: parameter
     for parameter in (
@@ -155,6 +163,34 @@ PARAMETERS: dict[str, Parameter] = {
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
+
 OFFSET = "sinkage_offset"
+
 PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET, *LOAD_EFFECT)
 """Parameters that the [priors] table may name; also the columns of a soil array that needs them all."""
+
+EFFICIENCY = Channel("tractive_efficiency", "η", r"\eta", "-", 1.0, "", "tractive efficiency")
+
+DERIVED: dict[str, Parameter] = {
+    quantity.name: quantity
+    for quantity in (
+        Parameter(
+            "bearing_pressure", "p(10 mm)", r"p_{10}", "kPa", 1e3, "Pa", "bearing pressure at 10 mm sinkage"
+        ),
+        Parameter(
+            "shear_strength", "τ(5 kPa)", r"\tau_{5}", "kPa", 1e3, "Pa", "shear strength at 5 kPa stress"
+        ),
+        Parameter("peak_pull", "max F_DP", r"F_\mathrm{DP}^{max}", "N", 1.0, "N", "greatest drawbar pull"),
+        Parameter("peak_pull_slip", "s at max F_DP", r"s^{max}", "-", 1.0, "", "slip of greatest pull"),
+        Parameter("peak_efficiency", "max η", r"\eta^{max}", "-", 1.0, "", "greatest tractive efficiency"),
+        Parameter(
+            "peak_efficiency_slip", "s at max η", r"s^{\eta}", "-", 1.0, "", "slip of greatest efficiency"
+        ),
+    )
+}
+
+
+def field_values(name: str, values: FloatArray) -> FloatArray:
+    """SI values of a parameter or channel in its field unit."""
+    known = PARAMETERS.get(name) or CHANNELS[name]
+    return values / known.scale

@@ -8,10 +8,10 @@ from types import ModuleType
 
 import pytest
 
-from bayesterra.inference import run
+from bayesterra.analysis.inference import run
 from bayesterra.models import warm_up
-from bayesterra.results import Result
-from bayesterra.study import load_study
+from bayesterra.study.result import Result
+from bayesterra.study.study import load_study
 
 STUDIES = Path(__file__).parent.parent / "studies"
 HIT = STUDIES / "hit-wh32"

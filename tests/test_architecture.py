@@ -14,19 +14,18 @@ MODELS = sorted((ROOT / "models").rglob("*.py"))
 
 ONLY_IN = {
     "emcee": {"sampling/ensemble.py"},
-    "arviz_stats": {"diagnostics.py"},
-    "arviz_base": {"diagnostics.py"},
-    "h5netcdf": {"netcdf.py"},
-    "h5py": {"netcdf.py"},
-    "pint": {"units.py"},
-    "sqlite3": {"taskstore.py"},
-    "distributed": {"engines/cluster.py"},
-    "dask": {"engines/cluster.py"},
-    "cloudpickle": {"engines/cluster.py"},
-    "jinja2": {"report"},
-    "corner": {"figures"},
-    "matplotlib": {"figures"},
-    "typer": {"cli", "__main__.py"},
+    "arviz_stats": {"stats/diagnostics.py"},
+    "arviz_base": {"stats/diagnostics.py"},
+    "h5netcdf": {"runtime/netcdf.py"},
+    "h5py": {"runtime/netcdf.py"},
+    "pint": {"study/units.py"},
+    "sqlite3": {"runtime/tasks.py"},
+    "distributed": {"runtime/dask.py"},
+    "dask": {"runtime/dask.py"},
+    "cloudpickle": {"runtime/dask.py"},
+    "jinja2": {"report/blocks.py"},
+    "dynesty": {"sampling/nested.py"},
+    "typer": {"cli.py", "__main__.py"},
 }
 """Outside libraries that one part of the package only may import."""
 

@@ -1,1 +1,1 @@
-"""Which measurement next: expected information of candidate drives about chosen parameters."""
+"""Which drive to command next: expected information of candidates."""

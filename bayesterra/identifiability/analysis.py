@@ -1,32 +1,46 @@
-"""Everything about the identifiability of one posterior; and of a design before anything is measured."""
+"""Identifiability analysis of a posterior: all parts, and the sentence that sums them up."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.arrays import FloatArray
-from bayesterra.engines import Engine
-from bayesterra.identifiability.assessment import Assessment, FromDraws
-from bayesterra.identifiability.cloning import cloning
-from bayesterra.identifiability.collinearity import Collinearity, collinearity
-from bayesterra.identifiability.coupling import coupling
-from bayesterra.identifiability.information import information
-from bayesterra.identifiability.local import LocalAnalysis, local_analysis
-from bayesterra.identifiability.powerscaling import power_scaling
-from bayesterra.identifiability.profiles import Profiles, profiles
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.identifiability.cloning import Cloned, PowerScaling, cloning, power_scaling
+from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
+from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
+from bayesterra.identifiability.profiles import Profile, Profiles, profiles
 from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
 from bayesterra.identifiability.structure import Structure, structure
-from bayesterra.posteriors import Posterior
+from bayesterra.identifiability.verdicts import (
+    DETERMINED,
+    MOVED,
+    STRUCTURAL,
+    WEAK,
+    Correlated,
+    Identifiability,
+    bound,
+    disagreements,
+    evidence,
+    own_scale,
+    tied_to,
+    ties,
+    word,
+)
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.runtime.engines import Engine
 
 LOCAL_DRAWS = 400
+
 CLONES = (1, 2, 4, 8, 16)
 """Up to sixteen times the readings: what that many do not narrow, a campaign will not."""
+
 T = TypeVar("T")
 
 
@@ -159,3 +173,178 @@ def _from_draws(
         clock("data cloning", lambda: cloning(posterior, prior, draws, third, powers=CLONES)),
         clock("power-scaling", lambda: power_scaling(posterior, prior, draws, fourth)),
     )
+
+
+@dataclass(frozen=True)
+class FromDraws:
+    """What only draws of the posterior tell."""
+
+    coupling: Coupling
+    information: Information
+    cloned: Cloned
+    scaling: PowerScaling
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What the verdicts are made of; draws are of the cut prior (m, d) and of the posterior (n, d)."""
+
+    posterior: Posterior
+    prior: FloatArray
+    draws: FloatArray
+    structure: Structure
+    spread: LocalAnalysis
+    profiles: Profiles
+    drawn: FromDraws
+
+    def verdicts(self) -> pd.DataFrame:
+        """One row per parameter; see :class:`bayesterra.identifiability.analysis.Analysis`."""
+        own = self._own()
+        figures = pd.concat([own, self._ties(own), self._elsewhere()], axis=1)
+        found = evidence(figures)
+        words = [word(each) for each in found]
+        against = ["; ".join(disagreements(*each)) for each in zip(found, words, strict=True)]
+        head = pd.DataFrame({"parameter": list(self.posterior.names), "verdict": words})
+        return pd.concat([head, figures], axis=1).assign(against=against)
+
+    def _own(self) -> pd.DataFrame:
+        """What the draws of a parameter say by themselves."""
+        ends = np.array([law.range for law in self.posterior.prior.laws.values()])
+        draws, low, high = (own_scale(x, self._logs) for x in (self.draws, *ends.T))
+        leaning = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
+        table = self.drawn.information.parameters
+        return table[["contraction", "shift", "divergence", "cut_contraction"]].assign(bound=leaning)
+
+    @property
+    def _logs(self) -> BoolArray:
+        """Parameters whose laws live on a logarithmic scale (d,)."""
+        return np.array([law.logarithmic for law in self.posterior.prior.laws.values()])
+
+    def _ties(self, own: pd.DataFrame) -> pd.DataFrame:
+        """How the parameters hang together."""
+        names, coupling = self.posterior.names, self.drawn.coupling
+        plain = np.atleast_2d(np.corrcoef(own_scale(self.draws, self._logs).T))
+        others = plain - np.eye(len(plain))
+        partners = np.abs(others).argmax(axis=1)
+        contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
+        correlated = Correlated(plain, coupling.copula, coupling.prior_copula)
+        found = ties(contraction, bounds, correlated)
+        table = pd.DataFrame(
+            {
+                "partner": [names[i] for i in partners],
+                "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)],
+            }
+        )
+        return table.assign(correlation=others[np.arange(len(plain)), partners], **found)
+
+    def _elsewhere(self) -> pd.DataFrame:
+        """What structure, profiles, cloned data, bounds and power-scaling say."""
+        each, seen = self.profiles.found["likelihood"], self.structure.determined
+        local = self.spread.table
+        return pd.DataFrame(
+            {
+                "structural": [name in seen for name in self.posterior.names],
+                "profile": [profile.shape for profile in each],
+                "lower_95": [profile.crossings(95)[0] for profile in each],
+                "upper_95": [profile.crossings(95)[1] for profile in each],
+                "excluded": [_excluded(p, x) for p, x in zip(each, self.prior.T, strict=True)],
+                "cloned": _firm(self.drawn.cloned),
+                "scaling": self.drawn.scaling.table["word"],
+                **{name: local[name] for name in ("expected", "prior_sd", "local_sd", "posterior_sd")},
+            }
+        )
+
+    def combinations(self) -> pd.DataFrame:
+        """Independent combinations and their verdicts, and those that the design cannot see."""
+        table = self.drawn.information.directions
+        table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)]
+        words = [rated_as(*each) for each in zip(table["contraction"], table["divergence"], strict=True)]
+        rated = table[["combination", "contraction"]].assign(verdict=words)
+        nulls = [(null.words, np.nan, STRUCTURAL) for null in self.structure.nulls]
+        if not nulls:
+            return rated.reset_index(drop=True)
+        return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
+
+    def counts(self) -> pd.DataFrame:
+        """Directions of each group, and of all parameters, and how many are determined."""
+        table = self.drawn.information.counts
+        chosen = table[table["view"] == MARGINAL][["scope", "directions", "determined", "effective"]]
+        return chosen.reset_index(drop=True)
+
+
+def rated_as(contraction: float, divergence: float) -> str:
+    """Verdict on a combination of parameters."""
+    if contraction >= DETERMINED:
+        return "determined"
+    if contraction >= WEAK:
+        return "weakly"
+    return "moved" if divergence >= MOVED else "repeats its prior"
+
+
+def _excluded(profile: Profile, prior: FloatArray) -> float:
+    """Share of the cut prior outside the 95 % interval."""
+    low, high = profile.interval(95)
+    return float(((prior < low) | (prior > high)).mean())
+
+
+def _firm(found: Cloned) -> list[str]:
+    """Words of data cloning; none where its weights cannot be relied on."""
+    return [word if word in ("estimable", "not estimable") else "" for word in found.parameters["word"]]
+
+
+GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}
+
+NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+def in_a_sentence(
+    counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str]
+) -> str:
+    """How many directions of each group are fixed, and which parameters the data leave as they were.
+
+    Parameters
+    ----------
+    counts : scope (a group, or ``all``), directions and determined, of each scope.
+    verdicts : by parameter.
+    symbol : how to write a parameter.
+    """
+    groups = [row for row in counts if row["scope"] != ALL] or list(counts)
+    fixed = [
+        _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
+    ]
+    parts = [listed(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
+    if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
+        parts.append(f"{listed(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}")
+    if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
+        parts.append(f"{listed(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}")
+    if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
+        parts.append(f"no data of this design can determine {listed(names)}")
+    return f"These data fix {'; '.join(parts)}."
+
+
+def listed(parts: Sequence[str]) -> str:
+    """As in a sentence: a, b and c."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def _fixed(kind: str, determined: int, of: int) -> str:
+    """Such as ``two of the three bearing directions``."""
+    if of == 1:
+        words = ("the one" if determined else "no", kind, "parameter")
+    elif determined == of:
+        words = ("both" if of == 2 else f"all {NUMBERS[of]}", kind, "directions")
+    else:
+        words = (f"{NUMBERS[determined]} of the {NUMBERS[of]}", kind, "directions")
+    return " ".join(word for word in words if word)
+
+
+def of_directions(found: Identifiability, seen: Structure, added: Information) -> dict[str, Any]:
+    """How many independent directions the data determine, of each group too, and what the design cannot."""
+    columns = ["scope", "view", "directions", "determined", "effective", "cut_effective"]
+    return {
+        "determined": found.determined,
+        "of": len(found.contractions),
+        "contractions": found.contractions.tolist(),
+        "groups": added.counts[columns].to_dict("records"),
+        "unseen": [null.words for null in seen.nulls],
+    }

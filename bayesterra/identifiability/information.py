@@ -1,36 +1,41 @@
-"""What the data added to the prior after the physical cut: per parameter, per direction, and per group.
-
-Directions are combinations of the parameters' normal scores under the cut prior. Scores do not change with
-the scale that a parameter is stated in (K_s or log K_s), so neither does the number of determined directions;
-a ridge that bends, as of K_s against n0, is straighter in them than it can be in one chosen scale. The counts
-in plain parameters and in the sampling coordinates, which straighten the ridges within each group, stand
-beside it: where they differ, the number hangs on how the parameters are written.
-
-A group is seen in two ways. ``marginal``: its own block of both covariances, all other parameters unknown, as
-the posterior has it. ``others known``: both covariances given all parameters outside the group (as for normal
-laws), so that what only the coupling between groups hides comes to light.
-"""
+"""Information gained by the data, and coupling of parameters and groups."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
+from scipy.spatial import cKDTree
+from scipy.special import digamma
+from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.contraction import covariance, eigen_directions, own_scale
-from bayesterra.identifiability.divergence import divergence
-from bayesterra.identifiability.groups import group_columns, in_words, scores_under, spaced, within_groups
-from bayesterra.identifiability.verdicts import DETERMINED
-from bayesterra.posteriors import Posterior
+from bayesterra.identifiability.verdicts import (
+    DETERMINED,
+    covariance,
+    eigen_directions,
+    group_columns,
+    in_words,
+    own_scale,
+    ranked,
+    scores_under,
+    spaced,
+    within_groups,
+)
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.stats.diagnostics import divergence
 
 DRAWS = 12_000
 """Draws, at most, that are compared."""
+
 STATED = 40_000
 """Draws of the stated prior that the cut one is compared with."""
+
 ALL, MARGINAL, OTHERS_KNOWN = "all", "marginal", "others known"
 
 
@@ -192,3 +197,190 @@ def _count(
 def effective(contractions: FloatArray) -> float:
     """Effective number of determined directions: the sum of contractions, each counted between 0 and 1."""
     return float(np.clip(contractions, 0.0, 1.0).sum())
+
+
+COUPLING_DRAWS = 4000
+"""Draws, at most, behind the copula's figures; the further apart, the more nearly independent."""
+
+NEAREST_DRAWS = 2000
+
+NEIGHBOURS = 4
+
+PERMUTATIONS = 200
+
+NEAREST_PERMUTATIONS = 12
+
+DISAGREEMENT = 0.1
+"""Difference of the two estimates, in nats, from which they disagree, if it also exceeds three errors and a
+quarter of the greater one. 0.1 nats is a correlation of 0.43."""
+
+Columns = Mapping[str, Sequence[int]]
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Dependence between parameters and between groups.
+
+    Attributes
+    ----------
+    names : parameters.
+    groups : columns of the parameters of each group.
+    pairs : one row per pair of parameters: first, second, information (nats; by the copula), null (its 95 %
+        point for independent draws), strength (correlation of two normal parameters with the same
+        information), nearest (nats; by nearest neighbours), nearest_error, nearest_null, disagree (whether
+        the two do), prior_information, prior_strength and prior_nearest (of the cut prior), pearson,
+        spearman, prior_pearson, prior_spearman.
+    between : one row per pair of groups, as ``pairs`` without correlations.
+    copula, prior_copula : normal-score correlations (d, d) under the posterior and the cut prior.
+    """
+
+    names: tuple[str, ...]
+    groups: Columns
+    pairs: pd.DataFrame
+    between: pd.DataFrame
+    copula: FloatArray
+    prior_copula: FloatArray
+
+
+def coupling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Generator) -> Coupling:
+    """Compare the coupling in posterior draws (n, d) with that in draws (m, d) of the cut prior.
+
+    Draws must be nearly independent, as kept draws are; thousands of spaced ones are used.
+    """
+    names, groups = posterior.names, group_columns(posterior.names)
+    prior, draws = spaced(prior, COUPLING_DRAWS), spaced(draws, COUPLING_DRAWS)
+    inner = within_groups(posterior).from_physical
+    singles = {name: [i] for i, name in enumerate(names)}
+    pairs = _compared(singles, prior, draws, rng)
+    correlations = {
+        f"{prefix}{kind}": _pairs(_correlation(values))
+        for prefix, x in (("", draws), ("prior_", prior))
+        for kind, values in (("pearson", x), ("spearman", rankdata(x, axis=0)))
+    }
+    return Coupling(
+        names=names,
+        groups=groups,
+        pairs=pairs.assign(**correlations),
+        between=_compared(groups, inner(prior), inner(draws), rng),
+        copula=_correlation(ranked(draws)),
+        prior_copula=_correlation(ranked(prior)),
+    )
+
+
+def copula_information(first: FloatArray, second: FloatArray) -> float:
+    """Mutual information (nats) of normal scores (n, a) and (n, b), were their joint law normal.
+
+    ½ (log|Σ_A| + log|Σ_B| − log|Σ_AB|); for two single columns −½ log(1 − ρ²).
+    """
+    sets = (first, second, np.column_stack([first, second]))
+    one, other, both = (np.linalg.slogdet(_correlation(columns))[1] for columns in sets)
+    return float(0.5 * (one + other - both))
+
+
+def nearest_information(first: FloatArray, second: FloatArray, k: int = NEIGHBOURS) -> tuple[float, float]:
+    """Mutual information (nats) of columns (n, a) and (n, b) from k nearest neighbours, and its error.
+
+    Kraskov, Stögbauer and Grassberger (2004), eq. (8), largest-coordinate distances. No two rows may be the
+    same. The error is that of a mean of independent terms.
+    """
+    joint = np.column_stack([first, second])
+    radius = cKDTree(joint).query(joint, k + 1, p=np.inf)[0][:, -1] * (1.0 - 1e-12)
+    counts = (
+        cKDTree(part).query_ball_point(part, radius, p=np.inf, return_length=True) for part in (first, second)
+    )
+    terms = digamma(k) + digamma(len(joint)) - sum(digamma(count) for count in counts)
+    return float(terms.mean()), float(terms.std() / np.sqrt(len(joint)))
+
+
+def whitened(draws: FloatArray) -> FloatArray:
+    """Normal scores (n, d) turned and stretched until they are uncorrelated with spread 1."""
+    scores = ranked(draws)
+    root = np.linalg.cholesky(np.atleast_2d(np.cov(scores.T)))
+    return np.asarray(np.linalg.solve(root, scores.T).T)
+
+
+def strength(information: float) -> float:
+    """Correlation of two normal parameters with this mutual information (nats)."""
+    return float(np.sqrt(-np.expm1(-2.0 * max(information, 0.0))))
+
+
+def _correlation(values: FloatArray) -> FloatArray:
+    return np.atleast_2d(np.corrcoef(values.T))
+
+
+def _pairs(matrix: FloatArray) -> FloatArray:
+    """Entries above the diagonal, in the order of ``itertools.combinations``."""
+    return matrix[np.triu_indices(len(matrix), 1)]
+
+
+def _compared(parts: Columns, prior: FloatArray, draws: FloatArray, rng: Generator) -> pd.DataFrame:
+    """Both estimates for every pair of parts, under the posterior and under the prior, and their nulls."""
+    after, before = (_Scored.of(parts, values) for values in (draws, prior))
+    # ranks under permutation know nothing of the law: pairs of the same size share their null
+    null = cache(lambda a, b: after.null(*after.first_of(a, b), rng))
+    rows = [_row(a, b, after, before) | null(len(parts[a]), len(parts[b])) for a, b in combinations(parts, 2)]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+COLUMNS = (
+    "first", "second", "information", "null", "strength", "nearest", "nearest_error", "nearest_null",
+    "disagree", "prior_information", "prior_strength", "prior_nearest",
+)  # fmt: skip
+
+
+def _row(a: str, b: str, after: _Scored, before: _Scored) -> dict[str, object]:
+    figure, (check, error), prior = after.copula(a, b), after.nearest(a, b), before.copula(a, b)
+    return {
+        "first": a,
+        "second": b,
+        "information": figure,
+        "strength": strength(figure),
+        "nearest": check,
+        "nearest_error": error,
+        "disagree": disagree(figure, check, error),
+        "prior_information": prior,
+        "prior_strength": strength(prior),
+        "prior_nearest": before.nearest(a, b)[0],
+    }
+
+
+def disagree(figure: float, check: float, error: float) -> bool:
+    """Whether the two estimates (nats) differ by more than their errors and than matters."""
+    return abs(check - figure) > max(DISAGREEMENT, 3.0 * error, 0.25 * max(figure, check))
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """Normal scores of draws, and whitened coordinates of fewer draws by part."""
+
+    parts: Columns
+    scores: FloatArray
+    white: Mapping[str, FloatArray]
+
+    @classmethod
+    def of(cls, parts: Columns, draws: FloatArray) -> _Scored:
+        few = spaced(draws, NEAREST_DRAWS)
+        few = few[np.sort(np.unique(few, axis=0, return_index=True)[1])]  # a walker may have stood still
+        return cls(parts, ranked(draws), {name: whitened(few[:, list(held)]) for name, held in parts.items()})
+
+    def copula(self, a: str, b: str) -> float:
+        return copula_information(self.scores[:, self.parts[a]], self.scores[:, self.parts[b]])
+
+    def nearest(self, a: str, b: str) -> tuple[float, float]:
+        return nearest_information(self.white[a], self.white[b])
+
+    def first_of(self, a: int, b: int) -> tuple[str, str]:
+        """The first pair of parts with so many columns."""
+        sizes = {name: len(held) for name, held in self.parts.items()}
+        return next(pair for pair in combinations(self.parts, 2) if tuple(map(sizes.get, pair)) == (a, b))
+
+    def null(self, a: str, b: str, rng: Generator) -> dict[str, float]:
+        """95 % points of both estimates where the rows of b are put into random order."""
+        one, other = self.scores[:, self.parts[a]], self.scores[:, self.parts[b]]
+        figures = [copula_information(one, rng.permutation(other)) for _ in range(PERMUTATIONS)]
+        near, far = self.white[a], self.white[b]
+        checks = [nearest_information(near, rng.permutation(far))[0] for _ in range(NEAREST_PERMUTATIONS)]
+        return {
+            "null": float(np.quantile(figures, 0.95)),
+            "nearest_null": float(np.mean(checks) + 1.645 * np.std(checks, ddof=1)),
+        }

@@ -1,36 +1,23 @@
-"""Local analysis: how much the readings say about which combination of parameters, near given points.
-
-The Fisher information, in units of the cut prior's standard deviations, at one parameter set or averaged over
-many. Its eigenvalues say how much is known along each eigenvector, in units of what the prior knows: 1 halves
-its variance, 9 leaves a tenth of it. Spread evenly over many decades they make a model
-"sloppy" (Gutenkunst et al. 2007, PLoS Comput. Biol. 3, e189).
-
-Two averages over parameter sets answer two questions. The mean information, with the prior's, bounds the mean
-squared error of any estimator from below (van Trees' inequality; Gill & Levit 1995, Bernoulli 1, 59), but a
-few sets at which readings are touchy can make it so large that the bound says nothing: K_s where it is small.
-The mean of the bounds at each set is what normal approximations promise on average, and comes near posteriors
-that are bent but not broken. Neither follows a ridge around its bends.
-
-Information is held as roots R, RᵀR = information, found by orthogonal triangularisation, so that eigenvalues
-keep their digits over thirty decades and not fifteen.
-"""
+"""Local information over a posterior: spectra of directions, and collinearity of parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
-from bayesterra.arrays import FloatArray
-from bayesterra.identifiability._directions import NEGLIGIBLE, combination
-from bayesterra.identifiability.fisher import weighted_sensitivities
-from bayesterra.identifiability.sensitivities import read_where
-from bayesterra.posteriors import Posterior
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.identifiability.structure import NEGLIGIBLE, combination
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.sensitivities import read_where, weighted_sensitivities
 
 SINGULAR = 1e-11
 """Singular value, relative to columns of unit length, below which a direction carries no information."""
+
 _BATCH = 100
 
 
@@ -178,3 +165,92 @@ def cramer_rao(root: FloatArray, correlation: FloatArray | None = None) -> Float
     kept = rows[~null] / values[~null, None]
     bound = np.sqrt((kept**2).sum(axis=0)) / np.where(seen, length, 1.0)
     return np.where(open_ended, np.inf, bound)
+
+
+CRITICAL = 15.0
+"""Collinearity index above which a subset is not determined.
+
+Usual thresholds lie between 10 and 20: 10 to 15 with Brun et al. (2001), 20 in the R package FME (Soetaert &
+Petzoldt 2010, J. Stat. Softw. 33(3)).
+"""
+
+INFORMATIVE = 3.0
+"""|s_j| from which a parameter counts as seen: the others known, a third of the prior's sd is left."""
+
+
+@dataclass(frozen=True)
+class Collinearity:
+    """Collinearity indices of all subsets of two and more parameters.
+
+    Attributes
+    ----------
+    names : the d free parameters.
+    table : one row per subset, the most collinear of each size last: size, subset (names, joined by a blank),
+        gamma (inf where a combination of its parameters changes no reading), highest (95 % of the sets are
+        below).
+    importance : one row per parameter: parameter, delta_msqr, length (|s_j|, prior sd over the sd that the
+        readings alone would leave if all others were known).
+    """
+
+    names: tuple[str, ...]
+    table: pd.DataFrame
+    importance: pd.DataFrame
+
+    def gamma(self, *names: str) -> float:
+        """Index of the subset of these parameters."""
+        subset = " ".join(name for name in self.names if name in names)
+        return float(self.table.loc[self.table["subset"] == subset, "gamma"].iloc[0])
+
+    def largest(self, critical: float = CRITICAL) -> tuple[str, ...]:
+        """The largest determined subset: index up to ``critical``, each parameter seen (``INFORMATIVE``).
+
+        The least collinear one where there are several; one parameter, or none, where no pair will do.
+        """
+        seen = set(self.importance.loc[self.importance["length"] >= INFORMATIVE, "parameter"])
+        chosen = [set(subset.split()) <= seen for subset in self.table["subset"]]
+        fine = self.table[np.array(chosen, dtype=bool) & (self.table["gamma"] <= critical)]
+        if len(fine):
+            best = fine[fine["size"] == fine["size"].max()].sort_values("gamma", kind="stable")
+            return tuple(str(best["subset"].iloc[0]).split())
+        top = self.importance.sort_values("length", ascending=False, kind="stable")["parameter"]
+        return tuple(name for name in top[:1] if name in seen)
+
+
+def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
+    """Collinearity at the parameter sets of a local analysis, ``sets`` of them evenly taken at most.
+
+    There are 2^d − d − 1 subsets of d parameters.
+    """
+    chosen = np.unique(np.linspace(0, len(local.roots) - 1, sets).astype(int))
+    lengths = np.sqrt((local.roots[chosen] ** 2).sum(axis=1))
+    unit = local.roots[chosen] / np.where(lengths > 0, lengths, 1.0)[:, None]
+    parts = [_of_size(local.names, unit, size) for size in range(2, len(local.names) + 1)]
+    length = np.median(lengths, axis=0)
+    importance = pd.DataFrame(
+        {
+            "parameter": list(local.names),
+            "delta_msqr": length / np.sqrt(max(local.readings, 1)),
+            "length": length,
+        }
+    )
+    columns = ["size", "subset", "gamma", "highest"]
+    table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    return Collinearity(local.names, table, importance)
+
+
+def _of_size(names: Sequence[str], unit: FloatArray, size: int) -> pd.DataFrame:
+    """Indices of all subsets of one size; ``unit`` (n, d, d) has columns of unit length."""
+    chosen: IntArray = np.array(list(combinations(range(len(names)), size)), dtype=np.int64)
+    gamma = collinearity_index(unit[:, :, chosen].transpose(0, 2, 1, 3))
+    subsets = [" ".join(names[i] for i in subset) for subset in chosen]
+    middle, highest = np.quantile(gamma, [0.5, 0.95], axis=0, method="higher")  # inf has no neighbours
+    table = pd.DataFrame({"size": size, "subset": subsets, "gamma": middle, "highest": highest})
+    return table.sort_values("gamma", kind="stable")
+
+
+def collinearity_index(unit: FloatArray) -> FloatArray:
+    """Index γ (...) of matrices (..., q, k) with columns of unit length; inf where they are dependent."""
+    values = np.linalg.svd(unit, compute_uv=False)
+    smallest = values[..., -1] if unit.shape[-2] >= unit.shape[-1] else np.zeros(unit.shape[:-2])
+    dependent = smallest <= SINGULAR
+    return np.asarray(np.where(dependent, np.inf, 1.0 / np.where(dependent, 1.0, smallest)))

@@ -21,22 +21,26 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.engines import Engine
-from bayesterra.identifiability._chart import chart
-from bayesterra.identifiability._target import Target
-from bayesterra.identifiability._tracing import AGREE, Traces, standing_out, trace
-from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.identifiability.optimiser import Target, chart
+from bayesterra.identifiability.tracing import AGREE, Traces, standing_out, trace
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
+from bayesterra.runtime.engines import Engine
 
 LEVELS = {68: 0.99, 95: 3.84}
 """Thresholds of 2 Δ log density by percent."""
+
 KINDS = ("likelihood", "posterior")
+
 CLASSES = ("two-sided", "one-sided", "flat", "bounded only by the prior")
 """Where a profile crosses the 95 % threshold inside the range: on both sides of the best value; on one; on
 neither, and it stays below the 68 % threshold; on neither, though it rises above that."""
+
 POOL = 2000
 """Most draws among which starts are chosen, and draws from the cut prior for that and for its spread."""
+
 TRUSTED = 0.8
 """Share of confirmed points from which a profile is trusted."""
+
 SHOWN = 0.25
 """Prior standard deviations from which another parameter's move is worth a word."""
 

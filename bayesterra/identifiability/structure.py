@@ -1,30 +1,24 @@
-"""Directions of the parameters that no data of this design can determine, however many and however good.
-
-A design is what a study measures where: the slips, wheels and loads (or sinkages) of its rows, and the
-channels that are read. A direction is beyond it if it changes no reading anywhere in the prior. So the rank
-of the exact sensitivity matrix (Jacquez & Greif 1985, Math. Biosci. 77, 201; Cole 2020, Parameter Redundancy
-and Identifiability) is found at many draws of the cut prior: the models are analytic in their parameters, so
-the rank is the same almost everywhere, and a lower one in single draws is an accident of the place.
-
-A null space that is the same everywhere is a redundancy of the parameters as they stand, e.g. of k_c and k_φ
-under wheels of one width, or of n0 and n1 at one slip; one that turns from draw to draw is a curve.
-"""
+"""Structure of a design: directions of the parameters that no reading of it could see."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
 
-from bayesterra.arrays import FloatArray
-from bayesterra.identifiability._design import Design, design_of
-from bayesterra.identifiability._directions import combination, listed
-from bayesterra.identifiability._ranks import Ranks, ranks, soil_columns
-from bayesterra.identifiability.sensitivities import has_own_sd, read_where
-from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posteriors import Posterior
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.sensitivities import (
+    has_own_sd,
+    known_inputs,
+    read_where,
+    sensitivities,
+    without_load,
+)
+from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
 
 DRAWS = 300
 """Draws of the cut prior that are plenty."""
@@ -205,3 +199,256 @@ def _table(names: tuple[str, ...], nulls: Sequence[Null]) -> pd.DataFrame:
             "because": ["; ".join(because[name]) for name in names],
         }
     )
+
+
+@dataclass(frozen=True)
+class Design:
+    """Rows and channels of a study.
+
+    Attributes
+    ----------
+    rows : number of rows in the fit.
+    slips, widths, given : distinct slips, wheel widths (m), and loads (N; none where latent) or sinkages (m).
+    channels, missing : outcomes of the drive that are read, and that are not.
+    readings : number of readings that differ in more than their error, less one per latent load.
+    """
+
+    rows: int
+    slips: FloatArray
+    widths: FloatArray
+    given: FloatArray
+    channels: tuple[str, ...]
+    missing: tuple[str, ...]
+    readings: int
+
+    def reasons(self, parameters: Sequence[str], free: int | None = None) -> list[str]:
+        """What in the design may be why directions among ``parameters`` are not seen.
+
+        ``free`` is the number of parameters to be found, where too few readings may be the reason.
+        """
+        found = []
+        if {"n1", "c2"} & set(parameters) and len(self.slips) == 1:
+            found.append(f"all rows have the slip {self.slips[0]:.3g}")
+        if set(MODULI) <= set(parameters) and len(self.widths) == 1:
+            found.append(f"all wheels are {1e3 * self.widths[0]:.3g} mm wide")
+        load_driven = "normal_force" not in (*self.channels, *self.missing)
+        if {"cDP", "cM"} & set(parameters) and load_driven and len(self.given) == 1:
+            found.append(f"all rows have the load {self.given[0]:.3g} N")
+        if free is not None and self.readings < free:
+            found.append(f"{_counted(self.readings, 'different reading')} for {free} parameters")
+        return found
+
+    def __str__(self) -> str:
+        """Name rows, slips, widths and channels in a line."""
+        read = ", ".join(CHANNELS[name].description for name in self.channels)
+        ends = f"{self.slips[0]:.3g}" + (f" to {self.slips[-1]:.3g}" if len(self.slips) > 1 else "")
+        rows, slips = _counted(self.rows, "row"), _counted(len(self.slips), "slip")
+        return f"{rows} at {slips} ({ends}), {_counted(len(self.widths), 'wheel width')}; {read}"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def design_of(posterior: Posterior) -> Design:
+    """The design of a study."""
+    likelihood = posterior.likelihood
+    forward, conditions = likelihood.forward, likelihood.forward.conditions
+    latent = forward.drive == "both"
+    columns = [conditions.slip, conditions.radius, conditions.width, conditions.lug_height]
+    columns.append(np.zeros(len(conditions.slip)) if latent else forward.given)
+    _, first = np.unique(np.round(np.column_stack(columns), 9), axis=0, return_index=True)
+    each = read_where(posterior, likelihood.channels)[first].sum(axis=1)
+    return Design(
+        rows=len(conditions.slip),
+        slips=np.unique(np.round(conditions.slip, 9)),
+        widths=np.unique(np.round(conditions.width, 9)),
+        given=np.empty(0) if latent else np.unique(forward.given),
+        channels=likelihood.channels,
+        missing=tuple(name for name in forward.outcomes if name not in likelihood.channels),
+        readings=int(np.maximum(each - latent, 0).sum()),
+    )
+
+
+RANK_TOLERANCE = 1e-10
+"""Singular value, for rows and columns of unit length, below which a direction is not seen.
+
+Rounding leaves 1e-15 where nothing is seen; where something is, the least found over the paper's box is 1e-7.
+"""
+
+COMMON = 0.05
+"""Share of the parameter sets that must have a rank for it to be the rank of the design."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Directions (count, d) that change no reading and share parameters; see ``structure.Null``."""
+
+    directions: FloatArray
+    straight: bool
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """Singular values of the sensitivities at n parameter sets, and what they leave unseen.
+
+    Attributes
+    ----------
+    matrices : (n, q, d) with rows and columns of unit length; noise parameters are not among the columns.
+    lengths : (n, d) by which columns in units of the prior's standard deviations were divided.
+    """
+
+    matrices: FloatArray
+    lengths: FloatArray
+
+    @cached_property
+    def _decomposed(self) -> tuple[FloatArray, FloatArray]:
+        _, values, vectors = np.linalg.svd(_tall(self.matrices), full_matrices=False)
+        return values, vectors
+
+    @property
+    def values(self) -> FloatArray:
+        """Singular values (n, d), largest first."""
+        return self._decomposed[0]
+
+    @cached_property
+    def of_sets(self) -> IntArray:
+        """Rank (n,) at every parameter set."""
+        return np.asarray((self.values > RANK_TOLERANCE).sum(axis=1))
+
+    @cached_property
+    def rank(self) -> int:
+        """The rank almost everywhere: the highest that is not rare."""
+        return int(np.quantile(self.of_sets, 1.0 - COMMON, method="lower"))
+
+    @cached_property
+    def bases(self) -> FloatArray:
+        """Orthonormal unseen directions (g, d − rank, d) of the sets that show them best, the best first.
+
+        In units of the prior's standard deviations.
+        """
+        gap = np.where(self.of_sets == self.rank, self.values[:, max(self.rank - 1, 0)], -1.0)
+        order = np.argsort(-gap, kind="stable")
+        best = order[: max(1, int((gap > 0).sum()) // 2)]
+        raw = self._decomposed[1][best, self.rank :] / self.lengths[best, None]
+        return np.asarray(np.linalg.qr(raw.transpose(0, 2, 1))[0].transpose(0, 2, 1))
+
+    def unseen(self) -> list[Unseen]:
+        """Unseen directions in their simplest form: those that are the same everywhere, then the others."""
+        if self.rank == self.values.shape[1]:
+            return []
+        projector = (self.bases.transpose(0, 2, 1) @ self.bases).mean(axis=0)
+        shares, vectors = np.linalg.eigh(projector)
+        straight, pivots = echelon(vectors[:, shares > 1.0 - NEGLIGIBLE].T)
+        bent = self.bases[0] - self.bases[0] @ np.linalg.pinv(straight) @ straight
+        bent = np.linalg.svd(bent)[2][: len(bent) - len(straight)]
+        bent = echelon(bent - bent[:, pivots] @ straight)[0]
+        alone = (straight != 0).sum(axis=1) == 1
+        found = [Unseen(straight[alone], True)] if alone.any() else []
+        for rows, same in ((straight[~alone], True), (bent, False)):
+            found += [Unseen(rows[group], same) for group in gathered(rows != 0)]
+        return sorted(found, key=lambda each: int(each.directions.any(axis=0).argmax()))
+
+
+def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks:
+    """Ranks at sets ``x`` (n, d), in units of their standard deviations, where ``channels`` are read.
+
+    Sets for which the model has no answer are left out. See :func:`read_where` for the rows.
+    """
+    soil = soil_columns(posterior)
+    found = sensitivities(posterior, x).of(tuple(channels))
+    read = read_where(posterior, channels)
+    by_x = np.where(read[..., None], found.by_parameter[..., soil] * x[:, soil].std(axis=0), 0.0)
+    by_load = np.where(read, found.by_load * known_inputs(posterior.likelihood)[:, None], 0.0)
+    rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
+    by_x, by_load = by_x / rows[..., None], by_load / rows
+    lengths = _lengths(by_x, axis=(1, 2))
+    seen = without_load(by_x / lengths[:, None, None], by_load, 0.0)
+    seen = seen.reshape(len(x), read.size, len(soil))
+    answered = np.isfinite(seen).all(axis=(1, 2))
+    return Ranks(seen[answered], lengths[answered])
+
+
+def soil_columns(posterior: Posterior) -> list[int]:
+    """Free parameters that are no noise."""
+    return [i for i, name in enumerate(posterior.names) if not name.startswith(SIZES)]
+
+
+def _lengths(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
+    """Euclidean lengths, 1 where they are 0."""
+    length = np.sqrt((values**2).sum(axis=axis))
+    return np.where(length == 0, 1.0, length)
+
+
+def _tall(matrices: FloatArray) -> FloatArray:
+    """The same with at least as many rows as columns."""
+    n, q, d = matrices.shape
+    return matrices if q >= d else np.concatenate([matrices, np.zeros((n, d - q, d))], axis=1)
+
+
+NEGLIGIBLE = 1e-6
+"""Share of a direction (of unit length in prior standard deviations) below which a parameter has no part."""
+
+
+def echelon(rows: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Reduced echelon form of directions (q, d), and the column (q,) that each has to itself with weight 1.
+
+    Gauss–Jordan elimination with full pivoting: the simplest basis of what the directions span.
+    """
+    rows, pivots = rows.copy(), np.empty(len(rows), dtype=np.int64)
+    for i in range(len(rows)):
+        best, column = divmod(int(np.abs(rows[i:]).argmax()), rows.shape[1])
+        rows[[i, i + best]] = rows[[i + best, i]]
+        rows[i] /= rows[i, column]
+        others = np.arange(len(rows)) != i
+        rows[others] -= rows[others, column][:, None] * rows[i]
+        pivots[i] = column
+    return np.where(np.abs(rows) < NEGLIGIBLE, 0.0, rows), pivots
+
+
+def gathered(supports: BoolArray) -> list[list[int]]:
+    """Directions whose parameters, True in ``supports`` (q, d), overlap, as groups of their numbers."""
+    groups: list[list[int]] = []
+    for i in range(len(supports)):
+        shared = [group for group in groups if (supports[group].any(axis=0) & supports[i]).any()]
+        groups = [group for group in groups if group not in shared]
+        groups.append(sorted([i, *(member for group in shared for member in group)]))
+    return groups
+
+
+def combination(
+    names: Sequence[str], weights: FloatArray, *, least: float = 0.15, terms: int = 4, digits: int = 2
+) -> str:
+    """Leading terms of a weighted sum, in symbols.
+
+    Parameters
+    ----------
+    names : parameters.
+    weights : (d,); terms with less than the share ``least`` of the largest are left out.
+    terms : at most so many.
+    digits : significant digits; a weight of 1 is not written.
+
+    >>> combination(("n0", "c1", "phi"), np.array([-0.57, 0.82, 0.01]))
+    '0.82 c1 − 0.57 n0'
+    """
+    size = np.abs(weights)
+    order = np.argsort(-size, kind="stable")[:terms]
+    leading = [int(i) for i in order if size[i] > 0 and size[i] >= least * size.max()]
+    parts = [("−" if weights[i] < 0 else "+", _term(names[i], size[i], digits)) for i in leading]
+    text = " ".join(f"{sign} {term}" for sign, term in parts)
+    return text[2:] if text.startswith("+") else text.replace("− ", "−", 1)
+
+
+def _term(name: str, size: float, digits: int) -> str:
+    text, symbol = f"{size:.{digits}g}", PARAMETERS[name].symbol
+    return symbol if text == "1" else f"{text} {symbol}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Symbols of parameters as in a sentence.
+
+    >>> listed(("Ks", "n0", "n1"))
+    'K_s, n0 and n1'
+    """
+    symbols = [PARAMETERS[name].symbol for name in names]
+    return " and ".join([", ".join(symbols[:-1]), symbols[-1]] if len(symbols) > 1 else symbols)

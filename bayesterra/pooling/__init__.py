@@ -1,6 +1,1 @@
-"""Several wheels, sites or runs with one joint posterior: shared, separate and hierarchical parameters.
-
-The groups of rows are independent given what they share, and everything here uses that: proposals move one
-group at a time, the evidence integrates each group out on its own, and what belongs to the soil is judged
-from the groups' own posteriors.
-"""
+"""Several groups of rows with one posterior: joint density, sampler, evidence for sharing, report."""

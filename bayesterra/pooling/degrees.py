@@ -1,19 +1,19 @@
-"""How far groups share their parameters: complete pooling, the stated one and none, side by side."""
+"""Degrees of pooling: complete, as stated, none, and the evidence of other roles of a parameter."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
+from scipy.optimize import brentq
+from scipy.special import logsumexp
 
-from bayesterra.pooling.alternatives import Level
-from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.sampler import JointSamples
-from bayesterra.pooling.weighing import (
+from bayesterra.arrays import FloatArray
+from bayesterra.pooling.evidence import (
     PriorShares,
     Weighed,
     joint_shares,
@@ -21,16 +21,187 @@ from bayesterra.pooling.weighing import (
     weigh_joint,
     weigh_plain,
 )
-from bayesterra.sampling.evidence import Evidence
+from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
+from bayesterra.pooling.joint import JointPosterior
+from bayesterra.pooling.moves import Walkers
+from bayesterra.pooling.sampler import JointSamples, fit_laws, group_coordinates, starting_points
+from bayesterra.sampling.importance import Evidence, summed
 from bayesterra.sampling.sampler import Samples
+from bayesterra.study.groups import Population
+
+DRAWN, INNER = 512, 8
+"""Draws of what groups share in a round, and of each group's own for each of them; the last has ``LAST``."""
+
+LAST = 2048
+
+ROUNDS, MOST = 3, 8
+"""Rounds of adaptation, and how many more there may be where the weights remain too uneven."""
+
+REPEATS = 2
+"""Adaptations that have nothing in common but the study."""
+
+EVEN = 0.1
+"""Effective share of draws below which weights are tempered before laws are fitted to what they leave."""
+
+FEWEST = 100
+"""Points inside the support below which no law is fitted and no evidence estimated."""
+
+SHARE_DRAWS, SHARE_INNER = 2000, 8
+"""Draws for the share of a prior inside the physical support."""
+
+SURE = 0.25
+"""Largest error of a log evidence that does with the usual number of rounds."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Log evidence under the prior cut to the physical support and renormalised.
+
+    Attributes
+    ----------
+    log_z, error : natural units; Monte Carlo standard error. NaN where no draw says anything.
+    reliable : whether the error can be relied on.
+    """
+
+    log_z: float
+    error: float
+    reliable: bool
+
+
+UNKNOWN = Level(np.nan, np.nan, reliable=False)
+
+
+def with_roles(
+    joint: JointPosterior, shared: Sequence[str], hierarchical: Mapping[str, Population]
+) -> JointPosterior:
+    """The same groups; some parameters are shared, some have a population, all others are separate."""
+    names = joint.first.names
+    separate = tuple(name for name in names if name not in shared and name not in hierarchical)
+    ordered = {name: hierarchical[name] for name in names if name in hierarchical}
+    common = tuple(name for name in names if name in shared)
+    return replace(
+        joint, pooling=replace(joint.pooling, shared=common, separate=separate, hierarchical=ordered)
+    )
+
+
+def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Generator) -> Level:
+    """Estimate the evidence of a joint posterior that has something in common and something of each group.
+
+    Parameters
+    ----------
+    chains : draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
+    """
+    family = JointFamily(joint)
+    ensembles = len(next(iter(chains.values())))
+    laws: list[OuterLaws] = []
+    alone: list[Draws] = []
+    for e in range(REPEATS):
+        own = {name: chain[e % ensembles] for name, chain in chains.items()}
+        D, L = starting_points(family, own, rng)
+        inside = np.isfinite(Walkers.at(family, D, L).log_density)
+        if inside.sum() < FEWEST:
+            return UNKNOWN
+        alone.append([group_coordinates(family, g, chain, rng) for g, chain in enumerate(own.values())])
+        laws.append(_fitted(family, alone[e], D[inside], L[:, inside], rng))
+    for _ in range(ROUNDS):
+        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
+    found = _evidence(family, laws, rng)
+    for _ in range(MOST - ROUNDS):
+        if found is not None and found.reliable and found.error < SURE:
+            break
+        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
+        found = _evidence(family, laws, rng)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a share of next to nothing, which no draw hits
+        share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
+    if found is None or not np.isfinite([share.whole, share.error]).all():
+        return UNKNOWN
+    error = float(np.hypot(found.error, share.error))
+    return Level(found.log_z - share.whole, error, found.reliable)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Draws of laws, their log weights (n,), and one of each group's own chosen by its weight."""
+
+    D: FloatArray
+    L: FloatArray
+    log_weights: FloatArray
+
+
+def _fitted(family: JointFamily, alone: Draws, D: FloatArray, L: FloatArray, rng: Generator) -> OuterLaws:
+    return outer_laws(family, fit_laws(family, D, L, rng), alone, D, L, rng)
+
+
+def _drawn(
+    family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator
+) -> _Drawn:
+    """Weigh drivers (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
+    total = family.log_prior(D) - log_law
+    repeated, chosen = np.repeat(D, INNER, axis=0), []
+    for g, law in enumerate(laws.locals):
+        L, log_own = law.sample(D, INNER, rng)
+        population, likelihood = family.terms(g, repeated, L)
+        inside = np.isfinite(population) & np.isfinite(likelihood)
+        each = np.where(inside, population + np.where(inside, likelihood, 0.0), -np.inf) - log_own
+        each = each.reshape(len(D), INNER)
+        total = total + np.logaddexp.reduce(each, axis=1) - np.log(INNER)
+        best = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
+        chosen.append(L.reshape(len(D), INNER, -1)[np.arange(len(D)), best])
+    return _Drawn(D, np.array(chosen), np.where(np.isnan(total), -np.inf, total))
+
+
+def _improved(family: JointFamily, alone: Draws, laws: OuterLaws, rng: Generator) -> OuterLaws:
+    """Laws fitted to draws of the given ones by their weights; the same where no draw has any."""
+    D = laws.drivers.sample(DRAWN, rng)
+    drawn = _drawn(family, laws, D, laws.drivers.log_density(D), rng)
+    if np.isfinite(drawn.log_weights).sum() < FEWEST:
+        return laws
+    weights = _tempered(drawn.log_weights)
+    kept = rng.choice(len(D), size=4 * DRAWN, p=weights)
+    return _fitted(family, alone, D[kept], drawn.L[:, kept], rng)
+
+
+def _tempered(log_weights: FloatArray) -> FloatArray:
+    """Weights (n,) that sum to 1, to a power at which they are even enough to fit laws to."""
+    level = log_weights - log_weights.max()
+    known = level[np.isfinite(level)]
+
+    def excess(power: float) -> float:
+        share = 2 * logsumexp(power * known) - logsumexp(2 * power * known) - np.log(len(level))
+        return float(np.exp(share) - EVEN)
+
+    power = 1.0 if excess(1.0) >= 0 else float(brentq(excess, 0.0, 1.0, rtol=1e-3))
+    weights = np.exp(np.where(np.isfinite(level), power * level, -np.inf))
+    return np.asarray(weights / weights.sum())
+
+
+def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
+    """Weigh fresh draws against the mixture of all laws of drivers; None where hardly any has a weight.
+
+    Each draw has the laws of locals that belong to its law of drivers. What every adaptation finds alone,
+    its draws against its own law, joins the error: adaptations that disagree have not seen the same.
+    """
+    each = LAST // len(laws)
+    D = [law.drivers.sample(each, rng) for law in laws]
+    levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
+    pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
+    parts = zip(laws, D, pooled, strict=True)
+    weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in parts])
+    if np.isfinite(weights).sum() < FEWEST:
+        return None
+    own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
+    return summed(weights).beside([float(logsumexp(one) - np.log(each)) for one in own])
+
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
 """One value for all groups; the study's own roles; every group alone."""
+
 INDISTINCT = 3.0
 """Difference of log evidences below which two degrees of pooling are not told apart; odds of 20 to 1."""
 
-
 LEFT_OUT_COLUMNS = ("pooling", "what", "label", "elpd", "error", "k", "reliable")
+
 DEGREE_COLUMNS = ("pooling", "converged", "log_evidence", "log_evidence_error", "evidence_reliable")
 
 

@@ -21,17 +21,18 @@ from numpy.random import Generator
 from scipy.stats import t as student_t
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.coordinates import Coordinates
-from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
-from bayesterra.pooling.family import JointFamily, restricted
+from bayesterra.pooling.family import ConditionalLaw, JointFamily, fit_conditional, restricted
+from bayesterra.pooling.joint import log_population, population_score, population_value
 from bayesterra.pooling.moves import Laws
-from bayesterra.pooling.populations import log_population, population_score, population_value
-from bayesterra.sampling.unbending import Proposal, fit_proposal
+from bayesterra.sampling.coordinates import Coordinates
+from bayesterra.stats.transport import Proposal, fit_proposal
 
 LEAST, GREATEST = 0.1, 0.9
 """Share of a chain's draws that the population itself has, where spreads are great and where small."""
+
 FLAT, HEAVY = 0.3, 4.0
 """Share of drivers whose spreads are drawn from half-t laws, and degrees of freedom of these."""
+
 FITTED = 2048
 """Most draws that the laws of a chain are fitted to."""
 

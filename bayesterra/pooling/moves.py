@@ -1,41 +1,26 @@
-"""Walkers of one ensemble that use what pooling gives: groups are independent given what they share.
-
-A state is drivers D (what the groups share, and means and spreads of populations) and locals L of every
-group, with density p(D) ∏ p(L_g | D) likelihood_g(S, L_g), S the first of the drivers. emcee's moves evaluate
-whole vectors, so these moves are our own:
-
-- the locals of one group anew, from their fitted law given D, or by differences of other walkers
-  (differential evolution, ter Braak 2006): one group's likelihood each;
-- drivers by differences or from a fitted law, every group's locals carried along in straight coordinates that
-  hardly depend on the drivers: a partly non-centred step in the sense of Papaspiliopoulos et al. (2007), its
-  degree fitted group by group;
-- mean and spread of a population with the groups' standardised values held, the fully non-centred step, which
-  is right where the spread is next to nothing;
-- shared drivers with the locals held;
-- means and spreads given the locals, which needs no likelihood: the centred step of an interweaving pair
-  (Yu and Meng 2011).
-
-All laws are frozen while draws are kept. Each half of the walkers moves by differences of the other half.
-"""
+"""Moves of a joint ensemble, and the state that it leaves to go on from."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.random import Generator
+from numpy.random import PCG64, Generator
+from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.pooling.conditional import ConditionalLaw
-from bayesterra.sampling.unbending import Proposal
+from bayesterra.pooling.family import ConditionalLaw
+from bayesterra.runtime.checkpoints import Journal, check_drift, noted
+from bayesterra.stats.transport import Proposal
 
 INDEPENDENT_DRIVERS = 8
 """Most drivers that are also proposed afresh all at once."""
+
 HELD_SHARE = 0.25
 """Share of sweeps with a move of the shared drivers that holds the locals."""
-
 
 Locals = Literal["carried", "held", "standardised"]
 """What a move of drivers does with the locals: keep their straight coordinates, their values, or their
@@ -288,3 +273,120 @@ class PooledEnsemble:
         w.L[:, into] = L[:, taken]
         w.population[:, into], w.likelihood[:, into] = population[:, taken], likelihood[:, taken]
         self.counts.add(kind, taken)
+
+
+_WORD = 2**64
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where an ensemble stands: all that its next sweep depends on.
+
+    Attributes
+    ----------
+    laws, walkers : see :class:`bayesterra.pooling.moves.PooledEnsemble`.
+    words : state and increment of its generator, a PCG64, low word first (4,).
+    has_half, half : whether half a word is left over, and which.
+    kinds : names of moves, one per line, as bytes.
+    accepted, tried : moves of each kind so far.
+    """
+
+    laws: Laws
+    walkers: Walkers
+    words: NDArray[np.uint64]
+    has_half: int
+    half: int
+    kinds: NDArray[np.uint8]
+    accepted: FloatArray
+    tried: FloatArray
+
+    @classmethod
+    def of(cls, ensemble: PooledEnsemble) -> Standing:
+        """Read off where an ensemble stands."""
+        state = ensemble.rng.bit_generator.state
+        numbers = (state["state"]["state"], state["state"]["inc"])
+        words = [part for number in numbers for part in (number % _WORD, number // _WORD)]
+        tried = ensemble.counts.tried
+        return cls(
+            ensemble.laws,
+            ensemble.walkers,
+            np.array(words, dtype=np.uint64),
+            int(state["has_uint32"]),
+            int(state["uinteger"]),
+            np.frombuffer("\n".join(tried).encode(), dtype=np.uint8),
+            np.array([ensemble.counts.accepted[kind] for kind in tried], dtype=float),
+            np.array(list(tried.values()), dtype=float),
+        )
+
+    def ensemble(self, family: Family) -> PooledEnsemble:
+        """The ensemble that stands there."""
+        low, high, inc_low, inc_high = (int(word) for word in self.words)
+        bits = PCG64()
+        bits.state = {
+            "bit_generator": "PCG64",
+            "state": {"state": low + _WORD * high, "inc": inc_low + _WORD * inc_high},
+            "has_uint32": self.has_half,
+            "uinteger": self.half,
+        }
+        kinds = bytes(self.kinds).decode().splitlines()
+        counts = Counts(
+            dict(zip(kinds, map(float, self.accepted), strict=True)),
+            dict(zip(kinds, map(float, self.tried), strict=True)),
+        )
+        walkers = deepcopy(self.walkers)  # the ensemble moves on, this stays
+        return PooledEnsemble(family, self.laws, walkers, Generator(bits), counts)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Sweeps on end, and where they led.
+
+    Attributes
+    ----------
+    D, L : drivers (sweeps, w, k) and locals (sweeps, groups, w, d).
+    share : accepted share of each walker (w,).
+    end : where the ensemble stands then.
+    """
+
+    D: FloatArray
+    L: FloatArray
+    share: FloatArray
+    end: Standing
+
+
+def begun_or_noted(
+    journal: Journal, number: int, family: Family, begin: Callable[[], PooledEnsemble]
+) -> PooledEnsemble:
+    """The ensemble that is begun, or the one in the journal."""
+    name = f"joint-{number}-begun"
+    found = journal.holds(name)
+    ensemble = noted(journal, name, Standing, lambda: Standing.of(begin())).ensemble(family)
+    if found:
+        check_densities(ensemble)
+    return ensemble
+
+
+def leg_or_noted(journal: Journal, name: str, ensemble: PooledEnsemble, sweeps: int) -> Leg:
+    """Take sweeps, or the leg that the journal has under a name.
+
+    Raises
+    ------
+    ResultError : walkers in the journal have another density here than where they were noted.
+    """
+
+    def taken() -> Leg:
+        D, L, share = ensemble.run(sweeps)
+        return Leg(D, L, share, Standing.of(ensemble))
+
+    found = journal.holds(name)
+    leg = noted(journal, name, Leg, taken)
+    if found:
+        check_densities(leg.end.ensemble(ensemble.family))
+    return leg
+
+
+def check_densities(ensemble: PooledEnsemble) -> None:
+    """Make sure that saved walkers have the density here that they had where they were saved."""
+    known = ensemble.walkers.log_density
+    here = Walkers.at(ensemble.family, ensemble.walkers.D, ensemble.walkers.L).log_density
+    check_drift(float(np.max(np.abs(here - known) / (1.0 + np.abs(known)))))

@@ -1,10 +1,10 @@
-"""Sampling a joint posterior: each group alone first, then all together with laws learnt from that."""
+"""Sampler of a joint posterior: groups alone, warm-up runs, then all together."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,25 +17,35 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import Diagnosis, diagnose
-from bayesterra.pooling.conditional import ConditionalLaw, fit_conditional
-from bayesterra.pooling.family import JointFamily
+from bayesterra.pooling.family import ConditionalLaw, JointFamily, fit_conditional
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.legs import begun_or_noted, leg_or_noted
-from bayesterra.pooling.moves import Counts, Laws, PooledEnsemble
-from bayesterra.pooling.pilots import FITTED, piloted, refitted
+from bayesterra.pooling.moves import (
+    Counts,
+    Family,
+    Laws,
+    PooledEnsemble,
+    Walkers,
+    begun_or_noted,
+    leg_or_noted,
+)
+from bayesterra.runtime.checkpoints import Journal, NoJournal, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.journal import Journal, NoJournal, Segment
 from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
-from bayesterra.schema import SamplingOptions
+from bayesterra.stats.diagnostics import Diagnosis, diagnose
+from bayesterra.stats.transport import fit_proposal
+from bayesterra.study.schema import SamplingOptions
 
 ROUND_SWEEPS = 200
+
 STARTS = 2048
 """Points that every ensemble fits its first laws to."""
+
 START_SHARE = 0.05
 """Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
+
 PATIENCE, REFITS = 600, 3
 """Sweeps without convergence after which laws are fitted anew, twice as many each time, and how often."""
+
 LONE_ESS, LONE_STEPS = 4000, 4000
 """Effective draws asked of each group alone, and steps that it may take, at most; not more than of all."""
 
@@ -350,3 +360,60 @@ def _common(
     chosen = rng.choice(len(candidates), size=STARTS, p=weights / weights.sum())
     jitter = 0.2 * candidates[chosen].std(axis=0)
     return np.asarray(candidates[chosen] + jitter * rng.standard_normal((STARTS, k)))
+
+
+FITTED = 8192
+"""Most draws that laws are fitted to."""
+
+FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
+"""Components of a law: more of them on few draws have thin tails."""
+
+
+def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> Laws:
+    """Fit all proposals to draws of drivers (n, k) and locals (groups, n, d)."""
+    every = max(1, -(-len(D) // FITTED))
+    D, L = D[::every], L[:, ::every]
+    components = min(max(FEWEST, len(D) // DRAWS_PER_COMPONENT), MOST)
+    drivers = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
+    following = [
+        fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
+    ]
+    return Laws(drivers, tuple(following))
+
+
+def piloted(
+    family: Family,
+    D: FloatArray,
+    L: FloatArray,
+    walkers: int,
+    pilots: Sequence[int],
+    rng: Generator,
+    watch: Callable[[str], None] = lambda step: None,
+) -> PooledEnsemble:
+    """An ensemble whose laws are fitted to starting points, then to what each of some pilot runs found.
+
+    Parameters
+    ----------
+    D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
+    pilots : sweeps of each pilot run, of which the second half is used.
+    watch : told what is at work, step by step.
+    """
+    watch("first laws")
+    inside = np.isfinite(Walkers.at(family, D, L).log_density)
+    D, L = D[inside], L[:, inside]
+    laws = fit_laws(family, D, L, rng)
+    start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
+    ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
+    for sweeps in pilots:
+        watch(f"pilot run of {sweeps} sweeps")
+        D, L, _ = ensemble.run(sweeps)
+        ensemble = refitted(ensemble, D[sweeps // 2 :], L[sweeps // 2 :])
+    return ensemble
+
+
+def refitted(ensemble: PooledEnsemble, D: FloatArray, L: FloatArray) -> PooledEnsemble:
+    """The ensemble where it stands, its laws fitted to draws (sweeps, w, k), (sweeps, groups, w, d) of it."""
+    flat = D.reshape(-1, D.shape[-1])
+    own = np.moveaxis(L, 1, 0).reshape(ensemble.family.groups, len(flat), -1)
+    laws = fit_laws(ensemble.family, flat, own, ensemble.rng)
+    return PooledEnsemble(ensemble.family, laws, ensemble.walkers, ensemble.rng)

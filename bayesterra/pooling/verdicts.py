@@ -23,13 +23,14 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.alternatives import Level, level_of, with_roles
+from bayesterra.pooling.degrees import Level, level_of, with_roles
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.sharing import Population
+from bayesterra.study.groups import Population
 
 STRONG = 3.0
 """Log Bayes factor (natural units) from which on the data decide: odds of 20 to 1, which Kass and Raftery
 (1995, J. Am. Stat. Assoc. 90, 773) call strong."""
+
 CONSTANT, DEPENDENT, OPEN = "soil constant", "dependent", "cannot tell"
 
 

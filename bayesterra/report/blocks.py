@@ -1,14 +1,19 @@
-"""What a report is made of; the template turns each kind into HTML."""
+"""Blocks of a page: text, tables, pictures, verdicts; what may fail; and templates that make HTML of them."""
 
 from __future__ import annotations
 
 from base64 import b64encode
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeAlias
 
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.figures.style import Drawn, css_width, png, svg
+from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
+from bayesterra.report.figures import Drawn
+from bayesterra.report.symbols import angles
 
 Cell: TypeAlias = str | Markup
 
@@ -77,14 +82,141 @@ class Section:
 
 def drawing(drawn: Drawn, alt: str) -> Picture:
     """A figure of few marks, as SVG."""
+    from bayesterra.report.figures import css_width, svg
+
     return Picture(_address("image/svg+xml", svg(drawn)), alt, css_width(drawn))
 
 
 def photograph(drawn: Drawn, alt: str, width: int | None = None) -> Picture:
     """A figure of many marks, as PNG with two dots per CSS pixel; ``width`` in CSS pixels."""
+    from bayesterra.report.figures import css_width, png
+
     width = width or css_width(drawn)
     return Picture(_address("image/png", png(drawn, 2 * width)), alt, width)
 
 
 def _address(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
+
+
+Record: TypeAlias = dict[str, Any]
+
+
+def records(table: pd.DataFrame) -> list[Record]:
+    """One dictionary per row, by column."""
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+
+
+@dataclass(frozen=True)
+class VerdictPage:
+    """Everything that the template shows, in its order.
+
+    Attributes
+    ----------
+    facts : what was analysed, in one line.
+    warning : what to do about a result that cannot be relied on, else empty.
+    failures : what could not be made of this page.
+    """
+
+    title: str
+    facts: tuple[Cell, ...]
+    verdicts: tuple[Verdict, ...]
+    sections: tuple[Section, ...]
+    version: str
+    warning: Markup
+    failures: Failures = field(default_factory=Failures, kw_only=True)
+
+
+def section(
+    failures: Failures, anchor: str, title: str, make: Callable[[], Section], without: str = ""
+) -> Section:
+    """A section, or a line under its heading: ``without`` what it shows, or where it cannot be made."""
+    if without:
+        return Section(anchor, title, (Text(without, "poor"),))
+    part = f"{REPORT}{title}"
+    return failures.attempt(part, make, lambda: said(failures, part, title, anchor))
+
+
+def said(failures: Failures, part: str, title: str, anchor: str = "missing") -> Section:
+    """A section that only says why it is empty."""
+    return Section(anchor, title, (Text(failures.said(part), "poor"),))
+
+
+def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
+    """What could not be computed, of a result and of its page; empty where all could."""
+    return Markup("{}").format(angles(sentences(with_failures(record, failures))))
+
+
+def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verdict:
+    """A verdict, or the word that it is not known."""
+    part = f"{REPORT}verdict on {title.lower()}"
+
+    def unknown() -> Verdict:
+        return Verdict(title, "not known", "fair", Markup("{}").format(failures.said(part)))
+
+    return failures.attempt(part, make, unknown)
+
+
+def table(
+    head: Cell,
+    header: Sequence[Cell],
+    rows: Iterable[Sequence[Cell]],
+    notes: Iterable[str] = (),
+    *,
+    left: Sequence[int] = (0,),
+) -> str:
+    """A table with a heading and notes, columns ``left`` to the left; what is not HTML is escaped."""
+    lines = Markup("").join(Markup("<tr>{}</tr>").format(_cells("td", row, left)) for row in rows)
+    below = Markup("").join(Markup("<br>{}").format(note) for note in notes)
+    return str(
+        Markup(
+            "<div><b>{}</b><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table><small>{}</small></div>"
+        ).format(head, _cells("th", header, left), lines, below)
+    )
+
+
+def _cells(tag: str, cells: Sequence[Cell], left: Sequence[int]) -> Markup:
+    start = Markup('<{} style="text-align:{};padding:2px 10px">{}</{}>')
+    sides = ("left" if i in left else "right" for i in range(len(cells)))
+    return Markup("").join(
+        start.format(tag, side, cell, tag) for side, cell in zip(sides, cells, strict=True)
+    )
+
+
+def render(content: object, template: str = "report.html") -> str:
+    """Fill a template with a page; everything that is not marked as HTML is escaped."""
+    environment = Environment(
+        loader=PackageLoader("bayesterra.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(template).render(page=content)
+
+
+SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
+
+UNSEEN = "A second solution that no ensemble found would not show."
+"""What convergence cannot say."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One verdict.
+
+    Attributes
+    ----------
+    grade : ``good``, ``fair`` or ``poor``.
+    """
+
+    title: str
+    word: str
+    grade: str
+    sentence: Markup
+
+    @property
+    def sign(self) -> str:
+        """A sign that says the grade without colour."""
+        return SIGNS[self.grade]

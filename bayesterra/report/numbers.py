@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterable
 
 NOTHING = "–"
+
 MINUS = "−"
+
 THIN = "\u202f"
 
 

@@ -5,14 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-import numpy as np
 from markupsafe import Markup, escape
 
-from bayesterra.derived import DERIVED, EFFICIENCY
-from bayesterra.parameters import CHANNELS, PARAMETERS, Channel, Parameter
-from bayesterra.priors import RANGED, Law
-from bayesterra.report.numbers import given, plain
-from bayesterra.tabulated import Tabulated
+from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, PARAMETERS, Channel, Parameter
 
 QUANTITIES: dict[str, Parameter | Channel] = {
     **CHANNELS,
@@ -20,8 +15,10 @@ QUANTITIES: dict[str, Parameter | Channel] = {
     **DERIVED,
     EFFICIENCY.name: EFFICIENCY,
 }
+
 PLAIN = {parameter.symbol: name for name, parameter in PARAMETERS.items()}
 """Parameters by their plain symbols."""
+
 _PLAIN = re.compile(
     r"(?<![\w_])({})(?![\w_])".format("|".join(re.escape(s) for s in sorted(PLAIN, key=len, reverse=True)))
 )
@@ -108,28 +105,3 @@ def _set(part: str) -> Markup:
     if part in PLAIN:
         return symbol(PLAIN[part])
     return Markup("m<sup>N</sup>").join(Markup("{}").format(piece) for piece in part.split("m^N"))
-
-
-def law_text(name: str, law: Law) -> Markup:
-    """A prior law in field units.
-
-    >>> str(law_text("phi", Law("uniform", lower=0.0, upper=0.8726646259971648)))
-    'uniform on 0 to 50&nbsp;deg'
-    """
-    scale = PARAMETERS[name].scale
-    if isinstance(law, Tabulated):
-        low, middle, high = (plain(value / scale, 4) for value in law.quantile(np.array([0.05, 0.5, 0.95])))
-        return Markup("tabulated (median {}, 90 % in {} to {})").format(middle, low, amount(name, high))
-    limits = (law.lower / scale, law.upper / scale)
-    ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
-    if law.dist in RANGED:
-        return Markup("{} on {}").format(law.dist, ends)
-    inside = ", ".join(
-        f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items()
-    )
-    cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
-    return Markup("{} ({}){}").format(law.dist, inside, cut)
-
-
-def _end(value: float) -> str:
-    return given(value) if abs(value) < float("inf") else "−∞" if value < 0 else "∞"

@@ -1,1 +1,1 @@
-"""Sampling: adaptation from the prior, then independent emcee ensembles with frozen proposals."""
+"""From a density to draws: coordinates, adaptation, ensembles, evidence, mode, cross-check."""

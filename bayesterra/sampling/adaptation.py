@@ -15,12 +15,11 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.sampling.shoring import Known, shored
-from bayesterra.sampling.unbending import Proposal, fit_proposal
+from bayesterra.stats.imis import Known, shored
+from bayesterra.stats.transport import Proposal, fit_proposal
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
-
 
 FLATTENING = 0.8
 """Power of the importance weights in the final fit: a proposal should be wider than its target."""

@@ -12,7 +12,7 @@ from numpy.random import MT19937, RandomState, SeedSequence
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import ProposalLaw
+from bayesterra.stats.mixture import ProposalLaw
 
 LogDensity = Callable[[FloatArray], FloatArray]
 

@@ -1,23 +1,28 @@
-"""Importance sampling around a posterior: proposals fitted to its draws, weights, resampling."""
+"""Importance sampling from proposals fitted to draws, and log evidence by it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.coordinates import Coordinates, coordinates
-from bayesterra.posteriors import Posterior, draw_cut_prior
+from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws, draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
-from bayesterra.sampling.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
-from bayesterra.sampling.unbending import fit_proposal
+from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
+from bayesterra.stats.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
+from bayesterra.stats.transport import fit_proposal
 
 COMPONENTS = 12
+
 FITTED = 4096
 """Draws, at most, that a proposal is fitted to."""
+
 REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinements=(4, 4), more=())
 
 
@@ -127,3 +132,95 @@ def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
     """Indices (n,) drawn in proportion to weights (k,) by systematic resampling."""
     steps = np.cumsum(weights) / weights.sum()
     return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
+
+
+DRAWS = 16384
+
+SPREAD = 0.3
+"""Root mean square distance of the ensembles' own log evidences from the pooled one, above which it cannot be
+relied on. Proposals that cover their posterior agree to some hundredths."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log of prior density times likelihood, integrated over all parameters.
+
+    Attributes
+    ----------
+    log_z : log evidence; the prior is the stated one, cut to the physical support and not renormalised.
+    error : its Monte Carlo standard error, with what the ensembles' own values say of it.
+    efficiency : effective share of the draws.
+    k_hat : Pareto shape of the greatest weights; above ``limit`` the error cannot be relied on.
+    limit : largest reliable k̂ for this number of draws.
+    draws : importance draws.
+    spread : root mean square distance of the ensembles' own values from ``log_z``, see :meth:`beside`; 0
+        where they are not known.
+    """
+
+    log_z: float
+    error: float
+    efficiency: float
+    k_hat: float
+    limit: float
+    draws: int
+    spread: float = 0.0
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the weights have a tail light enough for the error to hold, and the ensembles agree."""
+        return self.k_hat <= self.limit and self.spread <= SPREAD
+
+    def beside(self, own: Sequence[float]) -> Evidence:
+        """The same with the log evidences that every ensemble found alone, from draws of its own proposal.
+
+        Where all proposals miss the same part of a posterior, draws of theirs cannot show it: neither the
+        spread of their weights nor the tail. Each proposal alone misses more, though, and each another
+        share, so that what they have apart from the pooled value, as of so many estimates, joins the error.
+        """
+        known = np.array([value for value in own if np.isfinite(value)])
+        if not len(known):
+            return self
+        spread = float(np.sqrt(np.mean((known - self.log_z) ** 2)))
+        error = float(np.hypot(self.error, spread / np.sqrt(len(known))))
+        return replace(self, error=error, spread=spread)
+
+
+def evidence(
+    densities: Densities, proposals: Sequence[ProposalLaw], rng: Generator, draws: int = DRAWS
+) -> Evidence:
+    """Weigh fresh draws, as many from each proposal, against the mixture of them all.
+
+    No fit has seen these draws. A part of the posterior that one proposal misses is covered by the others
+    (the balance heuristic of Veach and Guibas 1995).
+    """
+    each = -(-draws // len(proposals))
+    u = np.concatenate([proposal.sample(each, rng) for proposal in proposals])
+    pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
+    log_prior, log_likelihood = densities(u)
+    log_weights = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood) - pooled
+    return summed(log_weights.reshape(len(proposals), each))
+
+
+def summed(log_weights: FloatArray) -> Evidence:
+    """Evidence of log weights (proposals, draws); draws of one proposal are a stratum."""
+    top = log_weights.max()
+    weights = np.exp(log_weights - top)
+    mean, (strata, each) = weights.mean(), weights.shape
+    error = np.sqrt(weights.var(axis=1, ddof=1).sum() / each) / strata
+    k_hat = pareto_smoothed(log_weights[np.isfinite(log_weights)])[1]
+    efficiency = weights.sum() ** 2 / (weights**2).sum() / weights.size
+    return Evidence(
+        log_z=float(top + np.log(mean)),
+        error=float(error / mean),
+        efficiency=float(efficiency),
+        k_hat=k_hat,
+        limit=pareto_limit(weights.size),
+        draws=weights.size,
+    )
+
+
+def of_evidence(found: Evidence, prior: PriorDraws) -> dict[str, Any]:
+    """Log evidence under the stated prior, and the log share of that prior which physics leaves."""
+    share = prior.shares[REASONS[INSIDE]]
+    error = np.sqrt((1.0 - share) / (share * prior.tried))
+    return {**asdict(found), "reliable": found.reliable, "log_share": np.log(share), "log_share_error": error}

@@ -6,26 +6,28 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import repeat
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import Coordinates, coordinates
-from bayesterra.diagnostics import Diagnosis, diagnose
 from bayesterra.errors import StudyError
-from bayesterra.posteriors import Density, Posterior, draw_cut_prior
+from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
+from bayesterra.runtime.checkpoints import Journal, NoJournal, check_drift, noted
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
+from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
-from bayesterra.sampling.journal import Journal, NoJournal, check_drift, noted
-from bayesterra.sampling.unbending import Unbending
-from bayesterra.study import SamplingOptions
+from bayesterra.stats.diagnostics import Diagnosis, diagnose, thinning
+from bayesterra.stats.transport import Unbending
+from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
+
 ROUND_STEPS = 200
 
 
@@ -325,3 +327,68 @@ def _prepare(
 
 def _check_densities(walks: list[Walk]) -> None:
     check_drift(max(walk.ensemble.drift() for walk in walks))
+
+
+PRIOR_DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Near-independent draws of all ensembles.
+
+    Attributes
+    ----------
+    chains : (ensembles, draws, d), laid walker after walker.
+    labels : walker and step of every draw, (ensembles, draws) each.
+    every : one step in ``every`` is kept.
+    """
+
+    chains: FloatArray
+    labels: dict[str, FloatArray]
+    every: int
+
+    @property
+    def flat(self) -> FloatArray:
+        """All draws (n, d)."""
+        return self.chains.reshape(-1, self.chains.shape[2])
+
+    def spaced(self, most: int) -> FloatArray:
+        """Evenly spaced draws (n, d), ``most`` at most."""
+        return self.flat[:: max(1, -(-len(self.flat) // most))]
+
+
+def keep(chains: FloatArray) -> Kept:
+    """Thin chains (ensembles, steps, walkers, d) to near independence and lay them walker after walker."""
+    every = thinning(np.ascontiguousarray(np.moveaxis(chains, -1, 0)))
+    thinned = chains[:, ::every].swapaxes(1, 2)
+    ensembles, walkers, steps, d = thinned.shape
+    walker, step = np.divmod(np.arange(walkers * steps), steps)
+    labels = {
+        "walker": np.tile(walker, (ensembles, 1)),
+        "step": np.tile(step * every, (ensembles, 1)),
+    }
+    return Kept(thinned.reshape(ensembles, walkers * steps, d), labels, every)
+
+
+def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The verdict on the sampling, with every threshold and value."""
+    return {
+        "converged": diagnosis.converged,
+        "ess": diagnosis.ess,
+        "r_hat": diagnosis.worst_r_hat,
+        "checks": [asdict(check) for check in diagnosis.checks],
+    }
+
+
+def of_samples(samples: Samples, every: int) -> dict[str, Any]:
+    """How the draws were made; ``every`` is the step between kept draws."""
+    diagnosis, adaptations = samples.diagnosis, samples.adaptations
+    return {
+        "acceptance": diagnosis.acceptance,
+        "steps": diagnosis.steps,
+        "kept_one_step_in": every,
+        "tau": dict(zip(samples.names, diagnosis.tau.tolist(), strict=True)),
+        "temperatures": [len(adaptation.temperatures) - 1 for adaptation in adaptations],
+        "proposal_efficiency": [adaptation.efficiency for adaptation in adaptations],
+        "log_evidence": [adaptation.log_evidence for adaptation in adaptations],
+    }

@@ -17,30 +17,29 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from bayesterra import record
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import array_ess, array_r_hat
 from bayesterra.errors import StudyError
-from bayesterra.failures import Failures, with_failures
-from bayesterra.identifiability import Identifiability, identifiability, undetermined
-from bayesterra.inference import PRIOR_DRAWS, Kept, keep
-from bayesterra.netcdf import labelled_tree
+from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
+from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior
 from bayesterra.parameters import Parameter
-from bayesterra.posteriors import PriorDraws, draw_cut_prior
+from bayesterra.report.failures import Failures, with_failures
+from bayesterra.runtime.netcdf import labelled_tree
+from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.evidence import evidence
-from bayesterra.sampling.sampler import Progress, Samples, Target, sample_target
-from bayesterra.soiltests.curves import log_curve, structural
-from bayesterra.soiltests.leastsquares import Fitted, fit
-from bayesterra.soiltests.leaving_out import PLAN, LeftOut, leave_out, none_left_out
-from bayesterra.soiltests.posterior import TestPosterior, coordinates
-from bayesterra.soiltests.quantities import QUANTITIES
-from bayesterra.soiltests.scatter import marginal_sd
+from bayesterra.sampling.importance import evidence
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Kept, Progress, Samples, Target, keep, sample_target
+from bayesterra.sampling.summary import summary_row
+from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
+from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
+from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.study import SoilTest
-from bayesterra.summary import summary_row
+from bayesterra.stats.diagnostics import array_ess, array_r_hat
+from bayesterra.study import result
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
 BAND_DRAWS = 1000
+
 GRID = 60
 
 
@@ -154,7 +153,7 @@ def analyse(
         proposals = [adapted.proposal for adapted in samples.adaptations]
         found = evidence(target.densities, proposals, default_rng(weighing))
         found = found.beside([adapted.log_evidence for adapted in samples.adaptations])
-        return {"evidence": record.of_evidence(found, prior)}
+        return {"evidence": importance.of_evidence(found, prior)}
 
     weighed = failures.attempt("evidence", integral, dict[str, Any])
     fitted = failures.attempt("fits", lambda: fit(test.readings), lambda: Fitted({}, ()))
@@ -183,8 +182,8 @@ class _Parts:
         bands = self.failures.attempt("bands", lambda: self._bands(rng), lambda: _no_bands(self.test.kind))
         found = {
             **self._origin(seed),
-            "verdict": record.of_diagnosis(self.samples.diagnosis),
-            "sampling": record.of_samples(self.samples, self.kept.every),
+            "verdict": sampler.of_diagnosis(self.samples.diagnosis),
+            "sampling": sampler.of_samples(self.samples, self.kept.every),
             **integral,
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
             "checks": self.left_out.checks,
@@ -371,7 +370,7 @@ class _Parts:
             "made": datetime.now(UTC).isoformat(timespec="seconds"),
             "versions": {
                 "python": platform.python_version(),
-                **{name: version(name) for name in record.PACKAGES},
+                **{name: version(name) for name in result.PACKAGES},
             },
             "seed": seed,
             "readings": len(self.test.readings),

@@ -1,4 +1,4 @@
-"""Prior and likelihood of soil tests joined, and the coordinates in which they are sampled."""
+"""Posterior of soil tests: mean curves, scatter of tests about them, prior and likelihood."""
 
 from __future__ import annotations
 
@@ -9,16 +9,211 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
-from bayesterra.laws import Law
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.posterior import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRIOR
+from bayesterra.models.kernels import compiled
 from bayesterra.parameters import MODULI, OFFSET
-from bayesterra.posteriors import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRIOR
-from bayesterra.soiltests.curves import log_curve, physical
-from bayesterra.soiltests.data import Readings
-from bayesterra.soiltests.quantities import KINDS
-from bayesterra.soiltests.scatter import Scatter, Spread
+from bayesterra.sampling.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
+from bayesterra.soiltests.observations import Readings
+from bayesterra.soiltests.schema import KINDS
 from bayesterra.soiltests.study import SoilTest
+from bayesterra.stats.laws import Law
+
+
+@compiled
+def log_densities(
+    residuals: FloatArray,
+    scatter: FloatArray,
+    memory: FloatArray,
+    shift: FloatArray,
+    gaps: FloatArray,
+    path: FloatArray,
+    offset: FloatArray,
+    ends: IntArray,
+) -> FloatArray:
+    """Log density (n, t) of every test; memory 0 means that readings are independent."""
+    found = np.empty((len(residuals), len(ends) - 1))
+    for k in range(len(residuals)):
+        for test in range(len(ends) - 1):
+            squares = both = size = logs = before = above = 0.0
+            for i in range(ends[test], ends[test + 1]):
+                kept = np.exp(-gaps[i] / memory[k]) if memory[k] > 0 else 0.0
+                variance = 1.0 - kept * kept
+                # innovations of the process, and of the column 1/z by which the seating enters
+                column = 1.0 / (path[i] + offset[k])
+                white, seat = residuals[k, i] - kept * before, column - kept * above
+                before, above = residuals[k, i], column
+                squares += white * white / variance
+                both += white * seat / variance
+                size += seat * seat / variance
+                logs += 0.5 * np.log(variance)
+            inverse, number = scatter[k] ** -2, ends[test + 1] - ends[test]
+            logs += number * (np.log(scatter[k]) + 0.5 * np.log(2.0 * np.pi))
+            seating = shift[k] ** 2  # one column more, by Woodbury's identity
+            squares = inverse * (squares - seating * inverse * both**2 / (1.0 + seating * inverse * size))
+            found[k, test] = -0.5 * (squares + np.log1p(seating * inverse * size)) - logs
+    return found
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Values of what describes the scatter, (n,) each; no memory: independent readings.
+
+    Attributes
+    ----------
+    scatter : σ_t.
+    memory : ℓ; None where readings are independent.
+    shift : standard deviation of log p from the seating times z: n σ_0, m; None where there is none.
+    offset : common zero error of the sinkage, m; None where there is none.
+    """
+
+    scatter: FloatArray
+    memory: FloatArray | None
+    shift: FloatArray | None
+    offset: FloatArray | None = None
+
+    def true_path(self, path: FloatArray) -> FloatArray:
+        """Path (n, m), or (m,) where zeros are right, of what reads ``path`` (m,)."""
+        return path if self.offset is None else path + self.offset[:, None]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """The Gaussian law of residuals of log readings about the mean curve."""
+
+    readings: Readings
+
+    @cached_property
+    def _first(self) -> BoolArray:
+        first = np.zeros(len(self.readings), dtype=np.bool_)
+        first[self.readings.starts] = True
+        return first
+
+    @cached_property
+    def _gaps(self) -> FloatArray:
+        """Log distance to the reading before (m,), infinite at the first of a test."""
+        gaps = np.diff(np.log(self.readings.path), prepend=0.0)
+        return np.where(self._first, np.inf, gaps)
+
+    def log_likelihoods(self, residuals: FloatArray, spread: Spread) -> FloatArray:
+        """Log density (n, t) of the residuals (n, m) of every test; a density of log stresses."""
+        none = np.zeros(len(spread.scatter))
+        memory = none if spread.memory is None else spread.memory
+        shift = none if spread.shift is None else spread.shift
+        offset = none if spread.offset is None else spread.offset
+        ends = np.append(self.readings.starts, len(self.readings))
+        found: FloatArray = log_densities(
+            np.ascontiguousarray(residuals),
+            spread.scatter,
+            memory,
+            shift,
+            self._gaps,
+            self.readings.path,
+            offset,
+            ends,
+        )
+        return found
+
+    def _kept(self, spread: Spread) -> FloatArray:
+        """Correlation (n, m) with the reading before."""
+        if spread.memory is None:
+            return np.zeros((len(spread.scatter), len(self.readings)))
+        return np.exp(-self._gaps / spread.memory[:, None])
+
+    def deviations(self, spread: Spread, rng: Generator) -> FloatArray:
+        """Draw residuals (n, m) of new tests with the paths of these."""
+        kept = self._kept(spread)
+        noise = spread.scatter[:, None] * np.sqrt(1.0 - kept**2) * rng.standard_normal(kept.shape)
+        for i in np.flatnonzero(~self._first):
+            noise[:, i] += kept[:, i] * noise[:, i - 1]
+        if spread.shift is not None:
+            zeros = spread.shift[:, None] * rng.standard_normal((len(noise), len(self.readings.tests)))
+            noise += zeros[:, self.readings.test] / spread.true_path(self.readings.path)
+        return noise
+
+
+def covariance(path: FloatArray, spread: Spread) -> FloatArray:
+    """Covariance (n, m, m) of the log readings of one test at sinkages or displacements ``path`` (m,)."""
+    along = np.log(path)
+    distance = np.abs(along[:, None] - along)
+    if spread.memory is None:
+        kept = np.broadcast_to(np.eye(len(path)), (len(spread.scatter), len(path), len(path)))
+    else:
+        kept = np.exp(-distance / spread.memory[:, None, None])
+    result = spread.scatter[:, None, None] ** 2 * kept
+    if spread.shift is not None:
+        seat = spread.shift[:, None] / spread.true_path(path)
+        result = result + seat[:, :, None] * seat[:, None, :]
+    return np.asarray(result)
+
+
+def marginal_sd(path: FloatArray, spread: Spread) -> FloatArray:
+    """Standard deviation (n, m) of log readings of a new test."""
+    variance = np.broadcast_to(spread.scatter[:, None] ** 2, (len(spread.scatter), len(path)))
+    if spread.shift is not None:
+        variance = variance + (spread.shift[:, None] / spread.true_path(path)) ** 2
+    return np.sqrt(variance)
+
+
+def log_curve(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> FloatArray:
+    """Log of the mean stress (n, m), Pa.
+
+    Parameters
+    ----------
+    kind : ``plate`` or ``shear``.
+    x : soil parameters (n, 3), SI: k_c, k_φ, n or c, φ, K, inside their physical range.
+    path : sinkage or displacement (m,), m.
+    level : plate radius, m, or normal stress, Pa, (m,).
+    """
+    first, second, third = (x[:, i : i + 1] for i in range(3))
+    if kind == "plate":
+        levels, which = np.unique(level, return_inverse=True)
+        return np.asarray(np.log(first / levels + second)[:, which] + third * np.log(path))
+    mobilised = -np.expm1(-path / third)
+    return np.asarray(np.log(first + level * np.tan(second)) + np.log(mobilised))
+
+
+def physical(kind: str, x: FloatArray, levels: FloatArray) -> BoolArray:
+    """Whether soil parameters (n, 3) are physical under all plates or stresses ``levels`` (t,)."""
+    first, second, third = x.T
+    if kind == "plate":
+        # K_s is linear in 1/b: positive under the smallest and the largest plate is positive under all
+        with np.errstate(over="ignore", invalid="ignore"):  # far proposals overflow, and are turned away
+            ends = first[:, None] / np.array([levels.min(), levels.max()]) + second[:, None]
+        return np.asarray((ends > 0).all(axis=1))
+    inside = (first >= 0) & (second >= 0) & (second < np.pi / 2) & (third > 0)
+    return np.asarray(inside & (first + levels.min() * np.tan(np.where(inside, second, 0.0)) > 0))
+
+
+def slopes(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> FloatArray:
+    """Derivatives (n, m, 3) of :func:`log_curve` by the soil parameters."""
+    first, second, third = (x[:, i : i + 1] for i in range(3))
+    if kind == "plate":
+        modulus = first / level + second
+        parts = (1.0 / (level * modulus), 1.0 / modulus, np.broadcast_to(np.log(path), modulus.shape))
+    else:
+        strength = first + level * np.tan(second)
+        ratio = path / third
+        parts = (1.0 / strength, level / np.cos(second) ** 2 / strength, -ratio / np.expm1(ratio) / third)
+    shape = np.broadcast_shapes(*(part.shape for part in parts))
+    return np.stack([np.broadcast_to(part, shape) for part in parts], axis=2)
+
+
+def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
+    """Whether this design could determine each soil parameter (3,), from draws ``x`` (n, 3) of the cut prior.
+
+    A parameter is lost where a direction that it takes part in changes no reading: k_c and k_φ under plates
+    of one radius, c and φ under one normal stress. Only parameters that are ``free`` (3,) count.
+    """
+    lost = np.zeros((free.sum(), free.sum()))
+    for matrix in slopes(readings.kind, x, readings.path, readings.level)[:, :, free]:
+        norms = np.linalg.norm(matrix, axis=0)
+        _, values, rows = np.linalg.svd(matrix / np.where(norms > 0, norms, 1.0))
+        rank = int((values > 1e-9 * values[0]).sum())
+        lost += rows[rank:].T @ rows[rank:]
+    found = np.ones(3, dtype=np.bool_)
+    found[free] = np.diagonal(lost) / len(x) < 1e-3
+    return found
 
 
 @dataclass(frozen=True)
@@ -140,7 +335,7 @@ class TestPosterior:
         return np.exp(mean + self._scatter.deviations(spread, rng))
 
     def reasons(self, x: FloatArray) -> IntArray:
-        """Why each parameter set (n, d) has no density; see :class:`bayesterra.posteriors.Density`."""
+        """Why each parameter set (n, d) has no density; see :mod:`bayesterra.likelihood.posterior`."""
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
         if (offset := self.prior.column(x, OFFSET)) is not None:
             inside &= offset > -self.readings.path.min()
@@ -191,14 +386,14 @@ class Bearing:
         return self.radii[0] == self.radii[1]
 
     def from_physical(self, x: FloatArray) -> FloatArray:
-        """See :class:`bayesterra.coordinates.Block`."""
+        """See :class:`bayesterra.sampling.coordinates.Block`."""
         n = x[:, 2:]
         pressures = np.log(x[:, :1] / np.array(self.radii) + x[:, 1:2]) + n * np.log(self.sinkage)
         first = self.score.from_physical(x[:, :1] * self.reference**n) if self._single else pressures[:, :1]
         return np.column_stack([first, pressures[:, 1:], n])
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`bayesterra.coordinates.Block`."""
+        """See :class:`bayesterra.sampling.coordinates.Block`."""
         n = u[:, 2:]
         small, large = self.radii
         last = np.exp(u[:, 1:2] - n * np.log(self.sinkage))

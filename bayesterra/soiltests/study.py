@@ -9,15 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from bayesterra.data import read_table
-from bayesterra.errors import StudyError
-from bayesterra.laws import Law
-from bayesterra.messages import checked_path, errors_in
-from bayesterra.reading import MOST_TOML, read_text
-from bayesterra.schema import SamplingOptions, read_toml
-from bayesterra.soiltests.data import Readings, readings
-from bayesterra.soiltests.quantities import KINDS, NOISE, QUANTITIES
-from bayesterra.soiltests.schema import REFERENCE, Content, ReferenceTable, checked
+from bayesterra.errors import StudyError, checked_path, errors_in
+from bayesterra.runtime.reading import MOST_TOML, read_text
+from bayesterra.soiltests.observations import Readings, readings
+from bayesterra.soiltests.schema import KINDS, NOISE, QUANTITIES, REFERENCE, Content, ReferenceTable, checked
+from bayesterra.stats.laws import Law
+from bayesterra.study.observations import read_table
+from bayesterra.study.schema import SamplingOptions, read_toml
 
 DEFAULTS: dict[str, Law | float] = {
     "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
@@ -26,6 +24,7 @@ DEFAULTS: dict[str, Law | float] = {
     "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 0.5e-3}),
 }
 """How tests differ, where a file does not say what is known of it."""
+
 EXAMPLES = {
     "kc": '{ dist = "uniform", lower = "-500 kPa m", upper = "500 kPa m" }',
     "kphi": '{ dist = "uniform", lower = "-20000 kPa", upper = "20000 kPa" }',

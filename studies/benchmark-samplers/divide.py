@@ -16,17 +16,17 @@ import pandas as pd
 from measures import HERE
 
 STAGES = {
-    "prior draws": ("bayesterra.inference", "draw_cut_prior"),
-    "adaptation and production": ("bayesterra.inference", "sample"),
-    "least-squares fits": ("bayesterra.inference", "fit_all"),
-    "mode": ("bayesterra.inference", "find_mode"),
-    "predictions of the rows": ("bayesterra.inference", "predict_rows"),
-    "prediction curves": ("bayesterra.inference", "predict_curves"),
-    "validation: predictive checks": ("bayesterra.validation", "predictive_checks"),
-    "validation: prior checks": ("bayesterra.validation", "prior_checks"),
-    "validation: leave one out": ("bayesterra.validation", "leave_one_out"),
-    "summary": ("bayesterra.inference", "summary_table"),
-    "files": ("bayesterra.workflow", "write_result"),
+    "prior draws": ("bayesterra.analysis.inference", "draw_cut_prior"),
+    "adaptation and production": ("bayesterra.analysis.inference", "sample"),
+    "least-squares fits": ("bayesterra.analysis.inference", "fit_all"),
+    "mode": ("bayesterra.analysis.inference", "find_mode"),
+    "predictions of the rows": ("bayesterra.analysis.inference", "predict_rows"),
+    "prediction curves": ("bayesterra.analysis.inference", "predict_curves"),
+    "validation: predictive checks": ("bayesterra.checking.validation", "predictive_checks"),
+    "validation: prior checks": ("bayesterra.checking.validation", "prior_checks"),
+    "validation: leave one out": ("bayesterra.checking.validation", "leave_one_out"),
+    "summary": ("bayesterra.analysis.inference", "summary_table"),
+    "files": ("bayesterra.analysis.run", "write_result"),
     "report and figures": ("bayesterra.report", "write"),
 }
 
@@ -48,10 +48,10 @@ def clocked(call: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
 def divide(study: Path) -> pd.DataFrame:
     """One row per stage of a run of ``study``: wall and processor seconds."""
     started, cpu = time.perf_counter(), time.process_time()
-    from bayesterra import workflow
     from bayesterra.__main__ import main
+    from bayesterra.analysis import run as analysis_run
 
-    assert workflow
+    assert analysis_run
     spent = {"imports": [time.perf_counter() - started, time.process_time() - cpu]}
     for stage, (module, name) in STAGES.items():
         home = importlib.import_module(module)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import array_ess, array_r_hat, bulk_size, effective_size, r_hat, tail_size
+from bayesterra.stats.diagnostics import array_ess, array_r_hat, bulk_size, effective_size, r_hat, tail_size
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 LIMIT = 4.0

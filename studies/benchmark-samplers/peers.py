@@ -13,9 +13,9 @@ from measures import Measured, Reference, of_chains, of_ensembles, of_weighted
 from problems import Problem, Space, Unbounded
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import autocorrelation_time
 from bayesterra.sampling.sampler import sample
-from bayesterra.study import SamplingOptions
+from bayesterra.stats.diagnostics import autocorrelation_time
+from bayesterra.study.schema import SamplingOptions
 
 ENSEMBLES, WALKERS = 4, 128
 BURN_IN = 10

@@ -15,9 +15,9 @@ from scipy.special import expit, logit
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import Contact, Strength, coordinates
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M1, Soil
-from bayesterra.posteriors import draw_cut_prior
+from bayesterra.sampling.coordinates import Contact, Strength, coordinates
 from bayesterra.sampling.sampler import Target
 
 DRIVES = ("load", "sinkage")

@@ -12,10 +12,10 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import array_ess, pareto_smoothed
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.sampler import sample
-from bayesterra.study import SamplingOptions
+from bayesterra.stats.diagnostics import array_ess, pareto_smoothed
+from bayesterra.study.schema import SamplingOptions
 
 RUNS, WALKERS, TARGET = 3, 128, 25_000
 PROPOSALS, WEIGHTED = 4, 150_000

@@ -18,11 +18,11 @@ import pandas as pd
 from numpy.random import default_rng
 
 import bayesterra as bt
-from bayesterra.csvfiles import csv_text
-from bayesterra.folders import write_text
-from bayesterra.pooling.alternatives import Level
+from bayesterra.pooling.degrees import Level
 from bayesterra.pooling.verdicts import Evidences, judged_alone
-from bayesterra.sharing import Pooling
+from bayesterra.runtime.folders import write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.groups import Pooling
 
 HERE = Path(__file__).parent
 SEED = 7

@@ -20,18 +20,17 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.calibration.judging import Calibration
-from bayesterra.calibration.ranks import normalised_rank
-from bayesterra.calibration.tasks import CONVERGED, UNCONVERGED, spaced
-from bayesterra.csvfiles import csv_text
-from bayesterra.diagnostics import R_HAT_LIMIT, Diagnosis
-from bayesterra.engines import chosen, completed
-from bayesterra.folders import write_text
-from bayesterra.inference import keep
+from bayesterra.checking.ranks import CONVERGED, UNCONVERGED, Calibration, normalised_rank
+from bayesterra.checking.replications import spaced
 from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.runtime.folders import write_text
+from bayesterra.runtime.parallel import chosen, completed
+from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.study import SamplingOptions
+from bayesterra.sampling.sampler import keep
+from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
+from bayesterra.study.schema import SamplingOptions
 
 HERE = Path(__file__).parent
 SEED = 7

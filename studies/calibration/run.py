@@ -20,9 +20,9 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.calibrating import CalibrationResult, Job, calibrate_study
-from bayesterra.calibration import Fit, Fitted, Progress, ShortRuns
-from bayesterra.coordinates import Coordinates, coordinates
+from bayesterra.checking.calibration import CalibrationResult, Job, Progress, calibrate_study
+from bayesterra.checking.replications import Fit, Fitted, ShortRuns
+from bayesterra.sampling.coordinates import Coordinates, coordinates
 
 HERE = Path(__file__).parent
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
@@ -76,11 +76,11 @@ class WithoutJacobianOfK:
     column: int
 
     def from_physical(self, x: FloatArray) -> FloatArray:
-        """See :class:`bayesterra.coordinates.Coordinates`."""
+        """See :class:`bayesterra.sampling.coordinates.Coordinates`."""
         return self.right.from_physical(x)
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`bayesterra.coordinates.Coordinates`."""
+        """See :class:`bayesterra.sampling.coordinates.Coordinates`."""
         x, log_jacobian = self.right.to_physical(u)
         with np.errstate(all="ignore"):
             return x, log_jacobian - np.log(x[:, self.column])

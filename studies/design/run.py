@@ -17,13 +17,12 @@ from numpy.random import Generator, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import coordinates
-from bayesterra.design.candidates import Candidate, Wishes, candidates
+from bayesterra.design.candidates import Candidate, Situation, Wishes, candidates, readings_of
 from bayesterra.design.choosing import CRITERIA, Design, choose
-from bayesterra.design.readings import Situation, readings_of
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M1
-from bayesterra.posteriors import draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
+from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.importance import effective_draws, normalised, systematic
 from bayesterra.sampling.sampler import Target
 

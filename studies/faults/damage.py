@@ -15,14 +15,14 @@ import pandas as pd
 from numpy.random import Generator
 from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, one_study, quick_study, rng_of
 
-from bayesterra.drawn import read_drawn
+from bayesterra.analysis.run import load_result, opened_for_design, opened_for_stream
 from bayesterra.errors import BayesterraError
-from bayesterra.folders import WORK, part_of
-from bayesterra.following import begin
-from bayesterra.opening import opened_for_design, opened_for_stream
-from bayesterra.sampling.journal import pack
-from bayesterra.taskstore import TaskStore
-from bayesterra.workflow import load_result
+from bayesterra.follow.session import begin
+from bayesterra.runtime.checkpoints import pack
+from bayesterra.runtime.folders import part_of
+from bayesterra.runtime.netcdf import read_drawn
+from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.tasks import TaskStore
 
 FLIPPED, CUT, EMPTIED = "one bit flipped", "cut short", "made empty"
 REMOVED, FOLDER, UNREADABLE = "removed", "a folder in its place", "not readable"

@@ -26,8 +26,10 @@ def main(store: str, scheduler: str = "") -> None:
     """Do the tasks that a store lacks, and save each as it ends; a line per saved task."""
     import light
 
-    from bayesterra.engines import completed, dask_cluster, local_pool
-    from bayesterra.taskstore import TaskStore
+    from bayesterra.runtime.dask import dask_cluster
+    from bayesterra.runtime.engines import local_pool
+    from bayesterra.runtime.parallel import completed
+    from bayesterra.runtime.tasks import TaskStore
 
     engine = dask_cluster(scheduler) if scheduler else local_pool(2)
     with TaskStore(Path(store), {"tasks": TASKS}) as tasks, engine:

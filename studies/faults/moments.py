@@ -23,11 +23,11 @@ from trials import (
     rng_of,
 )
 
-from bayesterra.calibrating import Job, calibrate_study
-from bayesterra.engines import local_pool
+from bayesterra.checking.calibration import Job, calibrate_study
 from bayesterra.errors import ResultError
-from bayesterra.study import load_study
-from bayesterra.taskstore import TaskStore
+from bayesterra.runtime.engines import local_pool
+from bayesterra.runtime.tasks import TaskStore
+from bayesterra.study.study import load_study
 
 KILL, STOP, INTERRUPT = "kill -9", "SIGTERM", "SIGINT"
 SIGNALS = {KILL: signal.SIGKILL, STOP: signal.SIGTERM, INTERRUPT: signal.SIGINT}

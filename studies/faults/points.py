@@ -20,13 +20,13 @@ from bench import Bench, Saving, nothing
 from trials import HIT, Process, Table, emptied, kept_replications, on_a_grid, one_study
 
 import bayesterra as bt
-from bayesterra.calibrating import Job, calibrate_study
-from bayesterra.calibration import Calibration
-from bayesterra.checkpoints import Checkpoints
+from bayesterra.analysis.run import load_result
+from bayesterra.checking.calibration import Job, calibrate_study
+from bayesterra.checking.ranks import Calibration
 from bayesterra.errors import ResultError
-from bayesterra.study import load_study
-from bayesterra.taskstore import TaskStore
-from bayesterra.workflow import load_result
+from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.tasks import TaskStore
+from bayesterra.study.study import load_study
 
 KINDS = {
     "kill before a call": 1,

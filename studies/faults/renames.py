@@ -31,8 +31,8 @@ from trials import (
     sums_hold,
 )
 
-from bayesterra import folders
-from bayesterra.folders import WORK
+from bayesterra.runtime import folders
+from bayesterra.runtime.ownership import WORK
 
 KILLS = dict(list(KINDS.items())[:2])
 LATE = "the end of a run; then another seed over it, killed, and gone on with"

@@ -26,18 +26,20 @@ from typing import Any
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra import inference, report, storage
 from bayesterra.__main__ import main
-from bayesterra.calibration import Fitted, ShortRuns
-from bayesterra.checkpoints import Checkpoints
+from bayesterra.analysis import inference, page, storage
+from bayesterra.checking import calibration_page
+from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
-from bayesterra.failures import Failures
-from bayesterra.folders import SEGMENT, WORK, part_of
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import warm_up
-from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.report.failures import Failures
+from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.folders import part_of
+from bayesterra.runtime.ownership import SEGMENT, WORK
+from bayesterra.runtime.tasks import STORE_FILE, TaskStore, read_tasks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.taskstore import STORE_FILE, TaskStore, read_tasks
 
 HIT = Path(__file__).parent.parent / "hit-wh32"
 HELD = 'n0 = 0.85\nn1 = 1.06\nKs = "2500 kPa"\nK = "10 mm"\nc = "0.3 kPa"\nc2 = 0.0\n'
@@ -100,8 +102,8 @@ def make_quick() -> None:
     vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
     vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     vars(storage)["check_record"] = lambda record: None  # which now lacks the checks
-    vars(report)["html_and_failures"] = lambda _: ("report\n", Failures())
-    vars(report)["calibration_html"] = lambda _: "report\n"
+    vars(page)["html_and_failures"] = lambda _: ("report\n", Failures())
+    vars(calibration_page)["calibration_html"] = lambda _: "report\n"
     type.__setattr__(ShortRuns, "__call__", lambda self, study, seed: on_a_grid(study, seed))
     warm_up()
 

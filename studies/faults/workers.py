@@ -16,7 +16,7 @@ from pathlib import Path
 import light
 from trials import RIGHT, Table, emptied, living, rng_of
 
-from bayesterra.taskstore import TaskStore
+from bayesterra.runtime.tasks import TaskStore
 
 POOL, DASK = "kill -9 of a pool worker", "kill -9 of a Dask worker"
 WHERE = "tasks into a store"

@@ -15,10 +15,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import bayesterra as bt
+from bayesterra.identifiability.identify import Identified, identify_study
 from bayesterra.identifiability.verdicts import DETERMINED
-from bayesterra.identified import Identified, identify_study
-from bayesterra.laws import Law
 from bayesterra.parameters import PARAMETERS
+from bayesterra.stats.laws import Law
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))

@@ -19,14 +19,12 @@ from numpy.random import Generator, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.calibration import ShortRuns
-from bayesterra.calibration.tasks import replicated
-from bayesterra.figures.holdout import left_out_png
-from bayesterra.holdout import leave_out, levels
-from bayesterra.holdout.baselines import BASELINES
-from bayesterra.holdout.predictives import predictives
-from bayesterra.holdout.summary import clustered, skills, summarise
-from bayesterra.posteriors import posterior
+from bayesterra.checking.folds import levels, predictives
+from bayesterra.checking.holdout import holdout_of
+from bayesterra.checking.holdout_page import left_out_png
+from bayesterra.checking.holdout_scores import BASELINES, clustered, skills, summarise
+from bayesterra.checking.replications import ShortRuns, replicated
+from bayesterra.likelihood.posterior import posterior
 
 HERE = Path(__file__).parent
 ESTIMATED = {
@@ -81,7 +79,7 @@ def measured() -> None:
     for name, model, called, changes in CASES:
         if (name, called) in _done("refits.csv", ["study", "model"]):
             continue
-        one = leave_out(study(name, model, changes))
+        one = holdout_of(study(name, model, changes))
         table, own = one.table, one.table["predictor"] == model
         table.loc[own, "predictor"] = called
         kept = table if called == "M1" else table[own]  # baselines are the same for every model
@@ -119,7 +117,7 @@ def simulated() -> None:
     for number in range(1, TABLES + 1):
         if (number,) in _done("simulated.csv", ["table"]):
             continue
-        one = leave_out(simulated_table(number), seed=number, fit=ShortRuns())
+        one = holdout_of(simulated_table(number), seed=number, fit=ShortRuns())
         rows = one.table.merge(one.refits[["level", "status"]], on="level")[columns]
         _append(
             "simulated.csv", pd.DataFrame({"data": "simulated", "table": number}, index=rows.index).join(rows)

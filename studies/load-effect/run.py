@@ -19,10 +19,11 @@ from scipy.optimize import least_squares
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.engines import completed, local_pool
-from bayesterra.figures.style import DATA, MARKS, POSTERIOR, new_figure, png, styled
 from bayesterra.models import M2, M2L, LoadEffectSoil, Soil, Wheel
 from bayesterra.parameters import PARAMETERS
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, new_figure, png, styled
+from bayesterra.runtime.engines import local_pool
+from bayesterra.runtime.parallel import completed
 
 HERE = Path(__file__).parent
 SLIPS = np.round(np.linspace(0.0, 0.8, 33), 3)

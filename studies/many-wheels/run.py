@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 import bayesterra as bt
-from bayesterra.figures.style import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.models import M1
 from bayesterra.parameters import PARAMETERS
-from bayesterra.pooled import PooledResult, run_pooled
+from bayesterra.pooling.run import PooledResult, run_pooled
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.sampling.sampler import Progress
 
 HERE = Path(__file__).parent
@@ -232,7 +232,7 @@ def remake(case: str, keep: Path | None) -> dict[str, pd.DataFrame]:
     """Run a case and make its tables."""
     result = run_pooled(simulated(case), report=lambda progress: _shown(case, progress))
     if keep is not None:
-        from bayesterra.workflow import PooledRun
+        from bayesterra.analysis.run import PooledRun
 
         PooledRun.of(result).save(keep / case, overwrite=True)
     return {

@@ -23,13 +23,14 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.calibration.fitting import ShortRuns
-from bayesterra.holdout.predictives import predictives
-from bayesterra.missed import trades
+from bayesterra.checking.discrepancy import trades
+from bayesterra.checking.folds import predictives
+from bayesterra.checking.replications import ShortRuns
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import M1, M2
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posteriors import posterior
-from bayesterra.study import SamplingOptions, Study
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 HERE = Path(__file__).parent
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
@@ -282,7 +283,7 @@ def figure() -> None:
 
 
 def _bands(ax: Any, arm: str, name: str = "Wh21", channel: str = "drawbar_pull") -> None:
-    from bayesterra.predictive import predict_curves
+    from bayesterra.checking.predictive import predict_curves
 
     study = simulated("model", name, 1, ARMS["model"][arm])
     draws = FIT(study, SeedSequence((1, 7))).draws[:DRAWS]

@@ -22,7 +22,7 @@ from paper_data import (
 )
 
 import bayesterra as bt
-from bayesterra.identification import Fit
+from bayesterra.least_squares.results import Fit
 
 METHODS = ("IM1", "IM2", "IM3")
 DELTAS = (0.002, 1e-3, 1e-4, 1e-5, 1e-6)

@@ -13,9 +13,10 @@ from paper_data import SOILS, printed, soil_of
 from paper_posteriors import Found, infer
 
 import bayesterra as bt
-from bayesterra.crossvalidation import INDISTINCT
-from bayesterra.engines import completed, local_pool
+from bayesterra.checking.loo import INDISTINCT
 from bayesterra.models import Soil
+from bayesterra.runtime.engines import local_pool
+from bayesterra.runtime.parallel import completed
 
 MODELS = ("M1", "M2", "M3")
 SIMULATED = "Wh32"

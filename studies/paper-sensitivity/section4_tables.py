@@ -22,9 +22,9 @@ from sensitivity.shares import group_shares
 from sensitivity.sobol import Sobol, sobol
 
 import bayesterra as bt
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M1, SOIL_FIELDS
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.priors import Law
+from bayesterra.stats.laws import Law
 
 HERE = Path(__file__).parent
 ALL = tuple(GROUPS.values())

@@ -11,7 +11,7 @@ import pandas as pd
 from paper_data import OUTCOMES, SOILS, field_values, hit_readings, readings, study
 
 import bayesterra as bt
-from bayesterra.identification import Fit
+from bayesterra.least_squares.results import Fit
 
 HERE = Path(__file__).parent
 HIT = "HIT"

@@ -7,7 +7,7 @@ from paper_data import readings
 from paper_posteriors import Found, infer
 from var_fits import HIT, PRIORS, REFERENCE, VARIANTS, study_of
 
-from bayesterra.crossvalidation import difference
+from bayesterra.checking.loo import difference
 
 SIMULATED, SEED = "Wh32", 1
 SETS = ((HIT, "M1"), (HIT, "M2"), (SIMULATED, "M2"))

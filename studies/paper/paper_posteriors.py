@@ -13,15 +13,14 @@ from scipy.stats import chi2
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.comparison import stand
-from bayesterra.crossvalidation import CrossValidation, leave_one_out
-from bayesterra.inference import keep
-from bayesterra.mode import find_mode
-from bayesterra.posteriors import Posterior, posterior
+from bayesterra.checking.loo import CrossValidation, leave_one_out
+from bayesterra.checking.point_estimates import stand
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.evidence import Evidence, evidence
-from bayesterra.sampling.sampler import Target, sample
-from bayesterra.study import SamplingOptions
+from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.mode import find_mode
+from bayesterra.sampling.sampler import Target, keep, sample
+from bayesterra.study.schema import SamplingOptions
 
 OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=8000)
 PARTICLES = {"load": 512, "both": 512, "sinkage": 1024}

@@ -16,15 +16,15 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import coordinates
-from bayesterra.engines import chosen, completed
+from bayesterra.checking.predictive_checks import ALARM, predictive_checks
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.predictive_checks import ALARM, predictive_checks
+from bayesterra.runtime.parallel import chosen, completed
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
+from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.importance import normalised, systematic
 from bayesterra.sampling.sampler import Target
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.135, 0.165, 0.015, 24, 0.75)
 SMOOTH = Wheel(0.135, 0.165)

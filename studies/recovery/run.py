@@ -11,10 +11,9 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.comparison import stand
-from bayesterra.inference import keep
+from bayesterra.checking.point_estimates import stand
 from bayesterra.models import MODELS
-from bayesterra.sampling.sampler import sample
+from bayesterra.sampling.sampler import keep, sample
 
 HERE = Path(__file__).parent
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6])

@@ -11,10 +11,19 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, Wheel
-from bayesterra.rover.climbing import Greatest, Sought, greatest, states_at, sweep
-from bayesterra.rover.equilibrium import OUTCOMES, Outcome, SoftGround, State
-from bayesterra.rover.geometry import Rover, read_rover
-from bayesterra.rover.outlook import DEGREE
+from bayesterra.prediction.outlook import DEGREE
+from bayesterra.prediction.rover import Rover, read_rover
+from bayesterra.prediction.statics import (
+    OUTCOMES,
+    Greatest,
+    Outcome,
+    SoftGround,
+    Sought,
+    State,
+    greatest,
+    states_at,
+    sweep,
+)
 
 HERE = Path(__file__).parent
 SLOPES = np.array([0.0, 3, 6, 9, 12, 15])

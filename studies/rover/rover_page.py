@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from rover_drives import MODELS, drive
 
-from bayesterra.figures.style import MARKS, POSTERIOR, new_figure, styled
-from bayesterra.rover.geometry import Rover
+from bayesterra.prediction.rover import Rover
+from bayesterra.report.figures import MARKS, POSTERIOR, new_figure, styled
 
 
 @styled

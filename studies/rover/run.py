@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.figures.rover import rover_outlook_png
+from bayesterra.prediction.page import rover_outlook_png
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))

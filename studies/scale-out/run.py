@@ -26,13 +26,13 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.calibrating import Job, calibrate_study
-from bayesterra.calibration import Fitted, calibrate
-from bayesterra.engines import ended
-from bayesterra.folders import WORK, part_of
-from bayesterra.posteriors import draw_cut_prior
-from bayesterra.taskfolders import task_folder
-from bayesterra.taskstore import STORE_FILE, finished_tasks
+from bayesterra.checking.calibration import Job, calibrate_study, calibration_of
+from bayesterra.checking.replications import Fitted
+from bayesterra.likelihood.posterior import draw_cut_prior
+from bayesterra.runtime.folders import part_of
+from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.parallel import ended
+from bayesterra.runtime.tasks import STORE_FILE, finished_tasks, task_folder
 
 HERE = Path(__file__).parent
 WORKERS = 2
@@ -236,7 +236,7 @@ def timed(
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """A calibration's table; the seconds that it took and the processor seconds of its tasks."""
     began = time.perf_counter()
-    found = calibrate(
+    found = calibration_of(
         study(),
         n=DASK_TASKS[draws],
         engine=engine,
@@ -256,7 +256,7 @@ def on_dask() -> None:
         while engine.workers < WORKERS:
             time.sleep(0.2)
         for one in (engine, here):  # everything is imported and compiled
-            calibrate(study(), n=20, engine=one, fit=WeighedPrior())
+            calibration_of(study(), n=20, engine=one, fit=WeighedPrior())
 
         def kill(done: int) -> None:
             if done >= DASK_TASKS[PRIOR_DRAWS] // 2:

@@ -16,9 +16,9 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.figures.style import MARKS, POSTERIOR, PRIOR, label, new_figure, png, styled
 from bayesterra.parameters import PARAMETERS
-from bayesterra.writing import write_study
+from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, label, new_figure, png, styled
+from bayesterra.study.canonical import write_study
 
 HERE = Path(__file__).parent
 FIRST, SECOND = (0.1, 0.3, 0.6), (0.2, 0.4)

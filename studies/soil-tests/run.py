@@ -26,22 +26,20 @@ from scipy.special import ndtr
 from scipy.stats import binomtest, kstest
 
 import bayesterra as bt
-from bayesterra.data import read_table
-from bayesterra.figures.soiltests import readings_png
-from bayesterra.identifiability import identifiability, structure
-from bayesterra.inference import keep
-from bayesterra.laws import Law
+from bayesterra.identifiability import structure
+from bayesterra.identifiability.verdicts import identifiability
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
-from bayesterra.posteriors import draw_cut_prior
-from bayesterra.sampling.sampler import Target, sample, sample_target
-from bayesterra.schema import SamplingOptions
+from bayesterra.sampling.sampler import Target, keep, sample, sample_target
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
-from bayesterra.soiltests.curves import structural
-from bayesterra.soiltests.data import Readings
-from bayesterra.soiltests.leaving_out import PLAN
-from bayesterra.soiltests.posterior import TestPosterior, coordinates
-from bayesterra.soiltests.scatter import Spread, covariance
+from bayesterra.soiltests.checks import PLAN
+from bayesterra.soiltests.figures import readings_png
+from bayesterra.soiltests.observations import Readings
+from bayesterra.soiltests.posterior import Spread, TestPosterior, coordinates, covariance, structural
 from bayesterra.soiltests.study import SoilTest, load_soil_test, soil_test
+from bayesterra.stats.laws import Law
+from bayesterra.study.observations import read_table
+from bayesterra.study.schema import SamplingOptions
 
 HERE = Path(__file__).parent
 SEEDS = 20

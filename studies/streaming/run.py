@@ -24,16 +24,15 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.data import Observations
-from bayesterra.figures.stream import bands_over_rows_png
-from bayesterra.figures.style import new_figure, styled
-from bayesterra.inference import keep
+from bayesterra.follow.page import bands_over_rows_png
+from bayesterra.follow.particles import weighted_quantiles
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.posteriors import draw_cut_prior
+from bayesterra.report.figures import new_figure, styled
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.evidence import evidence
-from bayesterra.sampling.sampler import Samples, Target, sample
-from bayesterra.streaming.cloud import weighted_quantiles
+from bayesterra.sampling.importance import evidence
+from bayesterra.sampling.sampler import Samples, Target, keep, sample
+from bayesterra.study.observations import Observations
 
 HERE = Path(__file__).parent
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)

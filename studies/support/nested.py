@@ -10,10 +10,9 @@ from numpy.random import Generator
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.design.candidates import Candidate
-from bayesterra.design.readings import Reading, Situation, readings_of, standard_noise
-from bayesterra.posteriors import INSIDE, Posterior, draw_cut_prior
-from bayesterra.study import Study
+from bayesterra.design.candidates import Candidate, Reading, Situation, readings_of, standard_noise
+from bayesterra.likelihood.posterior import INSIDE, Posterior, draw_cut_prior
+from bayesterra.study.study import Study
 
 
 @dataclass(frozen=True)

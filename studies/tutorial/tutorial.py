@@ -9,7 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra import figures
+from bayesterra.analysis import contents_page, strip
+from bayesterra.analysis import figures as analysis_figures
+from bayesterra.checking import validation_page
 
 STUDIES = Path(__file__).parents[1] if "__file__" in globals() else Path("studies")
 
@@ -23,9 +25,9 @@ print(smooth.summary[["parameter", "unit", "median", "hdi90_lo", "hdi90_hi"]].ro
 
 # %% Every figure is a function that returns axes
 for name, axes in {
-    "strip": figures.parameter_strip(smooth),
-    "corner": figures.corner(smooth),
-    "pull": figures.predictive(smooth, "drawbar_pull"),
+    "strip": strip.parameter_strip(smooth),
+    "corner": analysis_figures.corner(smooth),
+    "pull": validation_page.predictive(smooth, "drawbar_pull"),
 }.items():
     figure = axes.ravel()[0].figure if hasattr(axes, "ravel") else axes.figure
     figure.savefig(f"smooth-result/{name}.png", dpi=150, facecolor="white")
@@ -52,7 +54,7 @@ page = both.save("comparison", overwrite=True)
 # %% Both soils under the wheel with lugs, beside what that wheel measured: the figure of README.md
 sheet = Figure(figsize=(7.4, 2.7), layout="constrained")
 left, right = sheet.subplots(1, 2)
-figures.contrast_prediction(both, "drawbar_pull", left)
-figures.contrast_prediction(both, "sinkage", right).legend(title="soil found by the wheel")
+contents_page.contrast_prediction(both, "drawbar_pull", left)
+contents_page.contrast_prediction(both, "sinkage", right).legend(title="soil found by the wheel")
 sheet.savefig("comparison/prediction.png", dpi=130, facecolor="white")
 print(f"Page: {page}")

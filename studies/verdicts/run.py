@@ -15,20 +15,20 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.identifiability.contraction import evidence
+from bayesterra.identifiability.identify import Identified, identify_study
 from bayesterra.identifiability.verdicts import (
-    COUPLED,
     COUPLED_TO_ALL,
     DETERMINED,
     EXCLUDED,
     STRUCTURAL,
     WEAK,
     Evidence,
+    evidence,
     word,
 )
-from bayesterra.identified import Identified, identify_study
-from bayesterra.laws import Law
 from bayesterra.parameters import PARAMETERS
+from bayesterra.stats.laws import Law
+from bayesterra.study.result import COUPLED
 
 HERE = Path(__file__).parent
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, 0.65)

@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.calibration import Fitted, ShortRuns
+from bayesterra.checking.replications import Fitted, ShortRuns
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
-from bayesterra.posteriors import posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.study import SamplingOptions, Study
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 HELD = {
     "Ks": 2.5e6,

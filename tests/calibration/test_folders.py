@@ -13,10 +13,10 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.calibrating import CalibrationResult, Job, calibrate_study
-from bayesterra.calibration import Fit, Progress, ShortRuns
+from bayesterra.checking.calibration import CalibrationResult, Job, Progress, calibrate_study
+from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
-from bayesterra.taskstore import TaskStore, finished_tasks
+from bayesterra.runtime.tasks import TaskStore, finished_tasks
 
 from .conftest import MakeStudy, exact
 from .test_tasks import troubled
@@ -192,7 +192,7 @@ def test_nothing_is_removed_before_the_folder_has_its_name(
         raise OSError(5, "Input/output error")
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayesterra.folders._swap", fail)
+        patch.setattr("bayesterra.runtime.folders._swap", fail)
         with pytest.raises(ResultError, match=r"out\.part' cannot be written: Input/output error"):
             calibrate_study(job, tmp_path / "out", quiet=True)
     assert len(bt.read_tasks(tmp_path / "out")) == 30
@@ -214,7 +214,7 @@ def test_the_exit_code_is_the_verdict(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """0 where the posterior is calibrated, 3 where it is not or nothing is established."""
-    monkeypatch.setattr("bayesterra.study.load_study", lambda path: job.study)
+    monkeypatch.setattr("bayesterra.study.study.load_study", lambda path: job.study)
     monkeypatch.setattr(ShortRuns, "__call__", lambda self, study, seed: fit(study, seed))
     monkeypatch.chdir(tmp_path)
     assert main(["calibrate", "somewhere", "-n", "40", "--workers", "1", "--seed", "5", "--quiet"]) == code

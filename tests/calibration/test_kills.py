@@ -9,14 +9,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bayesterra.taskstore import finished_tasks
+from bayesterra.runtime.tasks import finished_tasks
 
 CODE = """
 import signal, sys, time
 sys.path.insert(0, sys.argv[1])
 import conftest
 from pathlib import Path
-from bayesterra.calibrating import Job, calibrate_study
+from bayesterra.checking.calibration import Job, calibrate_study
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore Ctrl-C
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from numba.core.event import install_recorder
 
-from bayesterra.calibration import ShortRuns
-from bayesterra.calibration.tasks import Replication
+from bayesterra.checking.replications import Replication, ShortRuns
 
 from .conftest import MakeStudy
 

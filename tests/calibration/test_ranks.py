@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayesterra.calibration.ranks import (
+from bayesterra.checking.ranks import (
     DRAWS,
     ERRORS,
     Error,

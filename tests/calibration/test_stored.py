@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bayesterra.calibration.ranks import rank_test
+from bayesterra.checking.ranks import rank_test
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
 CASES = sorted(path.parent.name for path in STUDY.glob("*/ranks.csv"))

@@ -8,11 +8,12 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.arrays import FloatArray
-from bayesterra.calibration import Fitted, ShortRuns, calibrate
-from bayesterra.calibration.ranks import shift_and_width
-from bayesterra.coordinates import Coordinates, coordinates
-from bayesterra.posteriors import Posterior
-from bayesterra.study import Study
+from bayesterra.checking.calibration import calibration_of
+from bayesterra.checking.ranks import shift_and_width
+from bayesterra.checking.replications import Fitted, ShortRuns
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.study.study import Study
 
 from .conftest import MakeStudy, exact
 
@@ -37,7 +38,7 @@ class WithoutJacobian:
 
 def test_the_right_posterior_passes(make_study: MakeStudy, quick: ShortRuns) -> None:
     """The default sampler is calibrated, and every replication converged."""
-    found = calibrate(make_study("K", noise=VAGUE), n=20, seed=3, fit=quick)
+    found = calibration_of(make_study("K", noise=VAGUE), n=20, seed=3, fit=quick)
     assert found.verdict == "calibrated"
     assert found.unsettled == 0
     assert set(found.tested) == {
@@ -54,7 +55,7 @@ def test_a_dropped_jacobian_fails(
         return WithoutJacobian(coordinates(posterior))
 
     monkeypatch.setattr("bayesterra.sampling.sampler.coordinates", wrong)
-    found = calibrate(make_study("K", noise=VAGUE), n=25, seed=3, fit=quick)
+    found = calibration_of(make_study("K", noise=VAGUE), n=25, seed=3, fit=quick)
     assert found.verdict == "not calibrated"
     assert found.unsettled == 0
     assert shift_and_width(found.ranks("K"))[0] < -0.4
@@ -69,7 +70,7 @@ def test_a_posterior_that_believes_in_half_of_the_noise_fails(
     def halved(simulated: Study, seed: SeedSequence) -> Fitted:
         return quick(wrong.with_data(simulated.observations.values), seed)
 
-    found = calibrate(make_study("n0"), n=30, seed=3, fit=halved)
+    found = calibration_of(make_study("n0"), n=30, seed=3, fit=halved)
     assert found.verdict == "not calibrated"
     assert found.unsettled == 0
     assert 0.35 < shift_and_width(found.ranks("n0"))[1] < 0.7
@@ -83,7 +84,7 @@ def test_every_drive_simulates_what_its_posterior_assumes(make_study: MakeStudy,
     table |= {"load [N]": 80.0} if drive == "load" else {"normal_force [N]": 80.0}
     options = {"load_range": ("40 N", "120 N")} if drive == "both" else {}
     study = make_study("phi", data=pd.DataFrame(table), drive=drive, **options)
-    found = calibrate(study, n=100, seed=1, fit=exact)
+    found = calibration_of(study, n=100, seed=1, fit=exact)
     assert found.verdict == "calibrated", found.tests
     assert len(found.tested) == (3 if drive == "both" else 4)
 
@@ -97,7 +98,7 @@ def test_forgotten_latent_loads_fail(make_study: MakeStudy) -> None:
     def forgetful(simulated: Study, seed: SeedSequence) -> Fitted:
         return exact(load.with_data(_shared(simulated, load)), seed)
 
-    assert calibrate(both, n=60, seed=1, fit=forgetful).verdict == "not calibrated"
+    assert calibration_of(both, n=60, seed=1, fit=forgetful).verdict == "not calibrated"
 
 
 def _shared(simulated: Study, other: Study) -> dict[str, FloatArray]:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bayesterra as bt
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
 SOIL = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": 0.511, "K": 0.0101, "c1": 0.339, "c2": -0.017}

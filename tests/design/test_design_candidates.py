@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from bayesterra.design.candidates import SLIPS, Wishes, candidates
-from bayesterra.designing import recommend
+from bayesterra.design.recommendation import recommend
 from bayesterra.errors import StudyError
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 Make = Callable[..., Study]
 

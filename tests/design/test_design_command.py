@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from bayesterra.__main__ import main
-from bayesterra.results import Result
-from bayesterra.workflow import RunResult
+from bayesterra.analysis.run import RunResult
+from bayesterra.study.result import Result
 
 Captured = pytest.CaptureFixture[str]
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"

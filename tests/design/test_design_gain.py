@@ -8,15 +8,13 @@ import pytest
 from nested import Sizes, nested_gain
 
 from bayesterra.arrays import FloatArray
-from bayesterra.design.candidates import Wishes, candidates
+from bayesterra.design.candidates import Reading, Situation, Wishes, candidates, readings_of
 from bayesterra.design.choosing import choose
-from bayesterra.design.gain import Estimate, estimate, normal_estimate
-from bayesterra.design.pairs import Interest, pairs
-from bayesterra.design.readings import Reading, Situation, readings_of
-from bayesterra.designing import situation_of
-from bayesterra.noise import Noise
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.study import Study
+from bayesterra.design.gain import Estimate, Interest, estimate, normal_estimate, pairs
+from bayesterra.design.recommendation import situation_of
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 Make = Callable[..., Study]
 NOISE = {"sinkage": 0.002, "drawbar_pull": 3.0, "resistance_moment": 0.8}

@@ -11,11 +11,11 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.design.judging import Progress
-from bayesterra.designing import asked, design_into
-from bayesterra.engines import in_process, local_pool
-from bayesterra.engines import running as running_module
+from bayesterra.design.choosing import Progress
+from bayesterra.design.recommendation import asked, design_into
 from bayesterra.errors import ResultError
+from bayesterra.runtime import parallel as running_module
+from bayesterra.runtime.engines import in_process, local_pool
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 WISHES: dict[str, Any] = {"about": ["phi"], "slips": [0.1, 0.3, 0.5], "number": 2}
@@ -24,7 +24,7 @@ WISHES: dict[str, Any] = {"about": ["phi"], "slips": [0.1, 0.3, 0.5], "number": 
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many draws as make a quick design."""
-    monkeypatch.setattr("bayesterra.designing.DRAWS", 250)
+    monkeypatch.setattr("bayesterra.design.recommendation.DRAWS", 250)
 
 
 def stop_at(judged: int) -> Callable[[Progress], None]:

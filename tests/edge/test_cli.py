@@ -9,8 +9,8 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.study import load_study
-from bayesterra.taskstore import read_tasks
+from bayesterra.runtime.tasks import read_tasks
+from bayesterra.study.study import load_study
 
 from .conftest import Write
 
@@ -167,7 +167,7 @@ def test_ctrl_c_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: Captured)
     def interrupted(path: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bayesterra.study.load_study", interrupted)
+    monkeypatch.setattr("bayesterra.study.study.load_study", interrupted)
     assert main(["check", str(HIT)]) == 130
     assert capsys.readouterr().err.strip() == "error: interrupted"
 

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayesterra.data import Observations, observations, read_table
 from bayesterra.errors import StudyError
 from bayesterra.models import Wheel
+from bayesterra.study.observations import Observations, observations, read_table
 
 LUGGED = Wheel(0.1, 0.1, lug_height=0.02, lug_count=24, shearing_radius_coefficient=0.5)  # r_s = 0.11
 SMOOTH = Wheel(0.2, 0.1)

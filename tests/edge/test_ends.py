@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import bayesterra.__main__ as command_line
-import bayesterra.study
+from bayesterra import __main__ as command_line
 
 STUDY = Path(__file__).parents[2] / "studies" / "hit-wh32" / "study.toml"
 
@@ -21,7 +20,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def fail(path: Path) -> None:
         raise error
 
-    monkeypatch.setattr(bayesterra.study, "load_study", fail)
+    monkeypatch.setattr("bayesterra.study.study.load_study", fail)
 
 
 def line_of(capsys: pytest.CaptureFixture[str]) -> str:
@@ -105,10 +104,10 @@ def test_a_signal_during_imports_ends_the_process(sign: signal.Signals, tmp_path
         "try:\n    time.sleep(60)\nexcept BaseException:\n    pass\nprint('swallowed', flush=True)\n"
     )
     program = (
-        "import signal, sys, bayesterra.study, bayesterra.__main__ as line\n"
+        "import signal, sys, bayesterra.study.study, bayesterra.__main__ as line\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in jobs in the background
         "def load(path):\n    import swallowing\n"
-        f"bayesterra.study.load_study = load\nsys.exit(line.main(['check', {str(STUDY)!r}]))\n"
+        f"bayesterra.study.study.load_study = load\nsys.exit(line.main(['check', {str(STUDY)!r}]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     command = [sys.executable, "-c", program]

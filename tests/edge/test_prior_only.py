@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayesterra import figures, report
 from bayesterra.__main__ import main
+from bayesterra.analysis import prior_page
+from bayesterra.analysis.prior_only import PriorResult, run_prior
+from bayesterra.analysis.run import load_result
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.prior_only import PriorResult, run_prior
-from bayesterra.study import Study, load_study
-from bayesterra.workflow import load_result
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.study.study import Study, load_study
 
 from .conftest import Write
 
@@ -75,7 +75,7 @@ def test_other_drives_predict_under_what_is_given(drive: str, write: Write) -> N
     assert (width > 20).all()
     if drive == "both":  # flat over six sd of 2 N to either side of the load of the table
         np.testing.assert_allclose(force[["q05", "q50", "q95"]], [[69, 80, 91]] * 3, atol=1.2)
-    assert "normal force" in report.prior_html(found) or drive == "both"
+    assert "normal force" in prior_page.prior_html(found) or drive == "both"
 
 
 def test_what_is_missing_is_said(write: Write) -> None:
@@ -114,7 +114,7 @@ def test_the_command_writes_a_folder(
 def test_the_report_says_what_it_is(write: Write) -> None:
     """The page is self-contained, escapes what users wrote, and speaks of the prior only."""
     file = write(('title = "Small study"', 'title = "Sand <b>&"'), table=PLANNED)
-    page = report.prior_html(result_of(file))
+    page = prior_page.prior_html(result_of(file))
     assert "Sand &lt;b&gt;&amp;" in page
     assert "No readings were used" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -124,8 +124,8 @@ def test_the_report_says_what_it_is(write: Write) -> None:
 def test_figures_return_axes(write: Write) -> None:
     """A notebook can draw any of them alone."""
     found = result_of(write(table=PLANNED))
-    assert figures.prior_density(found, "phi").get_xlabel() == r"$\varphi$ [deg]"
-    assert figures.prior_bands(found, "drawbar_pull").get_ylabel() == r"$F_\mathrm{DP}$ [N]"
+    assert prior_page.prior_density(found, "phi").get_xlabel() == r"$\varphi$ [deg]"
+    assert prior_page.prior_bands(found, "drawbar_pull").get_ylabel() == r"$F_\mathrm{DP}$ [N]"
 
 
 def test_python_needs_no_readings_either(write: Write) -> None:

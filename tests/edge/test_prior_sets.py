@@ -7,12 +7,12 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
-from bayesterra.prior_sets import NO_SOURCE, PLANETARY
-from bayesterra.priors import PAPER_BOX, Law
-from bayesterra.report.inputs import prior_sources
-from bayesterra.study import load_study
-from bayesterra.writing import write_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import write_study
+from bayesterra.study.priors import NO_SOURCE, PAPER_BOX, PLANETARY
+from bayesterra.study.study import load_study
 
 from .conftest import Write
 

@@ -14,13 +14,14 @@ from scipy import integrate, stats
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.earlier import taken
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.priors import Law, Prior, Source
-from bayesterra.study import Study, load_study
-from bayesterra.tabulated import Tabulated
-from bayesterra.writing import write_study
+from bayesterra.stats.laws import Law
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.canonical import write_study
+from bayesterra.study.previous import taken
+from bayesterra.study.priors import Prior, Source
+from bayesterra.study.study import Study, load_study
 
 Earlier = Callable[..., Path]
 

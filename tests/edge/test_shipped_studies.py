@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayesterra.study import load_study
+from bayesterra.study.study import load_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 

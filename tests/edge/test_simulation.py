@@ -10,12 +10,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayesterra.__main__ import main
+from bayesterra.analysis.simulation import simulate, true_values, write_simulated
 from bayesterra.errors import ResultError, StudyError, SupportError
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.posteriors import posterior
-from bayesterra.priors import Law
-from bayesterra.simulation import simulate, true_values, write_simulated
-from bayesterra.study import Study, load_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.study import Study, load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 SOIL = {
@@ -190,7 +190,7 @@ def test_simulated_folders_appear_whole_or_not_at_all(
         write_simulated(base, tmp_path / "old", truth=SOIL)
     with pytest.raises(ResultError, match=r"cannot be made: the folder '.*missing' does not exist"):
         write_simulated(base, tmp_path / "missing" / "new", truth=SOIL)
-    monkeypatch.setattr("bayesterra.simulation.write_text", full_disk(1))
+    monkeypatch.setattr("bayesterra.analysis.simulation.write_text", full_disk(1))
     with pytest.raises(ResultError, match="cannot be written: No space left"):
         write_simulated(base, tmp_path / "new", truth=SOIL)
     assert not (tmp_path / "new").exists()

@@ -11,9 +11,11 @@ from numpy.testing import assert_allclose
 from bayesterra.errors import StudyError
 from bayesterra.models import M1, M2, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
-from bayesterra.noise import Noise
-from bayesterra.priors import PAPER_BOX, Law
-from bayesterra.study import SamplingOptions, Study, load_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import PAPER_BOX
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study, load_study
 
 from .conftest import TABLE, Write
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bayesterra.errors import StudyError
-from bayesterra.units import column_header, quantity, text
+from bayesterra.study.units import column_header, quantity, text
 
 
 @pytest.mark.parametrize(

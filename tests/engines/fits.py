@@ -5,9 +5,9 @@ import time
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.calibration import Fitted
-from bayesterra.posteriors import posterior
-from bayesterra.study import Study
+from bayesterra.checking.replications import Fitted
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.study import Study
 
 
 def on_a_grid(study: Study, seed: SeedSequence) -> Fitted:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.engines import Engine, completed
+from bayesterra.runtime.engines import Engine
+from bayesterra.runtime.parallel import completed
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.engines import cluster as cluster_module
-from bayesterra.engines import completed, dask_cluster, in_process
 from bayesterra.errors import EngineError
-from bayesterra.study import Study
+from bayesterra.runtime import dask as cluster_module
+from bayesterra.runtime.dask import dask_cluster
+from bayesterra.runtime.engines import in_process
+from bayesterra.runtime.parallel import completed
+from bayesterra.study.study import Study
 
 from .conftest import ROOT, Cluster
 from .fits import on_a_grid

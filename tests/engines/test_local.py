@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from bayesterra.engines import Engine, chosen, completed, ended, in_process, local_pool, usable_processors
-from bayesterra.engines import running as running_module
-from bayesterra.engines.local import InProcess, LocalPool
 from bayesterra.errors import EngineError
+from bayesterra.runtime import parallel as running_module
+from bayesterra.runtime.engines import Engine, InProcess, LocalPool, in_process, local_pool, usable_processors
+from bayesterra.runtime.parallel import chosen, completed, ended
 
 from .tasks import Deadly, Failing, Sums, run
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from bayesterra.study import Study, load_study
-from bayesterra.workflow import RunResult, run
+from bayesterra.analysis.run import RunResult, run
+from bayesterra.study.study import Study, load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 HELD = """\

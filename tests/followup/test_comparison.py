@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra import figures, report
+from bayesterra.analysis import comparison_page, contents_page
+from bayesterra.analysis.comparison import ComparisonPage, Evidence, load_results, log_evidence, outcomes_of
+from bayesterra.analysis.run import RunResult
 from bayesterra.errors import ResultError
-from bayesterra.followup import ComparisonPage, load_results
-from bayesterra.prediction import PREDICTED
-from bayesterra.results import Result
-from bayesterra.sampling.evidence import SPREAD
-from bayesterra.side_by_side import Evidence, log_evidence, outcomes_of
-from bayesterra.workflow import RunResult
+from bayesterra.prediction.prediction import PREDICTED
+from bayesterra.sampling.importance import SPREAD
+from bayesterra.study.result import Result
 
 ODD = "<b>narrow</b>"
 
@@ -53,11 +52,11 @@ def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: R
     found = bt.compare({"a": wide, "b": other})
     assert found.word("a", "b") == "not comparable"
     assert np.isnan(found.difference("a", "b")[0])
-    page = report.comparison_html(found)
+    page = comparison_page.comparison_html(found)
     assert "not the same" in page
     assert "No two results have comparable evidence" in page
     alike = bt.compare({"a": other, "b": wide, "c": narrow})
-    assert re.search("Log evidence b .* and c ", report.comparison_html(alike))
+    assert re.search("Log evidence b .* and c ", comparison_page.comparison_html(alike))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +133,7 @@ def test_one_wheel_and_load_for_all(wide: RunResult, narrow: RunResult, tmp_path
         ("small", 0.1, 60.0)
     }
     for load, dots in ((80, 5), (60, 0)):
-        ax = figures.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
+        ax = contents_page.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
         assert [len(np.asarray(line.get_xdata())) for line in ax.get_lines()[2:]] == [dots]
     with pytest.raises(bt.StudyError, match="'Wh3' is neither a wheel of the study nor a file"):
         bt.compare(results, wheel="Wh3")
@@ -142,8 +141,8 @@ def test_one_wheel_and_load_for_all(wide: RunResult, narrow: RunResult, tmp_path
 
 def test_the_page_is_whole_and_escaped(both: ComparisonPage) -> None:
     """One file without network or scripts, the same each time, names from outside escaped."""
-    page = report.comparison_html(both)
-    assert page == report.comparison_html(both)
+    page = comparison_page.comparison_html(both)
+    assert page == comparison_page.comparison_html(both)
     assert len(page.encode()) < 5e6
     assert not any(forbidden in page for forbidden in ("http://", "https://", "<script", ODD))
     assert "&lt;b&gt;narrow&lt;/b&gt;" in page
@@ -169,10 +168,10 @@ def test_too_few_and_too_many(wide: RunResult) -> None:
 
 def test_figures_return_their_axes(both: ComparisonPage) -> None:
     """Parameters, derived quantities and predictions are each drawn into the axes that are given."""
-    ax = figures.contrast(both, "Ks")
-    assert figures.contrast_derived(both, "peak_pull", ax) is ax
+    ax = contents_page.contrast(both, "Ks")
+    assert contents_page.contrast_derived(both, "peak_pull", ax) is ax
     for quantity in PREDICTED:
-        assert figures.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
+        assert contents_page.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
 
 
 def test_results_show_themselves_in_notebooks(both: ComparisonPage, wide: RunResult) -> None:

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from bayesterra.derived import DERIVED, SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
+from bayesterra.analysis.run import RunResult
+from bayesterra.likelihood.derived import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Conditions, Soil, Wheel
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.workflow import RunResult
+from bayesterra.parameters import DERIVED
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 SOIL = Soil(Ks=2.5e6, n0=0.76, n1=1.30, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3)

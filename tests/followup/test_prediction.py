@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra import figures
+from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
-from bayesterra.followup import forecast, slips_of
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.prediction import PREDICTED, UNANSWERED
-from bayesterra.wheelfiles import read_wheel
-from bayesterra.workflow import RunResult
+from bayesterra.prediction import page as prediction_pages
+from bayesterra.prediction.forecast import forecast, slips_of
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED
+from bayesterra.study.wheels import read_wheel
 
 SMALL = Wheel(0.1, 0.1, 0.005, 24)
 SMALL_FILE = 'radius = "100 mm"\nwidth = "100 mm"\nlug_height = "5 mm"\nlug_count = 24\n'
@@ -161,9 +161,9 @@ def test_no_result_is_replaced_by_a_prediction(wide: RunResult, saved: Path) -> 
 def test_figures_return_their_axes(wide: RunResult) -> None:
     """One quantity is drawn into given axes, all into a grid."""
     found = bt.predict(wide, np.linspace(0.05, 0.97, 20))
-    axes = figures.predictions([(found, found.at(found.slip[:2]))])
+    axes = prediction_pages.predictions([(found, found.at(found.slip[:2]))])
     assert axes.shape == (1, len(PREDICTED))
-    assert figures.prediction(found, "sinkage", axes[0, 0]) is axes[0, 0]
+    assert prediction_pages.prediction(found, "sinkage", axes[0, 0]) is axes[0, 0]
     assert axes[0, 0].get_ylabel() == "$z$ [mm]"
 
 

@@ -9,14 +9,14 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
+from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
-from bayesterra.figures.rover import rover_outlook
-from bayesterra.figures.style import figure_of
-from bayesterra.forward import soil_at
+from bayesterra.likelihood.forward import soil_at
 from bayesterra.models import Conditions, Wheel
-from bayesterra.rover.equilibrium import Outcome
-from bayesterra.roving import RoverSheet
-from bayesterra.workflow import RunResult
+from bayesterra.prediction.outlook import RoverSheet
+from bayesterra.prediction.page import rover_outlook
+from bayesterra.prediction.statics import Outcome
+from bayesterra.report.figures import figure_of
 
 FILE = """\
 weight = "320 N"
@@ -41,7 +41,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def sheet(wide: RunResult, file: Path) -> RoverSheet:
     """Three slopes with and without a tow force, on 300 draws."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayesterra.rover.driving.DRAWS", 300)
+        patch.setattr("bayesterra.prediction.outlook.DRAWS", 300)
         return bt.predict_rover(wide, file, slopes=["5 deg", "10 deg", "16 deg"], tows=["0 N", "20 N"])
 
 
@@ -106,7 +106,7 @@ def test_notes_name_assumptions_and_what_is_left(
     assert "leave the measured loads, 80 N: extrapolated" in notes
     assert "the error of the wheel-soil model itself is not in them" in notes
     assert "the wheel was not driven" not in notes
-    monkeypatch.setattr("bayesterra.rover.driving.DRAWS", 50)
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
     small = bt.Rover(
         name="small", weight=100.0, wheelbase=0.5, centre_height=0.2, centre_ahead=0.25, tow_height=0.1,
         wheels=(Wheel(0.1, 0.1, 0.005, 24),) * 2, gravity=1.62,
@@ -120,7 +120,7 @@ def test_the_figure_has_rows_for_slope_and_tow(
     wide: RunResult, sheet: RoverSheet, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four panels a row; without a tow force there is no second row."""
-    monkeypatch.setattr("bayesterra.rover.driving.DRAWS", 50)
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
     axes = rover_outlook(sheet)
     assert axes.shape == (2, 4)
     figure_of(axes).canvas.draw()
@@ -131,7 +131,7 @@ def test_the_command_writes_and_prints(
     saved: Path, file: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A folder with tables, figure and record; slopes in degrees; a second time needs --overwrite."""
-    monkeypatch.setattr("bayesterra.rover.driving.DRAWS", 50)
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
     out = tmp_path / "driven"
     call = ["predict", str(saved / "wide-result"), "--rover", str(file), "--slope", "5,12", "--out", str(out)]
     assert main([*call, "--tow", "0 N,20 N"]) == 0

@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.calibration import Fitted
+from bayesterra.analysis.simulation import simulate
+from bayesterra.checking.replications import Fitted
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
-from bayesterra.posteriors import posterior
-from bayesterra.simulation import simulate
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 HELD = {
     "Ks": 2.5e6,

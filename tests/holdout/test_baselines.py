@@ -5,7 +5,7 @@ import pytest
 from numpy.random import default_rng
 from scipy.stats import linregress, t
 
-from bayesterra.holdout.baselines import Known, gaussian_process, polynomial, training_mean
+from bayesterra.checking.holdout_scores import Known, gaussian_process, polynomial, training_mean
 
 SLIP = np.repeat(np.linspace(0.0, 0.8, 9), 3)
 CONDITIONS = np.column_stack([SLIP, np.full(27, 80.0), np.zeros(27)])

@@ -11,19 +11,16 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra import report
 from bayesterra.__main__ import main
-from bayesterra.calibration import Fitted
-from bayesterra.calibration.tasks import replicated
+from bayesterra.checking import holdout_page
+from bayesterra.checking.folds import REFITS, LeaveOneOut, levels, predictives
+from bayesterra.checking.holdout import HoldoutResult
+from bayesterra.checking.holdout_scores import clustered, skills, summarise
+from bayesterra.checking.replications import Fitted, replicated
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.holdout import levels
-from bayesterra.holdout.predictives import predictives
-from bayesterra.holdout.summary import clustered, skills, summarise
-from bayesterra.holdout.tasks import REFITS, LeaveOneOut
-from bayesterra.leaving import HoldoutResult
-from bayesterra.posteriors import posterior
-from bayesterra.study import Study
-from bayesterra.writing import write_study
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.canonical import write_study
+from bayesterra.study.study import Study
 
 from .conftest import MakeStudy, on_grid
 
@@ -199,7 +196,7 @@ def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy) -> 
     assert (refit["status"], refit["note"]) == ("failed", "FloatingPointError: no such luck")
     counts = one.table.groupby("predictor")["row"].nunique()
     assert (counts["M2"], counts["polynomial"]) == (5, 6)
-    page = report.holdout_html(one)
+    page = holdout_page.holdout_html(one)
     assert "has <b>not converged</b> without slip 0.200" in page
 
 
@@ -225,7 +222,7 @@ def test_the_command(
     (tmp_path / "made").mkdir()
     write_study(make_study(), tmp_path / "made")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bayesterra.holdout.REFITS", on_grid)
+    monkeypatch.setattr("bayesterra.checking.holdout.REFITS", on_grid)
     assert main(["holdout", "made", "--by", "row", "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert "6 levels left out, one at a time" in printed

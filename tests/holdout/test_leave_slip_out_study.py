@@ -9,12 +9,11 @@ import pandas as pd
 import pytest
 
 import bayesterra as bt
-from bayesterra.calibration import ShortRuns
-from bayesterra.holdout import levels
-from bayesterra.holdout.baselines import BASELINES
-from bayesterra.holdout.summary import clustered
-from bayesterra.holdout.tasks import LeaveOneOut
-from bayesterra.study import SamplingOptions, Study
+from bayesterra.checking.folds import LeaveOneOut, levels
+from bayesterra.checking.holdout_scores import BASELINES, clustered
+from bayesterra.checking.replications import ShortRuns
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 STUDY = STUDIES / "leave-slip-out"

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.special import beta
 from scipy.stats import norm, t
 
-from bayesterra.holdout.mixtures import Mixture
+from bayesterra.checking.holdout_scores import Mixture
 
 CENTRE, SCALE = np.array([-1.0, 0.5, 4.0]), np.array([0.3, 2.0, 0.7])
 

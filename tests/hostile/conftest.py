@@ -2,7 +2,7 @@
 
 import pytest
 
-from bayesterra.results import Result
+from bayesterra.study.result import Result
 
 from . import targets
 

@@ -23,12 +23,15 @@ from typing import Any
 import atheris
 
 ROOT = Path(__file__).parents[2]
-COMPILED = ["bayesterra.models", "bayesterra.latent"]  # numba compiles their byte code as it stands
+COMPILED = [
+    "bayesterra.models",
+    "bayesterra.likelihood.latent_load",
+]  # numba compiles their byte code as it stands
 
 with atheris.instrument_imports(include=["bayesterra", "tomllib", "csv"], exclude=COMPILED):
-    from bayesterra.inference import run
-    from bayesterra.study import load_study
-    from bayesterra.workflow import load_result
+    from bayesterra.analysis.inference import run
+    from bayesterra.analysis.run import load_result
+    from bayesterra.study.study import load_study
     from tests.hostile import targets
 
 TOKEN = re.compile(rb'"[^"\n]*"|[-+]?[0-9.][0-9.eE+-]*|[A-Za-z_]+|[][{}=,]')

@@ -23,35 +23,33 @@ from unittest.mock import patch
 import numpy as np
 import xarray as xr
 
-from bayesterra import drawn, storage
-from bayesterra.calibration import Outcome
-from bayesterra.checkpoints import Checkpoints
-from bayesterra.csvfiles import csv_text, read_cells
-from bayesterra.data import read_table
-from bayesterra.earlier import taken
+from bayesterra.analysis import storage
+from bayesterra.analysis.run import load_single
+from bayesterra.analysis.storage import check_draws, read_pooled, write_result
+from bayesterra.analysis.terminal import print_overview
+from bayesterra.checking.replications import Outcome
 from bayesterra.errors import BayesterraError, ResultError
-from bayesterra.following import rows_of
-from bayesterra.netcdf import read_tree
-from bayesterra.overview import print_overview
-from bayesterra.predicting import predict
-from bayesterra.priors import Source
-from bayesterra.reading import damage
-from bayesterra.results import Result
-from bayesterra.rover.geometry import read_rover
-from bayesterra.sampling.journal import unpack
-from bayesterra.soiltesting import _lines
+from bayesterra.follow.rows import References, read_row
+from bayesterra.follow.session import rows_of
+from bayesterra.follow.stream import State, load_stream
+from bayesterra.prediction.prediction import predict
+from bayesterra.prediction.rover import read_rover
+from bayesterra.report.terminal import PlainConsole
+from bayesterra.runtime import netcdf
+from bayesterra.runtime.checkpoints import Checkpoints, unpack
+from bayesterra.runtime.netcdf import read_tree
+from bayesterra.runtime.reading import damage
+from bayesterra.runtime.tables import csv_text, read_cells
+from bayesterra.runtime.tasks import TaskStore, finished_tasks
+from bayesterra.soiltests.run import _lines
 from bayesterra.soiltests.study import load_soil_test
-from bayesterra.soundness import check_draws
-from bayesterra.storage import read_pooled, write_result
-from bayesterra.streaming.rows import References, read_row
-from bayesterra.streaming.state import State
-from bayesterra.streaming.stream import load_stream
-from bayesterra.study import Study, load_study
-from bayesterra.taskstore import TaskStore, finished_tasks
-from bayesterra.terminal import PlainConsole
-from bayesterra.wheelfiles import read_wheel
-from bayesterra.workflow import load_single
-from bayesterra.writing import write_study
+from bayesterra.study.canonical import write_study
+from bayesterra.study.observations import read_table
+from bayesterra.study.previous import taken
+from bayesterra.study.priors import Source
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study, load_study
+from bayesterra.study.wheels import read_wheel
 
 SEEDS = Path(__file__).parent / "seeds"
 BREAK = b"\n#-----\n"
@@ -221,7 +219,7 @@ def result(data: bytes) -> None:
 @contextmanager
 def _same_draws() -> Iterator[None]:
     """Draws that are not spoilt need not be read from the disk each time, which takes most of the time."""
-    with patch.object(storage, "read_tree", base().tree), patch.object(drawn, "read_tree", base().tree):
+    with patch.object(storage, "read_tree", base().tree), patch.object(netcdf, "read_tree", base().tree):
         yield
 
 

@@ -22,18 +22,19 @@ import numpy as np
 import pytest
 
 from bayesterra.__main__ import main
-from bayesterra.calibrating import Job, calibrate_study
-from bayesterra.checkpoints import Checkpoints
-from bayesterra.data import read_table
-from bayesterra.drawn import read_drawn
+from bayesterra.analysis.run import load_result
+from bayesterra.checking.calibration import Job, calibrate_study
 from bayesterra.errors import BayesterraError, ResultError, StudyError
-from bayesterra.folders import WORK, whole_folder, write_text
-from bayesterra.rover.geometry import read_rover
+from bayesterra.prediction.rover import read_rover
+from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.folders import whole_folder, write_text
+from bayesterra.runtime.netcdf import read_drawn
+from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.tasks import TaskStore, finished_tasks
 from bayesterra.soiltests.study import load_soil_test
-from bayesterra.study import load_study
-from bayesterra.taskstore import TaskStore, finished_tasks
-from bayesterra.wheelfiles import read_wheel
-from bayesterra.workflow import load_result
+from bayesterra.study.observations import read_table
+from bayesterra.study.study import load_study
+from bayesterra.study.wheels import read_wheel
 
 from . import targets
 
@@ -382,7 +383,7 @@ def test_a_bug_is_a_line_and_a_file(
     def broken(path: object, **options: object) -> None:
         raise KeyError("lost")
 
-    monkeypatch.setattr("bayesterra.study.load_study", broken)
+    monkeypatch.setattr("bayesterra.study.study.load_study", broken)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["check", "x"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -397,7 +398,7 @@ def test_calibrations_of_others_are_refused(tmp_path: Path) -> None:
     job = Job(study, 20)
     part = tmp_path / "out.part" / WORK
     part.mkdir(parents=True)
-    from bayesterra.calibrating import _made_with
+    from bayesterra.checking.calibration import _made_with
 
     with TaskStore(part / "tasks.sqlite", _made_with(job)) as store:
         store.add({1: {"task": 1, "status": "excellent", "ess": 1, "r_hat": 1, "seconds": 1}})

@@ -13,7 +13,7 @@ SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} | {*(ROOT / "models").rg
 
 RUNS_CODE = {"pickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "yaml", "code"}
 """Modules whose readers build what a file tells them to."""
-IN_TRANSIT = {"bayesterra/engines/base.py": {"pickle"}, "bayesterra/engines/cluster.py": {"cloudpickle"}}
+IN_TRANSIT = {"bayesterra/runtime/engines.py": {"pickle"}, "bayesterra/runtime/dask.py": {"cloudpickle"}}
 """Tasks on their way to workers that we or the user started; they never stand on a disk."""
 CALLS = {"eval", "exec", "compile", "__import__", "runpy", "system", "popen", "Popen", "import_module"}
 HARMLESS = {
@@ -28,17 +28,22 @@ READERS = {
 }  # fmt: skip
 """Readers that guess a format, or whose format can hold more than numbers and texts."""
 DOORS = {
-    "read_csv": {"bayesterra/csvfiles.py"},
-    "to_csv": {"bayesterra/csvfiles.py"},
-    "open_datatree": {"bayesterra/netcdf.py"},
-    "File": {"bayesterra/netcdf.py"},
-    "connect": {"bayesterra/taskstore.py"},
+    "read_csv": {"bayesterra/runtime/tables.py"},
+    "to_csv": {"bayesterra/runtime/tables.py"},
+    "open_datatree": {"bayesterra/runtime/netcdf.py"},
+    "File": {"bayesterra/runtime/netcdf.py"},
+    "connect": {"bayesterra/runtime/tasks.py"},
     # our own sources, for their digest; files of a result, for theirs
-    "read_bytes": {"bayesterra/identity.py", "models/kernels/cache.py", "bayesterra/checksums.py"},
-    "read_text": {"bayesterra/taskstore.py"},  # the system's table of mounts
+    "read_bytes": {
+        "bayesterra/study/canonical.py",
+        "models/kernels/cache.py",
+        "bayesterra/runtime/reading.py",
+    },
+    "read_text": {"bayesterra/runtime/tasks.py"},  # the system's table of mounts
 }
 """Methods that open files, each in one place only."""
-OWN = {"read_json": "reading", "read_text": "reading", "read_bytes": "reading", "read_table": "data"}
+OWN = dict.fromkeys(("read_json", "read_text", "read_bytes"), "runtime.reading")
+OWN["read_table"] = "study.observations"
 """Readers of our own by these names."""
 
 
@@ -83,7 +88,10 @@ def problems(path: Path) -> list[str]:
     found = [f"{here}: imports {name}" for name in imported & RUNS_CODE - IN_TRANSIT.get(here, set())]
     for name, call, method in calls(path):
         whole = ast.unparse(call.func)
-        own = f"bayesterra.{OWN.get(name)}.{name}" in imported or here == f"bayesterra/{OWN.get(name)}.py"
+        own = (
+            f"bayesterra.{OWN.get(name)}.{name}" in imported
+            or here == f"bayesterra/{OWN.get(name, '').replace('.', '/')}.py"
+        )
         runs = name in CALLS and whole not in HARMLESS
         guesses = name in READERS and (method or not own)
         elsewhere = method and here not in DOORS.get(name, {here})
@@ -122,7 +130,9 @@ def test_libraries_are_asked_for_data_only() -> None:
     assert [path.name for path, _ in loads] == ["checkpoints.py"]
     assert all("allow_pickle=False" in ast.unparse(call) for _, call in loads)
     (opening,) = [
-        call for name, call, _ in calls(ROOT / "bayesterra" / "netcdf.py") if name == "open_datatree"
+        call
+        for name, call, _ in calls(ROOT / "bayesterra" / "runtime" / "netcdf.py")
+        if name == "open_datatree"
     ]
     assert "engine='h5netcdf'" in ast.unparse(opening)
 
@@ -134,7 +144,7 @@ def test_an_object_in_an_array_is_refused(tmp_path: Path) -> None:
 
     import numpy as np
 
-    from bayesterra.checkpoints import Checkpoints
+    from bayesterra.runtime.checkpoints import Checkpoints
 
     mark = tmp_path / "ran"
 

@@ -18,29 +18,36 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra import report
-from bayesterra.calibrating import calibrate
-from bayesterra.calibration import Fitted
-from bayesterra.designing import recommend
-from bayesterra.figures.forecast import predictions_png
-from bayesterra.figures.rover import rover_outlook_png
-from bayesterra.followup import forecast
-from bayesterra.identified import identify_result
-from bayesterra.laws import Law
-from bayesterra.leaving import leave_out
+from bayesterra.analysis import comparison_page
+from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis import prior_page as analysis_prior_page
+from bayesterra.analysis.comparison import side_by_side
+from bayesterra.analysis.prior_only import run_prior
+from bayesterra.checking import calibration_page as checking_calibration_page
+from bayesterra.checking import holdout_page as checking_holdout_page
+from bayesterra.checking.calibration import calibrate
+from bayesterra.checking.holdout import leave_out
+from bayesterra.checking.replications import Fitted
+from bayesterra.design import page as design_pages
+from bayesterra.design.recommendation import recommend
+from bayesterra.identifiability import page as identifiability_pages
+from bayesterra.identifiability.identify import identify_result
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
-from bayesterra.pooled import run_pooled
+from bayesterra.pooling import page as pooling_pages
+from bayesterra.pooling.run import run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
-from bayesterra.posteriors import posterior
-from bayesterra.prior_only import run_prior
-from bayesterra.results import Result
-from bayesterra.roving import predict_rover
+from bayesterra.prediction.forecast import forecast
+from bayesterra.prediction.outlook import predict_rover
+from bayesterra.prediction.page import predictions_png, rover_outlook_png
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.schema import SamplingOptions
-from bayesterra.side_by_side import side_by_side
+from bayesterra.soiltests import page as soiltests_pages
 from bayesterra.soiltests.analysis import analyse
 from bayesterra.soiltests.study import soil_test
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.result import Result
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 TITLE = "<script>document.title='ran'</script>\"><img src=x onerror=document.title='ran'>{{7*7}}{% raw %}"
 NAME = "\"><svg onload=x>' $\\frac{a}$ {{7*7}} <b>"
@@ -133,10 +140,10 @@ def on_grid(study: Study, seed: SeedSequence) -> Fitted:
 @pytest.fixture(scope="module", autouse=True)
 def _drawn_once() -> Iterator[None]:
     """Plots of many marks are drawn small: what their texts are does not depend on it."""
-    from bayesterra.figures import style
+    from bayesterra.report import figures as report_figures
 
-    real = style.png
-    with patch("bayesterra.report.blocks.png", lambda drawn, width: real(drawn, 240)):
+    real = report_figures.png
+    with patch("bayesterra.report.figures.png", lambda drawn, width: real(drawn, 240)):
         yield
 
 
@@ -167,17 +174,17 @@ def hostile(small_result: Result) -> Result:
 
 def test_a_run(hostile: Result) -> None:
     """Title, wheel, soil, sources, notes, and what stands in the record."""
-    check(report.html(hostile), TITLE, NAME, LINK)
+    check(analysis_pages.html(hostile), TITLE, NAME, LINK)
 
 
 def test_a_comparison(hostile: Result) -> None:
     """Names of folders, in plots too."""
-    check(report.comparison_html(side_by_side({NAME: hostile, LINK: hostile})), NAME, LINK)
+    check(comparison_page.comparison_html(side_by_side({NAME: hostile, LINK: hostile})), NAME, LINK)
 
 
 def test_an_analysis_of_identifiability(hostile: Result) -> None:
     """Title and versions."""
-    check(report.identifiability_html(identify_result(hostile)), TITLE)
+    check(identifiability_pages.identifiability_html(identify_result(hostile)), TITLE)
 
 
 def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> None:
@@ -194,22 +201,22 @@ def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> Non
 
 def prior_page() -> str:
     """A prior without readings."""
-    return report.prior_html(run_prior(of_one_soil(), seed=1))
+    return analysis_prior_page.prior_html(run_prior(of_one_soil(), seed=1))
 
 
 def calibration_page() -> str:
     """A calibration."""
-    return report.calibration_html(calibrate(of_one_soil(), n=20, fit=on_grid))
+    return checking_calibration_page.calibration_html(calibrate(of_one_soil(), n=20, fit=on_grid))
 
 
 def design_page() -> str:
     """A design."""
-    return report.design_html(recommend(of_one_soil(("A", NAME)), slips=[0.1, 0.3]))
+    return design_pages.design_html(recommend(of_one_soil(("A", NAME)), slips=[0.1, 0.3]))
 
 
 def holdout_page() -> str:
     """Levels that are wheels, left out."""
-    return report.holdout_html(leave_out(of_one_soil(("A", NAME)), "wheel", fit=on_grid))
+    return checking_holdout_page.holdout_html(leave_out(of_one_soil(("A", NAME)), "wheel", fit=on_grid))
 
 
 def pooled_page() -> str:
@@ -220,7 +227,7 @@ def pooled_page() -> str:
         sampling={"target_ess": 400, "walkers": 32},
     )
     lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
-    return report.pooled_html(run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)))
+    return pooling_pages.pooled_html(run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)))
 
 
 def soil_test_page() -> str:
@@ -244,7 +251,7 @@ def soil_test_page() -> str:
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given: dict[str, Any] = {"test": "shear", "title": TITLE, "soil": LINK, "priors": priors}
     given |= {"data": {"file": "x.csv", "source": LINK}, "sampling": SamplingOptions(target_ess=400)}
-    return report.soil_test_html(
+    return soiltests_pages.soil_test_html(
         analyse(soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given), seed=1)
     )
 

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesterra.csvfiles import csv_text, read_cells, read_csv, shielded, unshielded
+from bayesterra.analysis.comparison import ComparisonPage, side_by_side
 from bayesterra.errors import StudyError
-from bayesterra.followup import ComparisonPage, forecast, predict_into
-from bayesterra.results import Result
-from bayesterra.side_by_side import side_by_side
-from bayesterra.study import load_study
-from bayesterra.writing import write_study
+from bayesterra.prediction.forecast import forecast, predict_into
+from bayesterra.runtime.tables import csv_text, read_cells, read_csv, shielded, unshielded
+from bayesterra.study.canonical import write_study
+from bayesterra.study.result import Result
+from bayesterra.study.study import load_study
 
 FORMULAS = [
     "=1+1", "+1+1", "-1+1", "@SUM(A1)", "=cmd|' /C calc'!A0", "=HYPERLINK(\"http://x\")", "＝1+1", "\t=1+1",

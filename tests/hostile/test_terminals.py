@@ -10,10 +10,9 @@ import pytest
 from rich.table import Table
 
 from bayesterra.__main__ import main
-from bayesterra.console import note
 from bayesterra.errors import LONGEST, BayesterraError, StudyError
-from bayesterra.study import load_study
-from bayesterra.terminal import PlainConsole
+from bayesterra.report.terminal import PlainConsole, note
+from bayesterra.study.study import load_study
 
 from . import targets
 

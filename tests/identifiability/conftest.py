@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
+from bayesterra.analysis.run import RunResult, run
 from bayesterra.identifiability.analysis import analyse
-from bayesterra.identified import Identified, _record
+from bayesterra.identifiability.identify import Identified, _record
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.study import Study
-from bayesterra.workflow import RunResult, run
+from bayesterra.study.study import Study
 
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 1e3, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}
 NOISE = {"sinkage": "3 mm", "drawbar_pull": "4 N", "resistance_moment": "1 N m"}

@@ -14,8 +14,8 @@ from bayesterra.identifiability.cloning import (
     fitted_slope,
     word,
 )
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.result import Result
 
 NAMES = ("c", "phi", "K")
 PRECISION = np.array([[400.0, 400.0, 0.0], [400.0, 400.0, 0.0], [0.0, 0.0, 25.0]])

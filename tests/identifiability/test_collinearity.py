@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.collinearity import Collinearity, collinearity, collinearity_index
-from bayesterra.identifiability.local import LocalAnalysis
+from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, collinearity_index
 
 
 def of(columns: FloatArray, names: tuple[str, ...], readings: int = 4) -> Collinearity:

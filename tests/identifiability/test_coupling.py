@@ -5,7 +5,7 @@ import pytest
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.coupling import (
+from bayesterra.identifiability.information import (
     Coupling,
     copula_information,
     coupling,
@@ -14,9 +14,9 @@ from bayesterra.identifiability.coupling import (
     strength,
     whitened,
 )
-from bayesterra.identifiability.groups import ranked
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
+from bayesterra.identifiability.verdicts import ranked
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.result import Result
 
 
 @pytest.fixture

@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from bayesterra.figures.coupling import contraction_bars, coupling_map, group_coupling
-from bayesterra.identifiability.coupling import Coupling, coupling
-from bayesterra.identifiability.information import information
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
+from bayesterra.identifiability.evidence_page import contraction_bars, coupling_map, group_coupling
+from bayesterra.identifiability.information import Coupling, coupling, information
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.result import Result
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.divergence import divergence
+from bayesterra.stats.diagnostics import divergence
 
 Draw = Callable[[Generator], FloatArray]
 N = 4000

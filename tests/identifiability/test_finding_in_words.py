@@ -2,7 +2,7 @@
 
 import pytest
 
-from bayesterra.identifiability.wording import in_a_sentence
+from bayesterra.identifiability.analysis import in_a_sentence
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.symbols import in_symbols
 

@@ -7,13 +7,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
-from bayesterra.identified import Identified, foresee, identify_result, identify_study, tables
-from bayesterra.identifying import IdentifyResult
+from bayesterra.identifiability.identify import (
+    Identified,
+    IdentifyResult,
+    foresee,
+    identify_result,
+    identify_study,
+    tables,
+)
+from bayesterra.identifiability.page import identifiability_html
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report import identifiability_html
-from bayesterra.study import Study
-from bayesterra.workflow import RunResult
+from bayesterra.study.study import Study
 
 from .conftest import VARIANTS, analysed, trial
 

@@ -12,10 +12,9 @@ import pytest
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError
-from bayesterra.identified import Identified
-from bayesterra.identifying import MARK, IdentifyResult, identify_into
-from bayesterra.listing.verdicts import print_identified
-from bayesterra.writing import write_study
+from bayesterra.identifiability.identify import MARK, Identified, IdentifyResult, identify_into
+from bayesterra.identifiability.page import print_identified
+from bayesterra.study.canonical import write_study
 
 from .conftest import VARIANTS, trial
 from .test_identified import TABLES
@@ -72,7 +71,7 @@ def test_a_study_is_sampled_first(study: Path, tmp_path: Path, monkeypatch: pyte
 @pytest.fixture
 def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page of one line, for tests that are not about it."""
-    monkeypatch.setattr("bayesterra.report.identifiability_html", lambda made: "page\n")
+    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_html", lambda made: "page\n")
 
 
 @pytest.mark.usefixtures("plain_page")
@@ -107,7 +106,7 @@ def test_a_page_that_fails_leaves_no_folder(
     def fail(made: Identified) -> str:
         raise ResultError("no ink")
 
-    monkeypatch.setattr("bayesterra.report.identifiability_html", fail)
+    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_html", fail)
     with pytest.raises(ResultError, match="no ink"):
         IdentifyResult.of(moduli).save(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

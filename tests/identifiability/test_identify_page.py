@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from bayesterra import report
-from bayesterra.console import _verdict
-from bayesterra.failures import Failures
-from bayesterra.figures.rows import found_rows
-from bayesterra.identified import Identified
-from bayesterra.inference import Analysis
-from bayesterra.notebook import result_table
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.report import determined, verdicts
-from bayesterra.report.blocks import Table
-from bayesterra.report.identifiability import identifiability_page
-from bayesterra.report.pages import VerdictPage
-from bayesterra.report.strip import strip
-from bayesterra.workflow import RunResult, load_result
+from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis.inference import Analysis
+from bayesterra.analysis.page import result_table
+from bayesterra.analysis.run import RunResult, load_result
+from bayesterra.analysis.strip import strip
+from bayesterra.analysis.terminal import _verdict
+from bayesterra.identifiability import determined_page
+from bayesterra.identifiability import page as identifiability_pages
+from bayesterra.identifiability.identify import Identified
+from bayesterra.identifiability.page import identifiability_page
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.report.blocks import Table, VerdictPage
+from bayesterra.report.failures import Failures
+from bayesterra.study.result import found_rows
 
 from .conftest import VARIANTS
 from .test_identified import shown
@@ -101,7 +101,7 @@ def test_names_of_a_study_are_escaped(moduli: Identified) -> None:
     """Markup in a title is shown, not obeyed."""
     study = copy.copy(moduli.study)
     object.__setattr__(study, "title", "<script>alert(1)</script>")
-    html = report.identifiability_html(replace(moduli, study=study))
+    html = identifiability_pages.identifiability_html(replace(moduli, study=study))
     assert "<script" not in html
     assert "&lt;script&gt;" in html
 
@@ -137,7 +137,7 @@ class _Reader(HTMLParser):
 
 def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage) -> None:
     """Every tag is closed, nothing is fetched, pictures have words, rows as many cells as their header."""
-    html = report.identifiability_html(moduli)
+    html = identifiability_pages.identifiability_html(moduli)
     reader = _Reader(html)
     assert reader.wrong == []
     assert reader.open == []
@@ -146,17 +146,17 @@ def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage)
     tables = [block for section in page.sections for block in section.blocks if isinstance(block, Table)]
     for table in tables:
         assert {len(row) for row in table.rows} == {len(table.header)} == {len(table.align)}
-    assert report.identifiability_html(moduli) == html
+    assert identifiability_pages.identifiability_html(moduli) == html
 
 
 def test_a_run_opens_with_the_same_sentence(pair: RunResult) -> None:
     """The card of a run's report counts the group's directions and names what its data leave open."""
-    card = verdicts.identifiability_verdict(pair)
+    card = analysis_pages.identifiability_verdict(pair)
     assert str(card.sentence) == "These data fix one of the two shearing directions."
     assert card.word == "1 of 2 determined"
     groups = pair.record["directions"]["groups"]
     assert [row["scope"] for row in groups] == ["all", "P_II"]
-    text = shown(report.html(pair))
+    text = shown(analysis_pages.html(pair))
     assert "shearing P II unknown 1 of 2" in re.sub(r"\s+", " ", text)
     assert "bayesterra identify DIR" in text
 
@@ -167,9 +167,9 @@ def test_a_run_says_what_its_design_cannot_tell(pair: RunResult) -> None:
     record = copy.deepcopy(pair.record)
     record["directions"]["unseen"] = ["only c + 2 phi is determined <b>"]
     found = replace(pair, identifiability=table, record=record)
-    card = verdicts.identifiability_verdict(found)
+    card = analysis_pages.identifiability_verdict(found)
     assert card.sentence.endswith("no data of this design can determine <i>c</i> and <i>φ</i>.")
-    said = str(determined.identifiability_section(found))
+    said = str(determined_page.identifiability_section(found))
     assert "By the design: Only <i>c</i> + 2 phi is determined &lt;b&gt;." in said
     assert "could tell it, however many and good" in said
 
@@ -208,9 +208,9 @@ def test_folders_of_older_versions_still_report(pair: RunResult, pair_folder: Pa
     new = ["tied_to", "tie", "multiple", "given_others", "structural"]
     old = replace(load_result(pair_folder), record=record)
     old = replace(old, identifiability=old.identifiability.drop(columns=new))
-    card = verdicts.identifiability_verdict(old)
+    card = analysis_pages.identifiability_verdict(old)
     assert str(card.sentence).startswith("Directions of the parameter space whose variance")
     assert card.word == f"{record['directions']['determined']} of 2 determined"
-    text = shown(report.html(old))
+    text = shown(analysis_pages.html(old))
     assert "coupled" in text
     assert not re.search(r"\bnan\b", text)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.groups import group_columns, in_words, scores_under, within_groups
 from bayesterra.identifiability.information import (
     MARGINAL,
     OTHERS_KNOWN,
@@ -13,8 +12,9 @@ from bayesterra.identifiability.information import (
     effective,
     information,
 )
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
+from bayesterra.identifiability.verdicts import group_columns, in_words, scores_under, within_groups
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.study.result import Result
 
 N = 12_000
 

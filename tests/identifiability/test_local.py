@@ -9,12 +9,11 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.collinearity import collinearity
-from bayesterra.identifiability.fisher import fisher_information
-from bayesterra.identifiability.local import cramer_rao, local_analysis
+from bayesterra.identifiability.local import collinearity, cramer_rao, local_analysis
 from bayesterra.identifiability.structure import structure
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.study import Study, load_study
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.likelihood.sensitivities import fisher_information
+from bayesterra.study.study import Study, load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 

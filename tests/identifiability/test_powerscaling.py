@@ -7,7 +7,7 @@ from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.powerscaling import (
+from bayesterra.identifiability.cloning import (
     ALPHAS,
     PowerScaling,
     Reweighted,
@@ -15,12 +15,12 @@ from bayesterra.identifiability.powerscaling import (
     distance,
     log_normal,
     power_scaling,
+    power_word,
     scaled,
-    word,
 )
-from bayesterra.laws import Law
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.stats.laws import Law
+from bayesterra.study.result import Result
 
 N = 4000
 FLAT = Law("uniform", lower=0.0, upper=1.0)
@@ -115,12 +115,12 @@ def test_a_stranger_stays_within_the_noise() -> None:
 
 def test_words_change_at_their_thresholds() -> None:
     """The likelihood decides first, then the own law, then any other."""
-    assert word(0.08, 0.08, 0.08, 0.049) == "repeats its prior"
-    assert word(0.03, 0.08, 0.09, 0.049) == "another's prior"
-    assert word(0.03, 0.08, 0.04, 0.049) == "unmoved"
-    assert word(0.08, 0.2, 0.08, 0.0) == "another's prior"
-    assert word(0.03, 0.08, 0.04, 0.05) == "data"
-    assert word(0.03, 0.08, 0.06, 0.05) == "prior and data"
+    assert power_word(0.08, 0.08, 0.08, 0.049) == "repeats its prior"
+    assert power_word(0.03, 0.08, 0.09, 0.049) == "another's prior"
+    assert power_word(0.03, 0.08, 0.04, 0.049) == "unmoved"
+    assert power_word(0.08, 0.2, 0.08, 0.0) == "another's prior"
+    assert power_word(0.03, 0.08, 0.04, 0.05) == "data"
+    assert power_word(0.03, 0.08, 0.06, 0.05) == "prior and data"
 
 
 def test_the_modulus_repeats_its_prior_and_the_exponent_follows_the_modulus(found: PowerScaling) -> None:

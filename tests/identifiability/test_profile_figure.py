@@ -9,11 +9,11 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from bayesterra.figures.profiles import profile_panels, profiles_in_words
-from bayesterra.figures.style import svg
+from bayesterra.identifiability.page import profile_panels, profiles_in_words
 from bayesterra.identifiability.profiles import Profiles, profiles
-from bayesterra.posteriors import posterior
-from bayesterra.study import load_study
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.report.figures import svg
+from bayesterra.study.study import load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 

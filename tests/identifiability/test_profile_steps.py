@@ -7,14 +7,13 @@ import pandas as pd
 import pytest
 from scipy.optimize import lsq_linear
 
-from bayesterra.identifiability._chart import chart
-from bayesterra.identifiability._quadratic import steps
-from bayesterra.identifiability._target import Target
+from bayesterra.identifiability.optimiser import Target, chart, steps
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.priors import Law, Tie
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Tie
+from bayesterra.study.study import Study
 
 SIZE = 5
 

@@ -9,18 +9,18 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from bayesterra.arrays import FloatArray
-from bayesterra.data import Observations
-from bayesterra.forward import Forward
-from bayesterra.identifiability._chart import chart
-from bayesterra.identifiability._target import Target
-from bayesterra.identifiability._tracing import SOURCES, Traces, standing_out, trace
+from bayesterra.identifiability.optimiser import Target, chart
 from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, _Found, profiles
-from bayesterra.likelihood import Likelihood
+from bayesterra.identifiability.tracing import SOURCES, Traces, standing_out, trace
+from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
-from bayesterra.noise import Noise
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.posteriors import Posterior
-from bayesterra.priors import Law, Prior
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.observations import Observations
+from bayesterra.study.priors import Prior
 
 FORCES = ("normal_force", "drawbar_pull", "resistance_moment")
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from bayesterra.engines import Engine, in_process, local_pool
-from bayesterra.identifiability import _tracing
-from bayesterra.identifiability._chart import chart
-from bayesterra.identifiability._target import Target
+from bayesterra.identifiability import tracing
+from bayesterra.identifiability.optimiser import Target, chart
 from bayesterra.identifiability.profiles import Profiles, profiles
-from bayesterra.posteriors import posterior
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.runtime.engines import Engine, in_process, local_pool
 
 from .conftest import VARIANTS
 
@@ -20,7 +19,7 @@ def traced(variant: str, engine: Engine) -> Profiles:
 
 def test_a_pool_traces_what_one_process_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every point, to the last digit; quick descents are taken for long ones."""
-    monkeypatch.setattr(_tracing, "_long", lambda target: True)
+    monkeypatch.setattr(tracing, "_long", lambda target: True)
     with local_pool(2) as pool:
         here, there = traced("moduli", in_process()), traced("moduli", pool)
         assert not pool.starting
@@ -40,4 +39,4 @@ def test_workers_are_for_loads_that_are_integrated_out() -> None:
     for variant, long in (("one parameter", False), ("unknown load", True)):
         density = posterior(VARIANTS[variant]())
         target = Target(density, chart(density), False, np.zeros(len(density.names)))
-        assert _tracing._long(target) == long
+        assert tracing._long(target) == long

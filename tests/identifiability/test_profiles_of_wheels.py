@@ -7,14 +7,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.profiles import Profile, Profiles, profiles
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law, Tie
-from bayesterra.simulation import simulate
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Tie
+from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 WIDE = Wheel(0.15735, 0.280, 0.010, 30, 0.65)

@@ -9,18 +9,19 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.fisher import (
+from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.likelihood.sensitivities import (
     fisher_information,
+    known_inputs,
     load_information,
     score_and_information,
+    sensitivities,
     weighted_sensitivities,
     without_load,
 )
-from bayesterra.identifiability.sensitivities import known_inputs, sensitivities
-from bayesterra.latent import LatentLoad
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WIDE, NARROW = Wheel(0.15735, 0.165, 0.010, 30, 0.65), Wheel(0.135, 0.11, 0.015, 24, 0.75)
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}

@@ -10,9 +10,9 @@ import pytest
 
 from bayesterra.identifiability.local import local_analysis
 from bayesterra.identifiability.structure import Structure, _words, structure
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}
 ALL = tuple(TRUTH)

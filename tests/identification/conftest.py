@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.identification.decoupled import contact, decoupled_steps
-from bayesterra.identification.readings import readings
-from bayesterra.identification.support import MARGIN
+from bayesterra.least_squares.groupwise import contact, decoupled_steps
+from bayesterra.least_squares.settings import readings
+from bayesterra.least_squares.solver import MARGIN
 from bayesterra.models import MODELS, Soil
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 
 @pytest.mark.parametrize(("method", "model"), [("IM2", "M2"), ("IM3", "M3")])

@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bayesterra.identification import error_figure, fit, print_fits, report_table
+from bayesterra.least_squares.fit import fit
+from bayesterra.least_squares.results import error_figure, print_fits, report_table
 from bayesterra.models import Soil
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 Printed = Mapping[str, Mapping[str, Soil]]
 

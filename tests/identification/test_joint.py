@@ -11,13 +11,14 @@ from scipy.optimize import minimize
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import SupportError
-from bayesterra.identification import Fit, fit
-from bayesterra.identification.joint import WeightedMisfit
-from bayesterra.identification.settings import Overrides, joint_settings
-from bayesterra.identification.support import MARGIN, ClippedModel, clip
+from bayesterra.least_squares.fit import fit
+from bayesterra.least_squares.joint import WeightedMisfit
+from bayesterra.least_squares.results import Fit
+from bayesterra.least_squares.settings import Overrides, joint_settings
+from bayesterra.least_squares.solver import MARGIN, ClippedModel, clip
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Soil
-from bayesterra.posteriors import posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

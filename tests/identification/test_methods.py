@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 
 from bayesterra.errors import StudyError
-from bayesterra.identification import METHODS, fit, fit_all
+from bayesterra.least_squares.fit import fit, fit_all
+from bayesterra.least_squares.results import METHODS
 from bayesterra.models import Soil
-from bayesterra.study import Study, load_study
+from bayesterra.study.study import Study, load_study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -168,7 +169,7 @@ def test_bound_and_clipping_are_reported(make_study: MakeStudy, make_table: Make
 
 def test_passes_that_do_not_come_to_rest_are_given_up(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """Out of passes, IM1 is not converged and says after how many; the path holds them all."""
-    monkeypatch.setattr("bayesterra.identification.integral.MAX_PASSES", 3)
+    monkeypatch.setattr("bayesterra.least_squares.groupwise.MAX_PASSES", 3)
     found = fit(study, ("IM1",), delta=1e-6)["IM1"]
     assert not found.converged
     assert len(found.path) == found.passes == 3
@@ -178,7 +179,7 @@ def test_passes_that_do_not_come_to_rest_are_given_up(study: Study, monkeypatch:
 def test_passes_that_only_wander_are_given_up(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten passes without a new smallest change end IM1 long before the last pass allowed."""
     changes = iter([0.1, *[0.2] * 50])
-    monkeypatch.setattr("bayesterra.identification.integral._change", lambda *_: next(changes))
+    monkeypatch.setattr("bayesterra.least_squares.groupwise._change", lambda *_: next(changes))
     assert fit(study, ("IM1",))["IM1"].passes == 12
 
 

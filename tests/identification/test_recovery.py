@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identification import fit
-from bayesterra.identification.solver import Box, Curve, Minimum, minimise
+from bayesterra.least_squares.fit import fit
+from bayesterra.least_squares.solver import Box, Curve, Minimum, minimise
 from bayesterra.models import Soil
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WHEELS = ("Wh11", "Wh12", "Wh21", "Wh22", "Wh31", "Wh32")
 MODEL_OF = {"IM1": "M1", "IM2": "M2", "IM3": "M3"}
@@ -83,7 +83,7 @@ def test_inner_fits_restart_in_every_pass(
         starts.append(start[box.columns])
         return minimise(residual, start, box, evaluations=limits["evaluations"])
 
-    monkeypatch.setattr("bayesterra.identification.steps.minimise", watched)
+    monkeypatch.setattr("bayesterra.least_squares.groupwise.minimise", watched)
     found = fit(make_study("M1", "Wh22", printed["IM1"]["Wh22"]), ("IM1",))["IM1"]
     assert len(starts) == 3 * found.passes
     for bearing, shearing, angles in zip(starts[0::3], starts[1::3], starts[2::3], strict=True):

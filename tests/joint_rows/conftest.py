@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.joint_rows import STEP, JointRows
+from bayesterra.likelihood.correlated import STEP, JointRows
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Wheel
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 NONE = float("nan")
 WHEELS = {"A": Wheel(0.135, 0.165, 0.015, 24, 0.75), "B": Wheel(0.135, 0.110, 0.015, 24, 0.75)}
@@ -146,7 +146,7 @@ def written(study: Study, density: Posterior, x: FloatArray) -> Written:
 
 
 def _at(study: Study) -> dict[str, Any]:
-    from bayesterra.posteriors import likelihood_of
+    from bayesterra.likelihood.posterior import likelihood_of
 
     forward = likelihood_of(study, study.observations).forward
     return {"conditions": forward.conditions, "given": forward.given}

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.joint_rows import JointRows
-from bayesterra.likelihood import Likelihood
-from bayesterra.posteriors import Posterior, likelihood_of, posterior
-from bayesterra.study import Study
+from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
+from bayesterra.study.study import Study
 
 from .conftest import CURVES, HELD, RIPPLE, joined, sets, written
 

@@ -10,15 +10,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayesterra import Wheel
+from bayesterra.analysis.page import data_section
+from bayesterra.analysis.run import RunResult, load_result, run
+from bayesterra.checking.discrepancy import Missed, missed, trades
+from bayesterra.checking.discrepancy_page import _sentence
 from bayesterra.errors import StudyError
-from bayesterra.missed import Missed, missed, trades
-from bayesterra.model_errors import Size, SlipError
-from bayesterra.posteriors import posterior
-from bayesterra.predicting import predict
-from bayesterra.report.inputs import data_section
-from bayesterra.report.missed import _sentence
-from bayesterra.roving import predict_rover
-from bayesterra.workflow import RunResult, load_result, run
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.prediction.outlook import predict_rover
+from bayesterra.prediction.prediction import predict
+from bayesterra.study.model_errors import Size, SlipError
 
 from .conftest import ESTIMATED, TABLE, joined
 

@@ -9,11 +9,11 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.joint_rows import JointRows, slip_doubts, slip_slopes
-from bayesterra.likelihood import Likelihood
+from bayesterra.likelihood.correlated import JointRows, slip_doubts, slip_slopes
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Wheel
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 from .conftest import HELD, NOISE, joined, sets
 

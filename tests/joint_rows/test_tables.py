@@ -7,17 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.checkpoints import digest
-from bayesterra.designing import recommend
+from bayesterra.analysis.simulation import simulate, write_simulated
+from bayesterra.analysis.terminal import print_overview
+from bayesterra.design.recommendation import recommend
 from bayesterra.errors import StudyError
-from bayesterra.identity import identity
-from bayesterra.likelihood import Likelihood
-from bayesterra.overview import print_overview
-from bayesterra.posteriors import posterior
-from bayesterra.simulation import simulate, write_simulated
-from bayesterra.streaming.stream import Stream
-from bayesterra.study import Study, load_study
-from bayesterra.writing import write_study
+from bayesterra.follow.stream import Stream
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.runtime.checkpoints import digest
+from bayesterra.study.canonical import identity, write_study
+from bayesterra.study.study import Study, load_study
 
 from .conftest import CASES, CURVES, ESTIMATED, NOISE, RIPPLE, TABLE, joined
 

@@ -13,18 +13,18 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import kstest, multivariate_normal
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.calibration.tasks import replicated
-from bayesterra.crossvalidation import leave_one_out
-from bayesterra.holdout.predictives import predictives
-from bayesterra.identifiability.fisher import fisher_information, score_and_information
-from bayesterra.joint_rows import JointRows
+from bayesterra.checking.folds import predictives
+from bayesterra.checking.loo import leave_one_out
+from bayesterra.checking.predictive import predict_curves, predict_rows
+from bayesterra.checking.predictive_checks import predictive_checks
+from bayesterra.checking.replicates import Modelled, ReplicateOptions
+from bayesterra.checking.replications import replicated
+from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.likelihood.sensitivities import fisher_information, score_and_information
 from bayesterra.models import M1, Soil
 from bayesterra.pooling.joint import joint_posterior
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.predictive import predict_curves, predict_rows
-from bayesterra.predictive_checks import predictive_checks
-from bayesterra.replicates import Modelled, ReplicateOptions
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 from .conftest import CASES, CURVES, HELD, LOOSE, NOISE, RIPPLE, TABLE, WHEELS, Written, joined, sets, written
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.forward import Forward
-from bayesterra.latent import LatentLoad
-from bayesterra.likelihood import Likelihood, Outcomes
+from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.models import Conditions
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -11,11 +11,12 @@ from scipy import stats
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.latent import LatentLoad
-from bayesterra.likelihood import Forward, Likelihood
+from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.058, 0.06, 0.005, 24, 0.5)
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)

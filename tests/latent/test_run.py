@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
+from bayesterra.analysis.page import html
+from bayesterra.checking.predictive import predict_at_read_loads
+from bayesterra.checking.predictive_checks import prior_checks
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M2, Soil, Wheel
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.predictive import predict_at_read_loads
-from bayesterra.predictive_checks import prior_checks
-from bayesterra.report import html
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.058, 0.06, 0.005, 24, 0.5)
 TRUTH = {"Ks": 1.2e6, "n0": 0.9, "n1": 0.4, "c": 500.0, "phi": 0.5, "K": 0.01, "c1": 0.4, "c2": 0.1}

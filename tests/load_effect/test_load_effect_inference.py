@@ -10,16 +10,16 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.errors import StudyError
-from bayesterra.identifiability.groups import group_columns
-from bayesterra.identifiability.sensitivities import sensitivities
+from bayesterra.identifiability.analysis import in_a_sentence
 from bayesterra.identifiability.structure import structure
-from bayesterra.identifiability.wording import in_a_sentence
+from bayesterra.identifiability.verdicts import group_columns
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.sensitivities import sensitivities
 from bayesterra.models import M2, M2L, LoadEffectSoil
 from bayesterra.parameters import LOAD_EFFECT, MODEL_PARAMETERS
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.priors import Law
-from bayesterra.study import Study, load_study
-from bayesterra.writing import write_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import write_study
+from bayesterra.study.study import Study, load_study
 
 TRUTH = {
     "Ks": 1.796e6, "n0": 0.63, "n1": 0.72, "c": 300.0, "phi": 0.62, "K": 0.0105, "c1": 0.5, "c2": 0.0,

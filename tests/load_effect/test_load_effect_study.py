@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.study import load_study
+from bayesterra.study.study import load_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "load-effect"
 

@@ -12,8 +12,7 @@ import pytest
 from numba.core import config
 
 import bayesterra
-from bayesterra.cli import app
-from bayesterra.cli.common import hushed
+from bayesterra.cli import app, hushed
 from bayesterra.models.kernels import cache as kernel_cache
 from bayesterra.models.kernels.compiler import compiled
 

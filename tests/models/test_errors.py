@@ -158,7 +158,7 @@ def test_one_name_for_the_package() -> None:
     import runpy
     from pathlib import Path
 
-    import bayesterra.models
+    import bayesterra
 
     with pytest.raises(ImportError, match=r"import this package as 'bayesterra.models', not 'models'"):
         runpy.run_path(str(Path(bayesterra.models.__file__)), run_name="models")

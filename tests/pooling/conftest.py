@@ -10,7 +10,7 @@ import pytest
 from bayesterra.models import Wheel
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 WHEELS = {
     "Wh11": Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75),

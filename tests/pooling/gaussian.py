@@ -10,11 +10,11 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior
 from bayesterra.pooling.joint import JointPosterior, joint_posterior
-from bayesterra.posteriors import Posterior
-from bayesterra.sharing import Pooling
-from bayesterra.study import Study
+from bayesterra.study.groups import Pooling
+from bayesterra.study.study import Study
 
 STANDARD = {"dist": "norm", "loc": 0.0, "scale": 1.0}
 NOISE_OF_SECOND = 0.3

@@ -14,15 +14,21 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
+from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.pooling.family import JointFamily
-from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.pooling.joint import (
+    JointPosterior,
+    draw_joint_prior,
+    joint_posterior,
+    log_population,
+    population_score,
+    population_value,
+)
 from bayesterra.pooling.moves import Walkers
-from bayesterra.pooling.populations import log_population, population_score, population_value
+from bayesterra.pooling.page import joined_laws
 from bayesterra.pooling.sampler import PoolingOptions, sample_joint
-from bayesterra.pooling.weighing import weigh_joint
-from bayesterra.priors import Prior
-from bayesterra.report.pooled import joined_laws
-from bayesterra.study import Study
+from bayesterra.study.priors import Prior
+from bayesterra.study.study import Study
 
 from .conftest import HELD
 

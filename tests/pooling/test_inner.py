@@ -10,14 +10,14 @@ import pytest
 from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.alternatives import _evidence
+from bayesterra.pooling.degrees import _evidence
+from bayesterra.pooling.evidence import Weighed
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import DefendedDrivers, OuterLaws, outer_laws
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.pilots import fit_laws
-from bayesterra.pooling.weighing import Weighed
-from bayesterra.sharing import Pooling
-from bayesterra.study import Study
+from bayesterra.pooling.sampler import fit_laws
+from bayesterra.study.groups import Pooling
+from bayesterra.study.study import Study
 
 from .gaussian import STANDARD, gaussian
 from .test_dependence import COHESION, FREE, FRICTION, SHEAR

@@ -11,14 +11,19 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.posterior import draw_cut_prior
+from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.pooling.family import JointFamily
-from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.pooling.joint import (
+    JointPosterior,
+    draw_joint_prior,
+    draw_population,
+    joint_posterior,
+    log_population,
+)
 from bayesterra.pooling.moves import Walkers
-from bayesterra.pooling.populations import draw_population, log_population
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint, starting_points
-from bayesterra.pooling.weighing import weigh_joint
-from bayesterra.posteriors import draw_cut_prior
-from bayesterra.study import Study
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import diagnose
-from bayesterra.pooling.conditional import fit_conditional
-from bayesterra.pooling.pilots import piloted, refitted
-from bayesterra.pooling.populations import log_population
+from bayesterra.pooling.family import fit_conditional
+from bayesterra.pooling.joint import log_population
+from bayesterra.pooling.sampler import piloted, refitted
+from bayesterra.stats.diagnostics import diagnose
 
 FREE = (-np.inf, np.inf)
 

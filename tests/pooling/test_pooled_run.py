@@ -12,20 +12,22 @@ import pytest
 import typer
 from markupsafe import escape
 
-from bayesterra import pooled, workflow
-from bayesterra.cli.studies import run as run_command
-from bayesterra.console import print_pooled
+from bayesterra.analysis import run as analysis_run
+from bayesterra.analysis.prior_only import run_prior
+from bayesterra.analysis.prior_page import prior_html
+from bayesterra.analysis.run import PooledRun, load_result, load_single, run
+from bayesterra.analysis.terminal import print_pooled
+from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.failures import PARTS
-from bayesterra.model_errors import ModelErrors, Size, SlipError
-from bayesterra.pooled import PooledResult, row_likelihoods, run_pooled
+from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
+from bayesterra.pooling.page import pooled_html
+from bayesterra.pooling.run import PooledResult, row_likelihoods, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
-from bayesterra.prior_only import run_prior
-from bayesterra.report import pooled_html, prior_html
-from bayesterra.study import Study
-from bayesterra.workflow import PooledRun, load_result, load_single, run
-from bayesterra.writing import write_study
+from bayesterra.report.failures import PARTS
+from bayesterra.study.canonical import write_study
+from bayesterra.study.model_errors import ModelErrors, Size, SlipError
+from bayesterra.study.study import Study
 
 from .conftest import TABLE
 
@@ -135,7 +137,7 @@ def test_a_run_stands_without_degrees_and_verdicts(
     """Record, page and terminal say what is missing, and the folder is read back."""
     broken = {"degrees": "degrees_of", "sharing": "shared_or_not", "sharing_as_stated": "as_stated"}
     for name in broken.values():
-        monkeypatch.setattr(pooled, name, lambda *_: dict[str, str]()["no such weights"])
+        monkeypatch.setattr(pooling_run, name, lambda *_: dict[str, str]()["no such weights"])
     found = run_pooled(make(sampling={"target_ess": 200, "walkers": 32}), seed=1, plan=small)
     assert list(found.record["failures"]) == list(broken)
     report = PooledRun.of(found).save(tmp_path / "out")
@@ -182,7 +184,7 @@ def test_command_writes_the_folder_and_says_what_it_found(
 ) -> None:
     """As ``bayesterra run`` does it, from the study's file on; the sampling itself stands above."""
     write_study(make(), tmp_path)
-    monkeypatch.setattr(workflow, "run_pooled", lambda study, **how: result)
+    monkeypatch.setattr(analysis_run, "run_pooled", lambda study, **how: result)
     with pytest.raises(typer.Exit) as left:
         run_command(tmp_path, out=tmp_path / "out", quiet=True)
     assert left.value.exit_code == 0

@@ -10,14 +10,14 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.errors import ResultError
-from bayesterra.pooling import pilots, sampler
+from bayesterra.pooling import sampler
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior, joint_posterior
-from bayesterra.pooling.legs import Standing
+from bayesterra.pooling.moves import Standing
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.sampling.journal import Journal, Segment, pack, unpack
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.runtime.checkpoints import Journal, Segment, pack, unpack
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=18)
 
@@ -35,15 +35,15 @@ class Notes:
     made: list[str] = field(default_factory=list)
 
     def holds(self, name: str) -> bool:
-        """See :class:`bayesterra.sampling.journal.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
         return name in self.segments
 
     def load(self, name: str) -> Segment | None:
-        """See :class:`bayesterra.sampling.journal.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
         return self.segments.get(name)
 
     def save(self, name: str, segment: Segment) -> None:
-        """See :class:`bayesterra.sampling.journal.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
         if name == self.ends_at:
             raise StoppedError
         self.segments[name] = segment
@@ -63,11 +63,11 @@ def short_rounds() -> object:
     patch.setattr(sampler, "ROUND_SWEEPS", 6)
     patch.setattr(sampler, "PATIENCE", 12)
     patch.setattr(sampler, "LONE_STEPS", 20)
-    for module in (sampler, pilots):
+    for module in (sampler, sampler):
         patch.setattr(module, "FITTED", 512)
     patch.setattr(sampler, "STARTS", 256)
-    patch.setattr(pilots, "FEWEST", 2)
-    patch.setattr(pilots, "MOST", 2)
+    patch.setattr(sampler, "FEWEST", 2)
+    patch.setattr(sampler, "MOST", 2)
     yield
     patch.undo()
 

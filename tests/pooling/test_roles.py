@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from bayesterra.errors import StudyError
-from bayesterra.laws import Law
-from bayesterra.study import Study, load_study
-from bayesterra.writing import write_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import write_study
+from bayesterra.study.study import Study, load_study
 
 MakeStudy = Callable[..., Study]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from bayesterra.pooling.alternatives import Level, level_of, with_roles
+from bayesterra.pooling.degrees import Level, level_of, with_roles
 from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
-from bayesterra.sharing import Pooling, Population
-from bayesterra.study import Study
+from bayesterra.study.groups import Pooling, Population
+from bayesterra.study.study import Study
 
 from .conftest import HELD
 from .gaussian import STANDARD, Gaussian, gaussian

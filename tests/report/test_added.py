@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesterra.priors import Prior
-from bayesterra.report.added import added_sections
+from bayesterra.analysis.closing import added_sections
+from bayesterra.likelihood.page import prior_sources
 from bayesterra.report.blocks import Table, Text
-from bayesterra.report.inputs import prior_sources
-from bayesterra.report.symbols import law_text
-from bayesterra.results import Result
-from bayesterra.tabulated import Tabulated
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.page import law_text
+from bayesterra.study.priors import Prior
+from bayesterra.study.result import Result
 
 LAW = Tabulated(
     lower=0.0,

@@ -9,20 +9,22 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayesterra import figures
-from bayesterra.figures.axis import Axis, density
-from bayesterra.figures.style import png, svg
-from bayesterra.results import Result
+from bayesterra.analysis import figures as analysis_figures
+from bayesterra.analysis import strip
+from bayesterra.checking import validation_page
+from bayesterra.identifiability import determined_page
+from bayesterra.report.figures import Axis, density, png, svg
+from bayesterra.study.result import Result
 
 SINGLE: dict[str, Callable[[Result, Axes | None], Axes]] = {
-    "predictive": lambda r, ax: figures.predictive(r, "drawbar_pull", ax),
-    "residuals": lambda r, ax: figures.residuals(r, "sinkage", ax),
-    "trace of the log density": lambda r, ax: figures.trace(r, ax=ax),
-    "trace": lambda r, ax: figures.trace(r, "phi", ax),
-    "ranks": lambda r, ax: figures.ranks(r, "K", ax),
-    "correlations": figures.correlations,
-    "contraction": figures.contraction,
-    "combinations": figures.combinations,
+    "predictive": lambda r, ax: validation_page.predictive(r, "drawbar_pull", ax),
+    "residuals": lambda r, ax: validation_page.residuals(r, "sinkage", ax),
+    "trace of the log density": lambda r, ax: analysis_figures.trace(r, ax=ax),
+    "trace": lambda r, ax: analysis_figures.trace(r, "phi", ax),
+    "ranks": lambda r, ax: analysis_figures.ranks(r, "K", ax),
+    "correlations": analysis_figures.correlations,
+    "contraction": determined_page.contraction,
+    "combinations": determined_page.combinations,
 }
 
 
@@ -46,7 +48,7 @@ def test_figures_make_their_own_axes_outside_pyplot(name: str, small_result: Res
 
 def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
     """The corner plot returns an array of axes with a row and a column per parameter."""
-    axes = figures.corner(small_result)
+    axes = analysis_figures.corner(small_result)
     count = len(small_result.names)
     assert axes.shape == (count, count)
     assert axes[-1, 0].get_xlim() == axes[0, 0].get_xlim()
@@ -54,21 +56,21 @@ def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
 
 def test_strip_has_a_row_per_parameter(small_result: Result) -> None:
     """The parameter strip has axes over each prior's range."""
-    axes = figures.parameter_strip(small_result)
+    axes = strip.parameter_strip(small_result)
     assert axes.shape == (len(small_result.names),)
     assert axes[list(small_result.names).index("phi")].get_xlim() == pytest.approx((0.0, 50.0))
 
 
 def test_the_same_figure_gives_the_same_bytes(small_result: Result) -> None:
     """No date, no random id: a figure drawn twice is the same file."""
-    first, second = (figures.predictive(small_result, "sinkage") for _ in range(2))
+    first, second = (validation_page.predictive(small_result, "sinkage") for _ in range(2))
     assert svg(first) == svg(second)
     assert png(first, 400) == png(second, 400)
 
 
 def test_axes_carry_symbol_and_unit(small_result: Result) -> None:
     """Every quantity with a unit says it."""
-    ax = figures.predictive(small_result, "resistance_moment")
+    ax = validation_page.predictive(small_result, "resistance_moment")
     assert "[N m]" in ax.get_ylabel()
     assert "slip" in ax.get_xlabel()
 
@@ -76,11 +78,11 @@ def test_axes_carry_symbol_and_unit(small_result: Result) -> None:
 def test_unknown_names_are_refused(small_result: Result) -> None:
     """A wheel, channel or parameter that the result does not hold is named, beside those that it does."""
     with pytest.raises(ValueError, match=r"'wheel' must be one of Wh32 \(got 'Wh99'\)"):
-        figures.predictive(small_result, "sinkage", wheel="Wh99")
+        validation_page.predictive(small_result, "sinkage", wheel="Wh99")
     with pytest.raises(ValueError, match="'channel' must be one of sinkage, drawbar_pull, resistance_moment"):
-        figures.residuals(small_result, "normal_force")
+        validation_page.residuals(small_result, "normal_force")
     with pytest.raises(ValueError, match="'name' must be one of lp, Ks, n0"):
-        figures.trace(small_result, "c3")
+        analysis_figures.trace(small_result, "c3")
 
 
 def test_density_follows_the_draws_up_to_the_ends_of_the_axis() -> None:

@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from bayesterra.adequacy import FitCheck
-from bayesterra.figures.rows import summary_rows
-from bayesterra.report import symbols, verdicts, words
-from bayesterra.report.blocks import Gallery, Table
-from bayesterra.report.driving import driving
-from bayesterra.report.inputs import data_section
-from bayesterra.report.page import Page, page, render, warning
-from bayesterra.report.strip import _lanes, mode_outside
-from bayesterra.results import Result
-from bayesterra.workflow import RunResult
+from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis import words
+from bayesterra.analysis.outputs import driving
+from bayesterra.analysis.page import Page, data_section, page, warning
+from bayesterra.analysis.run import RunResult
+from bayesterra.analysis.strip import mode_outside
+from bayesterra.checking.validation import FitCheck
+from bayesterra.report import blocks, symbols
+from bayesterra.report.blocks import Gallery, Table, render
+from bayesterra.study.page import _lanes
+from bayesterra.study.result import Result, summary_rows
 
 NASTY = '<script>alert(1)</script> & "it" $x_1$'
 
@@ -139,7 +140,7 @@ def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: 
 def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> None:
     """With all checks passed the verdict is good and there is no warning."""
     sound = _changed(small_result, converged=True)
-    assert verdicts.sampling_verdict(sound).word == "converged"
+    assert analysis_pages.sampling_verdict(sound).word == "converged"
     assert warning(sound) == ""
 
 
@@ -153,9 +154,12 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
         "advice": "run longer",
     }
     failed = _changed(small_result, converged=False, checks=[check])
-    assert verdicts.sampling_verdict(failed).grade == "poor"
-    assert "Failed: effective draws" in _plain(verdicts.sampling_verdict(failed).sentence)
-    found = (verdicts.sampling_verdict(failed), verdicts.fit_verdict(failed, _checks(0.5, 0.5, 0.5)))
+    assert analysis_pages.sampling_verdict(failed).grade == "poor"
+    assert "Failed: effective draws" in _plain(analysis_pages.sampling_verdict(failed).sentence)
+    found = (
+        analysis_pages.sampling_verdict(failed),
+        analysis_pages.fit_verdict(failed, _checks(0.5, 0.5, 0.5)),
+    )
     html = render(replace(content, warning=warning(failed), verdicts=found))
     assert html.index("not converged") < html.index("Model fit")
     assert "run longer" in html[: html.index("Model fit")]
@@ -168,7 +172,7 @@ def _checks(*p: float) -> tuple[FitCheck, ...]:
 
 def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> None:
     """P above 0.99 leaves the fit adequate."""
-    found = verdicts.fit_verdict(small_result, _checks(0.5, 0.5, 0.999))
+    found = analysis_pages.fit_verdict(small_result, _checks(0.5, 0.5, 0.999))
     assert found.word == "adequate"
     assert "Noise of MDR looks overstated" in _plain(found.sentence)
 
@@ -176,13 +180,13 @@ def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> Non
 def test_identifiability_verdict_counts_directions(small_result: Result) -> None:
     """The word is the number of determined directions of all."""
     record = {**small_result.record, "directions": {"determined": 3, "of": 8}}
-    found = verdicts.identifiability_verdict(replace(small_result, record=record))
+    found = analysis_pages.identifiability_verdict(replace(small_result, record=record))
     assert (found.word, found.grade) == ("3 of 8 determined", "fair")
 
 
 def test_every_grade_has_its_own_sign() -> None:
     """Verdicts can be told apart without colour."""
-    assert len(set(verdicts.SIGNS.values())) == 3
+    assert len(set(blocks.SIGNS.values())) == 3
 
 
 def test_words_name_the_strongest_trade(small_result: Result) -> None:

@@ -19,11 +19,11 @@ import numpy as np
 import xarray as xr
 from numpy.random import Generator
 
-from bayesterra import inference, report, storage
 from bayesterra.__main__ import main
-from bayesterra.failures import Failures
-from bayesterra.folders import SEGMENT, WORK
-from bayesterra.posteriors import draw_cut_prior
+from bayesterra.analysis import inference, page, storage
+from bayesterra.likelihood.posterior import draw_cut_prior
+from bayesterra.report.failures import Failures
+from bayesterra.runtime.ownership import SEGMENT, WORK
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 
@@ -38,7 +38,7 @@ def make_quick() -> None:
     vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
     vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     vars(storage)["check_record"] = lambda record: None  # which now lacks the checks
-    vars(report)["html_and_failures"] = lambda _: ("report\n", Failures())
+    vars(page)["html_and_failures"] = lambda _: ("report\n", Failures())
 
 
 def begun(*options: str) -> int:

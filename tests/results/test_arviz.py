@@ -9,16 +9,16 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from bayesterra.analysis.comparison import side_by_side
+from bayesterra.analysis.draws import curves_dataset, draws_tree
+from bayesterra.analysis.page import html
+from bayesterra.analysis.storage import read_result
+from bayesterra.checking.predictive import predict_curves, predict_rows
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
-from bayesterra.netcdf import write_tree
-from bayesterra.posteriors import posterior
-from bayesterra.predicting import predict
-from bayesterra.predictive import predict_curves, predict_rows
-from bayesterra.report import html
-from bayesterra.results import curves_dataset, draws_tree
-from bayesterra.side_by_side import side_by_side
-from bayesterra.storage import read_result
-from bayesterra.study import Study
+from bayesterra.prediction.prediction import predict
+from bayesterra.runtime.netcdf import write_tree
+from bayesterra.study.study import Study
 
 az: Any = pytest.importorskip("arviz", minversion="0.23")
 

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayesterra.checkpoints import BEGUN, Checkpoints, difference
 from bayesterra.errors import ResultError
-from bayesterra.identity import identity, source_digest
-from bayesterra.results import Result
-from bayesterra.study import Study, load_study
-from bayesterra.writing import write_study
+from bayesterra.runtime.checkpoints import BEGUN, Checkpoints, difference
+from bayesterra.study.canonical import identity, source_digest, write_study
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study, load_study
 
 KNOWN = {"seed": 1, "model": "M1", "sinkage {} in row 3": "5 mm", "prior of phi": {"dist": "norm"}}
 
@@ -192,8 +191,8 @@ def test_texts_and_paths_do_not_matter(study: Study, tmp_path: Path) -> None:
 def test_the_code_is_part_of_a_run(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other sources or another release are another run; the digest covers models and all layers."""
     before = identity(study, 1)
-    monkeypatch.setattr("bayesterra.identity.source_digest", lambda: "0" * 64)
+    monkeypatch.setattr("bayesterra.study.canonical.source_digest", lambda: "0" * 64)
     assert difference(before, identity(study, 1)) == "was begun with another build of bayesterra"
-    monkeypatch.setattr("bayesterra.identity.version", lambda name: "9.9")
+    monkeypatch.setattr("bayesterra.study.canonical.version", lambda name: "9.9")
     assert "not 9.9" in difference(before, identity(study, 1))
     assert before["build of bayesterra"] == source_digest()

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
 
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
-from bayesterra.posteriors import posterior
 from bayesterra.sampling.sampler import sample
-from bayesterra.study import SamplingOptions
+from bayesterra.study.schema import SamplingOptions
 
 STUDY = Path(__file__).parents[2] / "studies" / "drives"
 

@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesterra import inference, prior_only, summary, validation
-from bayesterra.console import print_result
-from bayesterra.diagnostics import pareto_smoothed
+from bayesterra.analysis import inference, prior_only
+from bayesterra.analysis.run import RunResult, load_result, run_prior_study, run_study
+from bayesterra.analysis.terminal import print_result
+from bayesterra.checking import validation
 from bayesterra.errors import ResultError
-from bayesterra.failures import PARTS, Failures, failed, failures_of
-from bayesterra.results import Result
-from bayesterra.study import Study, load_study
-from bayesterra.workflow import RunResult, load_result, run_prior_study, run_study
+from bayesterra.report.failures import PARTS, Failures, failed, failures_of
+from bayesterra.sampling import summary
+from bayesterra.stats.diagnostics import pareto_smoothed
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study, load_study
 
-pages = import_module("bayesterra.report.page")
+pages = import_module("bayesterra.analysis.page")
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 BROKEN = {
     "fits": (inference, "fit_all"),

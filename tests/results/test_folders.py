@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from bayesterra.checkpoints import Checkpoints
-from bayesterra.checksums import check_sums
 from bayesterra.errors import ResultError, SupportError
-from bayesterra.folders import check_free, part_of, tidy, whole_folder, write_text
-from bayesterra.locking import locked
-from bayesterra.taskfolders import Status
+from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.folders import check_free, part_of, tidy, whole_folder, write_text
+from bayesterra.runtime.ownership import locked
+from bayesterra.runtime.reading import check_sums
+from bayesterra.runtime.tasks import Status
 
 
 def result_folder(path: Path) -> Path:
@@ -102,7 +102,7 @@ def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_name(
 ) -> None:
     """If the last rename fails, the old result has its name and its content again."""
     old, rename = result_folder(tmp_path / "out"), Path.rename
-    monkeypatch.setattr("bayesterra.folders._exchanged", lambda one, other: False)
+    monkeypatch.setattr("bayesterra.runtime.folders._exchanged", lambda one, other: False)
 
     def refuse(path: Path, target: Path) -> Path:
         if path.name == "out.part":
@@ -209,7 +209,7 @@ def test_a_result_that_appeared_meanwhile_is_not_replaced(
         result_folder(tmp_path / "out")
         return locked(path, place)
 
-    monkeypatch.setattr("bayesterra.folders.locked", late)
+    monkeypatch.setattr("bayesterra.runtime.folders.locked", late)
     with pytest.raises(ResultError, match="exists already"), whole_folder(tmp_path / "out"):
         pass
     assert names(tmp_path) == {"out"}
@@ -425,11 +425,11 @@ def test_folders_without_the_mark_are_known_by_what_older_versions_left(left: st
 def test_a_refusal_after_two_kills_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A kill before the last tidying, then one of a run over it: what that saved is gone on with."""
     with monkeypatch.context() as patch:
-        patch.setattr("bayesterra.folders.tidy", lambda place: None)
+        patch.setattr("bayesterra.runtime.folders.tidy", lambda place: None)
         make(tmp_path / "out")
     assert (tmp_path / "out" / "checkpoint").is_dir()
     with monkeypatch.context() as patch:
-        patch.setattr("bayesterra.folders.clear_up", lambda place: None)
+        patch.setattr("bayesterra.runtime.folders.clear_up", lambda place: None)
         segment = killed(tmp_path / "out", overwrite=True)
     before = everything(tmp_path)
     for resume in (False, True):
@@ -451,7 +451,7 @@ def test_an_old_folder_under_the_name_of_the_new_one_is_cleared(
     """A kill just after two folders changed names: the next run knows the old one, and removes no other."""
     make(tmp_path / "out")
     with monkeypatch.context() as patch:
-        patch.setattr("bayesterra.folders._discard", lambda old, place: None)
+        patch.setattr("bayesterra.runtime.folders._discard", lambda old, place: None)
         make(tmp_path / "out")
     assert names(tmp_path) == {"out", "out.part"}
     tidy(tmp_path / "out")
@@ -557,7 +557,7 @@ def test_a_large_file_is_not_read_at_once(tmp_path: Path) -> None:
     with (tmp_path / "out" / "run.json").open("wb") as file:
         file.truncate(600 * 2**20)
     program = (
-        "import resource, sys; from pathlib import Path; from bayesterra.reading import sha256_of;"
+        "import resource, sys; from pathlib import Path; from bayesterra.runtime.reading import sha256_of;"
         "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss; sha256_of(Path(sys.argv[1]));"
         "sys.exit(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before > 100_000)"
     )
@@ -569,7 +569,7 @@ def test_the_status_is_renewed_while_nothing_is_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last stage and step stay with a newer time, every version is whole, and it ends with the work."""
-    monkeypatch.setattr("bayesterra.taskfolders.BEAT", 0.02)
+    monkeypatch.setattr("bayesterra.runtime.tasks.BEAT", 0.02)
     seen = list[dict[str, object]]()
     before = threading.active_count()
     with Status(tmp_path) as status:

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray
-from bayesterra.priors import Prior
-from bayesterra.study import load_study
+from bayesterra.study.priors import Prior
+from bayesterra.study.study import load_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "sequential"
 SHIFTS = ["shift05", "shift25", "shift50", "shift75", "shift95"]

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayesterra.diagnostics import array_ess
+from bayesterra.analysis.storage import TABLES, read_result, write_result
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
-from bayesterra.posteriors import posterior
-from bayesterra.results import Result
-from bayesterra.storage import TABLES, read_result, write_result
+from bayesterra.stats.diagnostics import array_ess
+from bayesterra.study.result import Result
 
 GROUPS = {
     "posterior", "sample_stats", "log_prior", "log_likelihood", "prior", "prior_predictive",

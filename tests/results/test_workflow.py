@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayesterra.diagnostics import Diagnosis
+from bayesterra.analysis.run import RunResult, load_result, run_prior_study, run_study
 from bayesterra.errors import ResultError, SupportError
-from bayesterra.failures import Failures
-from bayesterra.results import Result
-from bayesterra.sampling.journal import Journal
+from bayesterra.report.failures import Failures
+from bayesterra.runtime.checkpoints import Journal
 from bayesterra.sampling.sampler import Progress
-from bayesterra.study import Study
-from bayesterra.workflow import RunResult, load_result, run_prior_study, run_study
+from bayesterra.stats.diagnostics import Diagnosis
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study
 
 FILES = {
     "report.html", "draws.nc", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv",
@@ -34,7 +34,7 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 @pytest.fixture
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line, for tests that are not about it."""
-    monkeypatch.setattr("bayesterra.report.html_and_failures", lambda result: ("report\n", Failures()))
+    monkeypatch.setattr("bayesterra.analysis.page.html_and_failures", lambda result: ("report\n", Failures()))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         report(Progress("sampling", 0.4, diagnosis(40.0, 1.02), 12.5))
         return small_result
 
-    monkeypatch.setattr("bayesterra.inference.run", run)
+    monkeypatch.setattr("bayesterra.analysis.inference.run", run)
     return seeds
 
 
@@ -88,7 +88,7 @@ def test_a_poller_sees_complete_status_files(
         assert not (tmp_path / "out").exists()
         return small_result
 
-    monkeypatch.setattr("bayesterra.inference.run", run)
+    monkeypatch.setattr("bayesterra.analysis.inference.run", run)
     run_study(small_result.study, out=tmp_path / "out", quiet=True)
     assert [s["stage"] for s in seen] == ["adapting", "sampling", "sampling"]
     assert seen[1]["r_hat"] is None
@@ -127,7 +127,7 @@ def test_a_run_without_support_leaves_no_folder(
         report(Progress("adapting", 0.0))
         raise SupportError("no parameter set fits")
 
-    monkeypatch.setattr("bayesterra.inference.run", run)
+    monkeypatch.setattr("bayesterra.analysis.inference.run", run)
     with pytest.raises(SupportError, match="no parameter set fits"):
         run_study(small_result.study, out=tmp_path / "out", quiet=True)
     assert list(tmp_path.iterdir()) == []
@@ -159,7 +159,7 @@ def stopped(quick: list[int], small_result: Result, tmp_path: Path, monkeypatch:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayesterra.inference.run", run)
+        patch.setattr("bayesterra.analysis.inference.run", run)
         with pytest.raises(KeyboardInterrupt, match=r"^$"):
             run_study(small_result.study, out=tmp_path / "out", seed=1)
     return tmp_path / "out"
@@ -194,7 +194,7 @@ def test_a_resumed_run_gets_what_was_saved(
         given.append(journal.load("round-0001"))
         return small_result
 
-    monkeypatch.setattr("bayesterra.inference.run", run)
+    monkeypatch.setattr("bayesterra.analysis.inference.run", run)
     run_study(small_result.study, out=stopped, resume=True)
     np.testing.assert_equal(given, [SEGMENT])
     assert capsys.readouterr().err == "note: going on from 1 saved segment\n"
@@ -218,7 +218,7 @@ def test_an_error_after_the_sampling_keeps_what_was_saved(
         journal.save("round-0001", SEGMENT)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bayesterra.inference.run", run)
+    monkeypatch.setattr("bayesterra.analysis.inference.run", run)
     with pytest.raises(ResultError, match="cannot be written: No space left on device"):
         run_study(small_result.study, out=tmp_path / "out", quiet=True)
     assert (tmp_path / "out.part" / "checkpoint" / "round-0001.segment").exists()

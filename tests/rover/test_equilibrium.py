@@ -7,9 +7,17 @@ import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.models import M1, M2, M2L, Conditions, Wheel
-from bayesterra.rover.climbing import SLIPS, greatest, states_at, sweep
-from bayesterra.rover.equilibrium import Outcome, SoftGround, State, settle
-from bayesterra.rover.geometry import Rover
+from bayesterra.prediction.rover import Rover
+from bayesterra.prediction.statics import (
+    SLIPS,
+    Outcome,
+    SoftGround,
+    State,
+    greatest,
+    settle,
+    states_at,
+    sweep,
+)
 
 WHEEL = Wheel(0.15, 0.15, 0.01, 24, 0.65)
 SMALL = Wheel(0.12, 0.12, 0.01, 24, 0.65)
@@ -43,7 +51,7 @@ class MadeUp:
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """See :class:`bayesterra.rover.equilibrium.Ground`."""
+        """See :class:`bayesterra.prediction.statics.Ground`."""
         pull = (RISE * slip - FALL * slip**2) * load
         sunk = (slip > self.deepest).any(axis=1)
         return np.stack([np.full_like(slip, 0.01), pull, self.arm * load], axis=2), np.where(

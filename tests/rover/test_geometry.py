@@ -6,7 +6,7 @@ import pytest
 
 from bayesterra.errors import StudyError
 from bayesterra.models import Wheel
-from bayesterra.rover.geometry import EARTH, read_rover
+from bayesterra.prediction.rover import EARTH, read_rover
 
 WHEELS = {"Wh32": Wheel(0.15735, 0.165, 0.010, 30, 0.65)}
 FILE = """\

@@ -18,11 +18,12 @@ from sensitivity.problems import columns_of, draw_base
 from sensitivity.shapley import shapley
 from sensitivity.sobol import Sobol, sobol
 
+from bayesterra.likelihood.posterior import INSIDE, Posterior, draw_cut_prior, posterior
 from bayesterra.models import Soil, Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import INSIDE, Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law, Tie
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Tie
+from bayesterra.study.study import Study
 
 
 def make(

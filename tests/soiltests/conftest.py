@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.laws import Law
-from bayesterra.schema import SamplingOptions
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.study import SoilTest, soil_test
+from bayesterra.stats.laws import Law
+from bayesterra.study.schema import SamplingOptions
 
 SOIL = {"kc": -1.0e3, "kphi": 900e3, "n": 1.1}
 STRENGTH = {"c": 800.0, "phi": float(np.radians(31.0)), "K": 0.009}

@@ -7,11 +7,20 @@ import pytest
 from numpy.random import default_rng
 from scipy.stats import kstest, multivariate_normal, uniform
 
-from bayesterra.posteriors import draw_cut_prior
-from bayesterra.soiltests.curves import log_curve, physical, slopes, structural
-from bayesterra.soiltests.leastsquares import fit
-from bayesterra.soiltests.posterior import TestPosterior, coordinates
-from bayesterra.soiltests.scatter import Scatter, Spread, covariance, marginal_sd
+from bayesterra.likelihood.posterior import draw_cut_prior
+from bayesterra.soiltests.checks import fit
+from bayesterra.soiltests.posterior import (
+    Scatter,
+    Spread,
+    TestPosterior,
+    coordinates,
+    covariance,
+    log_curve,
+    marginal_sd,
+    physical,
+    slopes,
+    structural,
+)
 from bayesterra.soiltests.study import SoilTest
 
 from .conftest import SOIL, STRENGTH, plates, shear

@@ -14,18 +14,17 @@ from scipy.stats import spearmanr
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.failures import PARTS
-from bayesterra.figures import soiltests as figures
-from bayesterra.listing.soiltests import print_soil_test
 from bayesterra.models import Wheel
-from bayesterra.report import soil_test_html
-from bayesterra.soiltesting import SavedSoilTest
-from bayesterra.soiltests import analysis
+from bayesterra.report.failures import PARTS
+from bayesterra.soiltests import analysis as soiltests_analysis
+from bayesterra.soiltests import figures
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
-from bayesterra.soiltests.leaving_out import LeftOut, none_left_out
+from bayesterra.soiltests.checks import LeftOut, none_left_out
+from bayesterra.soiltests.page import print_soil_test, soil_test_html
+from bayesterra.soiltests.run import SavedSoilTest
 from bayesterra.soiltests.study import load_soil_test, soil_test
-from bayesterra.study import Study
-from bayesterra.tabulated import Tabulated
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.study import Study
 
 from .conftest import PLATE_PRIORS, SOIL, plates
 
@@ -101,7 +100,7 @@ def test_no_check_costs_the_posterior(
 
     sound = analysed("one plate")
     for name in set(BROKEN.values()):
-        monkeypatch.setattr(analysis, name, refuse)
+        monkeypatch.setattr(soiltests_analysis, name, refuse)
     monkeypatch.setattr(figures, "pair", refuse)
     found = SavedSoilTest.of(analyse(plates((0.03,)), seed=1))
     report = found.save(tmp_path / "out")
@@ -124,8 +123,8 @@ def test_no_check_costs_the_posterior(
 
 def test_a_finding_that_fails_leaves_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sentence is empty, and the table of verdicts stands."""
-    monkeypatch.setattr(analysis, "leave_out", lambda *_: none_left_out("plate"))
-    monkeypatch.setattr(analysis, "finding", lambda *_: dict[str, str]()["nothing"])
+    monkeypatch.setattr(soiltests_analysis, "leave_out", lambda *_: none_left_out("plate"))
+    monkeypatch.setattr(soiltests_analysis, "finding", lambda *_: dict[str, str]()["nothing"])
     found = analyse(plates((0.03,)), seed=1)
     assert (found.sentence, list(found.record["failures"])) == ("", ["finding"])
     assert words(found)["n"] == "determined"

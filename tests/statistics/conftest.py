@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.noise import Noise
-from bayesterra.priors import Law
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 TRUTH = {

@@ -6,9 +6,9 @@ from numpy.random import SeedSequence, default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import diagnose
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, _next_step, adapt
 from bayesterra.sampling.ensemble import Ensemble
+from bayesterra.stats.diagnostics import diagnose
 
 OPTIONS = AdaptationOptions(particles=512, components=6)
 MANY = AdaptationOptions(particles=256, components=12)  # enough to fit the mixture to its own draws

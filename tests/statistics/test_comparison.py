@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.comparison import Standing, stand
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
-from bayesterra.study import Study
+from bayesterra.checking.point_estimates import Standing, stand
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 

@@ -8,16 +8,22 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import Coordinates, Logarithm, NormalScore, coordinates, plain_coordinates
-from bayesterra.diagnostics import effective_size
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
-from bayesterra.tabulated import Tabulated
+from bayesterra.sampling.coordinates import (
+    Coordinates,
+    Logarithm,
+    NormalScore,
+    coordinates,
+    plain_coordinates,
+)
+from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.laws import Law
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.noise import Noise
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

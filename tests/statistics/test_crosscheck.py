@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra import crosscheck, inference
+from bayesterra.analysis import inference
+from bayesterra.analysis.inference import run
+from bayesterra.analysis.page import html
 from bayesterra.arrays import FloatArray
-from bayesterra.crosscheck import CrossCheck, Weighted, against_nested, compare
-from bayesterra.diagnostics import effective_size
 from bayesterra.errors import StudyError
-from bayesterra.inference import keep, run
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.report import html
-from bayesterra.results import Result
-from bayesterra.sampling.sampler import Samples, sample
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.sampling import nested
+from bayesterra.sampling.nested import CrossCheck, Weighted, against_nested, compare
+from bayesterra.sampling.sampler import Samples, keep, sample
+from bayesterra.stats.diagnostics import effective_size
+from bayesterra.study.result import Result
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 NAMES = ("a", "b")
 N = 4000
@@ -113,7 +114,7 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
         streams.append((live, seed.spawn_key))
         return Weighted.equal(f"nested ({live})", draws(live), 0.0, 0.1)
 
-    monkeypatch.setattr(crosscheck, "nested", fake)
+    monkeypatch.setattr(nested, "nested", fake)
     target = posterior(make_study(free=("c", "phi")))
     ours = Weighted.equal("bayesterra", draws(1), 0.0, 0.01)
     found = against_nested(target, ours, SeedSequence(1), report=stages.append)
@@ -157,7 +158,7 @@ def test_what_is_not_installed_is_said_before_anything_runs(
     make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without dynesty the message says how to get it."""
-    monkeypatch.setattr(crosscheck, "find_spec", lambda name: None)
+    monkeypatch.setattr(nested, "find_spec", lambda name: None)
     with pytest.raises(
         StudyError, match=r"'--crosscheck' needs dynesty: pip install 'bayesterra\[crosscheck\]'"
     ):

@@ -11,12 +11,12 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp, ndtr
 
 from bayesterra.arrays import FloatArray
-from bayesterra.crossvalidation import CrossValidation, Difference, LeftOut, difference, leave_one_out
-from bayesterra.diagnostics import pareto_limit, pareto_smoothed
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
+from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, difference, leave_one_out
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.importance import normalised, systematic
-from bayesterra.study import Study
+from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
+from bayesterra.stats.laws import Law
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

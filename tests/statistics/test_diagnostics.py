@@ -6,7 +6,8 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import (
+from bayesterra.sampling.sampler import keep
+from bayesterra.stats.diagnostics import (
     Diagnosis,
     array_ess,
     autocorrelation_time,
@@ -20,7 +21,6 @@ from bayesterra.diagnostics import (
     tail_size,
     thinning,
 )
-from bayesterra.inference import keep
 
 ACCEPTED = np.full((4, 32), 0.5)
 

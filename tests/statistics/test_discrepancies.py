@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayesterra.discrepancies import DISCREPANCIES, applicable, exceedance
-from bayesterra.uniformity import calibrated, ecdf_band
+from bayesterra.checking.predictive_checks import DISCREPANCIES, applicable, exceedance
+from bayesterra.stats.diagnostics import calibrated, ecdf_band
 
 SLIP = np.array([0.0, 0.1, 0.1, 0.3, 0.4, 0.6])
 

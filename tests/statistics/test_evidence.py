@@ -9,13 +9,14 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import beta, multivariate_normal, norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.laws import Law
-from bayesterra.posteriors import draw_cut_prior, posterior
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
-from bayesterra.sampling.evidence import Evidence, evidence
-from bayesterra.sampling.mixture import StudentMixture
+from bayesterra.sampling.importance import Evidence, evidence
 from bayesterra.sampling.sampler import Target, sample
-from bayesterra.study import SamplingOptions, Study
+from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture import StudentMixture
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 

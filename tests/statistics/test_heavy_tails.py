@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesterra.entries import noise_entry
 from bayesterra.errors import StudyError
-from bayesterra.noise import Noise
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.study import Study
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.study.entries import noise_entry
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.contraction import bound, identifiability
 from bayesterra.identifiability.verdicts import (
-    COUPLED,
     COUPLED_TO_ALL,
     DETERMINED,
     MOVED,
@@ -16,10 +14,13 @@ from bayesterra.identifiability.verdicts import (
     STRUCTURAL,
     WEAK,
     Evidence,
+    bound,
     disagreements,
+    identifiability,
     multiple_correlation,
     word,
 )
+from bayesterra.study.result import COUPLED
 
 N = 40_000
 ANYWHERE = (-np.inf, np.inf)

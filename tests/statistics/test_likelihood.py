@@ -9,11 +9,11 @@ import pytest
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import MODELS, Soil, Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_t, t
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import StudentMixture, defended, fit_mixture, root
+from bayesterra.stats.mixture import StudentMixture, defended, fit_mixture, root
 
 MIXTURE = StudentMixture(
     weights=np.array([0.7, 0.3]),

@@ -6,15 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.identification import fit
-from bayesterra.mode import find_mode
-from bayesterra.noise import Noise
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.priors import Law
+from bayesterra.least_squares.fit import fit
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.mode import find_mode
 from bayesterra.sampling.sampler import sample
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

@@ -11,10 +11,10 @@ from numpy.random import Generator, SeedSequence
 from scipy.stats import truncnorm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import effective_size
 from bayesterra.sampling import ensemble
 from bayesterra.sampling.ensemble import Ensemble, IndependenceMove, frozen_moves
-from bayesterra.sampling.mixture import fit_mixture
+from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.mixture import fit_mixture
 
 WALKERS = 128
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bayesterra.errors import StudyError
-from bayesterra.noise import Noise
-from bayesterra.priors import Law
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
 
 LAW = Law("halfnorm", {"scale": 2.0}, lower=0.2)
 PREDICTED = np.array([[10.0, -40.0, 0.5], [20.0, 0.0, -3.0]])

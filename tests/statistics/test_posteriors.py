@@ -11,9 +11,7 @@ from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import SupportError
-from bayesterra.models import MODELS, Conditions, Soil, Status, Wheel
-from bayesterra.noise import Noise
-from bayesterra.posteriors import (
+from bayesterra.likelihood.posterior import (
     INSIDE,
     OUTSIDE_PHYSICS,
     OUTSIDE_PRIOR,
@@ -22,8 +20,10 @@ from bayesterra.posteriors import (
     draw_cut_prior,
     posterior,
 )
-from bayesterra.priors import Law
-from bayesterra.study import Study
+from bayesterra.models import MODELS, Conditions, Soil, Status, Wheel
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

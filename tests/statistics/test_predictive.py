@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.derived import DERIVED, REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
+from bayesterra.checking.predictive import curve_forward, predict_curves, predict_rows, predictive_table
+from bayesterra.likelihood.derived import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
-from bayesterra.noise import Noise
-from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.predictive import curve_forward, predict_curves, predict_rows, predictive_table
-from bayesterra.study import Study
+from bayesterra.parameters import DERIVED, SOIL_PARAMETERS
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -169,7 +169,7 @@ def test_without_any_force_nothing_is_driven(
 
 def test_noise_of_a_posterior_is_used_draw_by_draw(make_study: MakeStudy, truth: Mapping[str, float]) -> None:
     """Estimated noise scatters every draw's readings by that draw's own value."""
-    from bayesterra.priors import Law
+    from bayesterra.stats.laws import Law
 
     noise = {"drawbar_pull": Noise("drawbar_pull", law=Law("halfnorm", {"scale": 5.0}, lower=0.1))}
     study = make_study(free=("c", "phi"), noise=noise)

@@ -9,18 +9,18 @@ import pytest
 from numpy.random import Generator, SeedSequence, default_rng
 from scipy.stats import kstest
 
+from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import coordinates
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.predictive import predict_rows
-from bayesterra.predictive_checks import ALARM, PredictiveChecks, predictive_checks, prior_checks
-from bayesterra.priors import Law
-from bayesterra.replicates import ReplicateOptions
+from bayesterra.checking.predictive import predict_rows
+from bayesterra.checking.predictive_checks import ALARM, PredictiveChecks, predictive_checks, prior_checks
+from bayesterra.checking.replicates import ReplicateOptions
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
+from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.importance import normalised, systematic
 from bayesterra.sampling.sampler import Target
-from bayesterra.simulation import simulate
-from bayesterra.study import Study
+from bayesterra.stats.laws import Law
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

@@ -9,11 +9,11 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from bayesterra.coordinates import NormalScore
 from bayesterra.errors import StudyError
-from bayesterra.laws import SLOW
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.priors import PAPER_BOX, Law, Prior
+from bayesterra.sampling.coordinates import NormalScore
+from bayesterra.stats.laws import SLOW, Law
+from bayesterra.study.priors import PAPER_BOX, Prior
 
 LAWS = {
     "uniform": Law("uniform", lower=-1.0, upper=3.0),

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
-from bayesterra.posteriors import posterior
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import sample
-from bayesterra.schema import SamplingOptions
-from bayesterra.simulation import simulate
-from bayesterra.study import Study
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 FREE = ("n0", "n1", "c", "phi", "K")

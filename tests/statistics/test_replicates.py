@@ -10,11 +10,11 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, draw_cut_prior, posterior
-from bayesterra.priors import Law
-from bayesterra.replicates import Modelled, Replicate, ReplicateOptions, replicates
-from bayesterra.study import Study
+from bayesterra.checking.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

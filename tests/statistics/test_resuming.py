@@ -10,14 +10,14 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from bayesterra.errors import ResultError
-from bayesterra.posteriors import Posterior, posterior
+from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.runtime.checkpoints import Segment, pack, unpack
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, Stand
-from bayesterra.sampling.journal import Segment, pack, unpack
 from bayesterra.sampling.sampler import Progress, Samples, sample
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 

@@ -10,17 +10,17 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.arrays import FloatArray
-from bayesterra.diagnostics import effective_size
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.noise import Noise
-from bayesterra.posteriors import Posterior, posterior
-from bayesterra.priors import Law
+from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, Leg
-from bayesterra.sampling.mixture import StudentMixture, fit_mixture
 from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
+from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture import StudentMixture, fit_mixture
+from bayesterra.study.noise import Noise
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 
@@ -163,7 +163,7 @@ def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: 
         log.append("fit")
         return fit_mixture(*given, **options)
 
-    monkeypatch.setattr("bayesterra.sampling.unbending.fit_mixture", fit)
+    monkeypatch.setattr("bayesterra.stats.transport.fit_mixture", fit)
 
     def watched(self: Ensemble, steps: int) -> Leg:
         log.append("keep")

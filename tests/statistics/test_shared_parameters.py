@@ -9,18 +9,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.analysis.simulation import simulate, true_values
+from bayesterra.analysis.terminal import print_overview
+from bayesterra.checking.predictive import predict_rows
 from bayesterra.errors import StudyError
-from bayesterra.forward import soil_at
-from bayesterra.identification import fit
+from bayesterra.least_squares.fit import fit
+from bayesterra.likelihood.forward import soil_at
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
-from bayesterra.overview import print_overview
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.predictive import predict_rows
-from bayesterra.priors import Law, Prior, Tie
-from bayesterra.simulation import simulate, true_values
-from bayesterra.study import Study, load_study
-from bayesterra.writing import write_study
+from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import write_study
+from bayesterra.study.priors import Prior, Tie
+from bayesterra.study.study import Study, load_study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

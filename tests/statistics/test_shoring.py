@@ -6,9 +6,9 @@ from numpy.random import default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import StudentMixture
-from bayesterra.sampling.shoring import Known, shored
-from bayesterra.sampling.unbending import Proposal, Unbending
+from bayesterra.stats.imis import Known, shored
+from bayesterra.stats.mixture import StudentMixture
+from bayesterra.stats.transport import Proposal, Unbending
 
 D = 3
 MAIN = multivariate_normal(np.zeros(D), np.eye(D))

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from bayesterra.errors import StudyError
-from bayesterra.tabulated import Tabulated
+from bayesterra.stats.quantile_law import Tabulated
 
 SCORES = tuple(np.arange(-2.5, 2.6, 0.5).tolist())
 KNOWN = {

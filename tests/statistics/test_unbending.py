@@ -5,8 +5,8 @@ import pytest
 from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.mixture import fit_mixture
-from bayesterra.sampling.unbending import REACH, Proposal, Unbending, fit_proposal, fit_unbending
+from bayesterra.stats.mixture import fit_mixture
+from bayesterra.stats.transport import REACH, Proposal, Unbending, fit_proposal, fit_unbending
 
 
 def ridge(n: int, seed: int = 1) -> FloatArray:

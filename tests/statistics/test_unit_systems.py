@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesterra.posteriors import draw_cut_prior, posterior
-from bayesterra.study import Study, load_study
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.study.study import Study, load_study
 
 ROWS = (  # slip, normal force N, sinkage m, drawbar pull N, moment N m
     (0.05, 79.0, 0.0085, 12.1, 5.2),

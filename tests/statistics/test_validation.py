@@ -9,17 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra import figures, report
-from bayesterra.adequacy import fit_checks
-from bayesterra.console import print_result
-from bayesterra.inference import run
-from bayesterra.report.verdicts import fit_verdict
-from bayesterra.results import Result
-from bayesterra.schema import SamplingOptions
-from bayesterra.study import Study
-from bayesterra.uniformity import ecdf_band
-from bayesterra.validation import Validation
-from bayesterra.workflow import RunResult, load_result
+from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis.inference import run
+from bayesterra.analysis.page import fit_verdict
+from bayesterra.analysis.run import RunResult, load_result
+from bayesterra.analysis.terminal import print_result
+from bayesterra.checking import validation_page
+from bayesterra.checking.validation import Validation, fit_checks
+from bayesterra.stats.diagnostics import ecdf_band
+from bayesterra.study.result import Result
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -55,11 +55,11 @@ def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result)
     assert [row.row for row in loo.rows] == list(range(1, 21))
     assert not all(row.refitted for row in loo.rows)
     assert set(loo.pit) == {"sinkage", "drawbar_pull", "resistance_moment"}
-    axes = figures.loo_pit(result, "sinkage")
+    axes = validation_page.loo_pit(result, "sinkage")
     curve = axes.lines[1].get_ydata()
     low, _ = ecdf_band(20)
     assert len(np.asarray(curve)) == len(low)
-    page = report.html(result)
+    page = analysis_pages.html(result)
     for text in (
         "Cross-validation",
         "LOO-PIT",
@@ -91,13 +91,13 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
     loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
     alarmed = replace(result, record={**result.record, "predictive_checks": loud})
-    opening = report.html(alarmed).split("<main>")[1].lstrip()
+    opening = analysis_pages.html(alarmed).split("<main>")[1].lstrip()
     assert opening.startswith('<p class="warning" role="alert">The model does <b>not fit</b> these readings:')
     print_result(alarmed, Path("report.html"))
     said = capsys.readouterr().err
     assert said.startswith("warning: the model does not fit these readings: drawbar pull is shifted as a")
     assert "(overall p < 0.01); check units" in said
     assert said.count("\n") == 1
-    assert "<b>not fit</b>" not in report.html(result)
+    assert "<b>not fit</b>" not in analysis_pages.html(result)
     print_result(result, Path("report.html"))
     assert capsys.readouterr().err == ""

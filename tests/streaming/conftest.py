@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra.data import Observations
+from bayesterra.study.observations import Observations
 
 ROWS = 24
 

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.coordinates import Coordinates, plain_coordinates
-from bayesterra.streaming.cloud import Cloud
-from bayesterra.streaming.learning import learn, settled
-from bayesterra.streaming.moves import Levels
+from bayesterra.follow.particles import Cloud, Levels, learn, settled
+from bayesterra.sampling.coordinates import Coordinates, plain_coordinates
 
 SD = 0.3
 D = 3

@@ -12,7 +12,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.writing import write_study
+from bayesterra.study.canonical import write_study
 
 Captured = pytest.CaptureFixture[str]
 QUICK = ["--particles", "150"]

@@ -11,13 +11,13 @@ import pandas as pd
 import pytest
 
 import bayesterra as bt
-from bayesterra.data import Observations
-from bayesterra.posteriors import likelihood_of
-from bayesterra.results import Result
-from bayesterra.sampling.journal import pack
-from bayesterra.streaming.cloud import weighted_quantiles
-from bayesterra.streaming.rows import Rows
-from bayesterra.streaming.state import State
+from bayesterra.follow.particles import weighted_quantiles
+from bayesterra.follow.rows import Rows
+from bayesterra.follow.stream import State
+from bayesterra.likelihood.posterior import likelihood_of
+from bayesterra.runtime.checkpoints import pack
+from bayesterra.study.observations import Observations
+from bayesterra.study.result import Result
 
 GIVEN: dict[str, Any] = {
     "slip": 0.2,

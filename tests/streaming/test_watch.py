@@ -12,13 +12,12 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.coordinates import plain_coordinates
-from bayesterra.data import Observations
-from bayesterra.forward import Outcomes
-from bayesterra.noise import Noise
-from bayesterra.streaming.changes import CHANGE, MOST, Basis, Candidates
-from bayesterra.streaming.cloud import Cloud
-from bayesterra.streaming.watch import alarm_of
+from bayesterra.follow.changepoint import CHANGE, MOST, Basis, Candidates, alarm_of
+from bayesterra.follow.particles import Cloud
+from bayesterra.likelihood.forward import Outcomes
+from bayesterra.sampling.coordinates import plain_coordinates
+from bayesterra.study.noise import Noise
+from bayesterra.study.observations import Observations
 
 SD = 0.3
 

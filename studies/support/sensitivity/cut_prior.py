@@ -18,10 +18,10 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError
-from bayesterra.forward import Forward
+from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.posterior import INSIDE, Posterior
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
-from bayesterra.posteriors import INSIDE, Posterior
 from sensitivity.groups import Setting
 from sensitivity.problems import Problem
 

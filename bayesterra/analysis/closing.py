@@ -1,0 +1,327 @@
+"""Closing sections: least squares beside the posterior, what readings add, how to repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayesterra.analysis.words import bounded
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.validation import complete, estimates, spread_draws
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.parameters import CHANNELS, PARAMETERS, field_values
+from bayesterra.report.blocks import Block, Cell, Section, Table, Text
+from bayesterra.report.figures import MARKS
+from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, share, with_error
+from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.sampling.summary import CREDIBLE
+from bayesterra.stats.diagnostics import divergence, hdi
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.result import Result, Row, summary_rows
+
+
+def methods_section(result: Result) -> Section:
+    """Least squares side by side."""
+    notes: list[Block] = [Text(Markup("{}: {}.").format(name, angles("; ".join(fit["notes"]))))
+                          for name, fit in result.record["fits"].items() if fit["notes"]]  # fmt: skip
+    refused: list[Block] = [
+        Text(Markup("Not fitted: {}").format(line)) for line in result.record["refused_fits"]
+    ]
+    return Section(
+        "methods", "Least squares side by side", (_values(result), _standing(result), *notes, *refused)
+    )
+
+
+def _values(result: Result) -> Table:
+    points = estimates(result)
+    rows = [
+        _value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())
+    ]
+    caption = (
+        "Point estimates beside the posterior, with the digits that the posterior's interval supports. "
+        "= held at this value; | at a bound."
+    )
+    header = ("", "unit", "median", "mode", "90 % HDI", *(MARKS[name].label for name in points))
+    return Table(caption, "llrrr" + "r" * len(points), header, tuple(rows))
+
+
+def _value_row(result: Result, name: str, points: Mapping[str, Mapping[str, float]]) -> tuple[Cell, ...]:
+    scale = PARAMETERS[name].scale
+    if name not in result.names:
+        fixed = result.study.prior.fixed.get(name, np.nan) / scale
+        own: tuple[Cell, ...] = (plain(fixed), plain(fixed), "fixed")
+        step = 0.001
+    else:
+        row = summary_rows(result)[name]
+        step = resolution(*row.hdi)
+        own = (rounded(row.median, step), rounded(row.mode, step), interval(*row.hdi))
+    cells = (
+        _flag(result, method, name) + _shown(values.get(name), scale, step)
+        for method, values in points.items()
+    )
+    return symbol(name), unit(name) or NOTHING, *own, *cells
+
+
+def _shown(value: float | None, scale: float, step: float) -> str:
+    return NOTHING if value is None else rounded(value / scale, step)
+
+
+def _flag(result: Result, method: str, name: str) -> str:
+    if name in result.record["fits"].get(method, {}).get("held", ()):
+        return "= "
+    return "| " if name in result.record["standings"][method]["at_bound"] else ""
+
+
+def _standing(result: Result) -> Table:
+    channels = _judged(result.least_squares)
+    standings, fits = result.record["standings"], result.record["fits"]
+    judged = ("mode", *complete(result))
+    rows = [
+        _standing_row(name, standings[name], fits.get(name), channels, judged=name in judged)
+        for name in ("mode", *estimates(result))
+    ]
+    errors = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
+    caption = (
+        "Where each estimate stands: the share of draws of higher density (small: a typical good fit; near "
+        "100 %: practically no draw is as improbable; the mode's is 0 by definition), and the largest "
+        "misfit in percent of the largest reading, (16). IM1, IM2 and IM3 take the measured sinkage as "
+        "given, joint and the posterior weight all channels by their noise."
+    )
+    header = ("estimate", "denser draws", "standing", "converged", "passes", *errors)
+    return Table(caption, "lrllr" + "r" * len(channels), header, tuple(rows))
+
+
+def _judged(table: pd.DataFrame) -> list[str]:
+    """Channels for which any method has an error."""
+    errors = table[table["parameter"].str.startswith("error_") & table["value"].notna()]
+    found = set(errors["parameter"].str.removeprefix("error_"))
+    return [name for name in CHANNELS if name in found]
+
+
+def _standing_row(
+    name: str,
+    standing: Mapping[str, Any],
+    fit: Mapping[str, Any] | None,
+    channels: list[str],
+    *,
+    judged: bool,
+) -> tuple[Cell, ...]:
+    label = MARKS[name].label if name in MARKS else "posterior mode"
+    outside = standing["log_density"] is None
+    level = share(standing["credible_level"]) if judged and not outside else NOTHING
+    word = _standing_word(standing) if judged else Markup("not judged: only some of the parameters")
+    if fit is None:
+        return label, level, word, NOTHING, NOTHING, *(NOTHING for _ in channels)
+    errors = (plain(fit["errors_percent"].get(channel), 2) for channel in channels)
+    return label, level, word, "yes" if fit["converged"] else "no", str(fit["passes"]), *errors
+
+
+def _standing_word(standing: Mapping[str, Any]) -> Markup:
+    at = standing["at_bound"]
+    bounds = Markup("; at a bound: {}").format(symbols(at)) if at else Markup("")
+    outside = standing["log_density"] is None
+    return Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
+
+
+def prior_section(result: Result) -> Section:
+    """How far the prior shapes the result."""
+    ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
+    text = (
+        Markup(
+            "A bound of the prior cuts off {}: there the interval is as much the prior's as the "
+            "data's, and a wider prior would move it."
+        ).format(ends)
+        if ends
+        else Markup("No parameter leans on a bound of its prior.")
+    )  # fmt: skip
+    advice = (
+        "No second prior was run for this report. To see what another one does, change [priors] in the "
+        "study, run again and set the two results side by side."
+    )
+    return Section("prior", "Sensitivity to the prior", (Text(text), _widths(result), Text(advice)))
+
+
+def _widths(result: Result) -> Table:
+    rows = []
+    for name, row in summary_rows(result).items():
+        if name in result.names:
+            moved = (row.mean - row.prior_mean) / row.prior_sd
+            rows.append((symbol(name), plain(row.sd / row.prior_sd, 2), f"{moved:+.1f}".replace("-", "−")))
+    caption = (
+        "Posterior against prior: ratio of the standard deviations (1: nothing learnt), and shift of the "
+        "mean in standard deviations of the prior (beyond ± 2: data and prior disagree)."
+    )
+    return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), tuple(rows))
+
+
+def reproduce_section(result: Result) -> Section:
+    """Everything needed to make the result again."""
+    record = result.record
+    facts = (
+        ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
+        ("made", record["made"]),
+        ("seed", str(record["seed"])),
+        ("settings", _pairs(record["settings"])),
+        ("versions", _pairs(record["versions"])),
+        ("machine", record["machine"]),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+        ("seconds", _pairs({name: plain(value) for name, value in record["seconds"].items()})),
+    )
+    caption = (
+        "The same study, data, seed and versions give the same draws on one machine, whatever the number of "
+        "cores; fingerprints are SHA-256."
+    )
+    return Section("reproduce", "Reproduce this", (Table(caption, "ll", ("", ""), facts), _checklist()))
+
+
+def _pairs(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{str(name).replace('_', ' ')} {value}" for name, value in values.items())
+
+
+def _checklist() -> Table:
+    rows = (
+        ("1 Model, data, prior", "Data and model"),
+        ("2 Computation: convergence and effective size of every quantity", "Sampling quality"),
+        ("3 Posterior, with predictive check", "Posterior; Predictive checks"),
+        ("4 Decisions and criteria", "thresholds in Sampling quality, Predictive checks and Identifiability"),
+        ("5 Sensitivity to the prior", "Sensitivity to the prior: what one run can tell"),
+        ("6 Reproducibility", "this section"),
+    )
+    caption = "Bayesian analysis reporting guidelines (Kruschke 2021): where each point is met."
+    return Table(caption, "ll", ("guideline", "section"), rows)
+
+
+BIT = float(np.log(2.0))
+
+NARROWED = 0.9
+"""Ratio of standard deviations, posterior over prior, below which a parameter counts as narrowed."""
+
+APART = 2.0
+"""Shift, in standard deviations of the prior, from which earlier result and readings disagree."""
+
+NOTABLE = 0.2
+"""Correlation, before or after, from which a pair is shown."""
+
+
+def added_sections(result: Result) -> tuple[Section, ...]:
+    """A section where some prior comes from an earlier result, else none."""
+    names = [name for name, law in result.study.prior.laws.items() if isinstance(law, Tabulated)]
+    if not names:
+        return ()
+    rows = {name: summary_rows(result)[name] for name in names}
+    blocks: tuple[Block, ...] = (
+        Text(_in_words(result, rows)),
+        *_disagreement(rows),
+        _parameters(result, rows),
+        *_correlations(result, names),
+    )
+    return (Section("added", "What the wheel adds", blocks),)
+
+
+def _in_words(result: Result, rows: dict[str, Row]) -> Markup:
+    """One sentence: how much is learnt in all, and about what."""
+    ratios = {name: row.sd / row.prior_sd for name, row in rows.items()}
+    narrowed = sorted((name for name in ratios if ratios[name] < NARROWED), key=ratios.__getitem__)
+    rest = [name for name in ratios if name not in narrowed]
+    parts = [Markup("{} to {:.0f} %").format(symbol(name), 100 * ratios[name]) for name in narrowed]
+    learnt = (
+        Markup("They narrow {} of the standard deviation before").format(listed(parts))
+        if parts
+        else Markup("They narrow none of the parameters by a tenth")
+    )
+    kept = Markup("; {} stay about as wide as before").format(symbols(rest)) if rest and parts else ""
+    return Markup("The readings of this study add {} to what was known before. {}{}.").format(
+        _total(result), learnt, kept
+    )
+
+
+def _total(result: Result) -> str:
+    """Divergence of the posterior from the cut prior: the mean log likelihood less the log evidence."""
+    found, terms = result.record.get("evidence"), result.draws["log_likelihood"]
+    if found is None or not found["reliable"]:
+        return "an amount of information that this run does not know well"
+    likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms.data_vars.values())
+    if result.study.errors:  # a row's term is given all other rows
+        likelihood = posterior(result.study).log_prior_and_likelihood(spread_draws(result))[1]
+    mean, error = float(np.mean(likelihood)), float(np.std(likelihood) / np.sqrt(np.size(likelihood)))
+    gain = (mean - found["log_z"] + found["log_share"]) / BIT
+    spread = float(np.sqrt(error**2 + found["error"] ** 2 + found["log_share_error"] ** 2)) / BIT
+    value, off = with_error(gain, spread)
+    return f"{value} ± {off} bit"
+
+
+def _disagreement(rows: dict[str, Row]) -> tuple[Text, ...]:
+    """A warning where a parameter moves far from its prior."""
+    shifts = {name: (row.mean - row.prior_mean) / row.prior_sd for name, row in rows.items()}
+    far = [name for name, shift in shifts.items() if abs(shift) > APART]
+    if not far:
+        return ()
+    text = Markup(
+        "The earlier result and these readings disagree about {}, which moved by more than {:g} standard "
+        "deviations of the prior: that the earlier test says something about this soil is an assumption, and "
+        "it is doubtful here."
+    )
+    return (Text(text.format(symbols(far), APART), "bad"),)
+
+
+def _parameters(result: Result, rows: dict[str, Row]) -> Table:
+    prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
+    body: list[tuple[Cell, ...]] = []
+    for name, row in rows.items():
+        low, high = hdi(prior[name], CREDIBLE)
+        before, after = resolution(low, high), resolution(*row.hdi)
+        bits, error = (value / BIT for value in divergence(draws[name], prior[name]))
+        body.append(
+            (
+                symbol(name),
+                unit(name) or NOTHING,
+                rounded(float(np.median(prior[name])), before),
+                interval(low, high, before),
+                rounded(row.median, after),
+                interval(*row.hdi, after),
+                number(row.sd / row.prior_sd, 2),
+                Markup("{} ± {}").format(number(bits, 2, least=0.0), number(error, 2)),
+            )
+        )
+    caption = Markup(
+        "Before and after the readings: the prior ({}; after the physical cut) and the posterior, each "
+        "with its 90 % HDI, the ratio of the standard deviations (1: nothing learnt), and the "
+        "information gained about each parameter alone."
+    ).format(listed(_origins(result, rows)))
+    header = ("", "unit", "before", "90 % HDI", "after", "90 % HDI", "sd ratio", "gain [bit]")
+    return Table(caption, "llrrrrrr", header, tuple(body))
+
+
+def _origins(result: Result, rows: dict[str, Row]) -> list[str]:
+    return list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))
+
+
+def _correlations(result: Result, names: list[str]) -> tuple[Block, ...]:
+    prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
+    body: list[tuple[float, tuple[Cell, ...]]] = []
+    for a, b in combinations(names, 2):
+        before, after = (float(np.corrcoef(x[a], x[b])[0, 1]) for x in (prior, draws))
+        if max(abs(before), abs(after)) >= NOTABLE:
+            change = abs(after - before)
+            cells = (symbols((a, b)), number(before, 2), number(after, 2))
+            body.append((-change, cells))
+    if not body:
+        return ()
+    caption = (
+        f"Correlations before and after the readings, where one of them is {NOTABLE:g} or more; those that "
+        "changed most come first."
+    )
+    ordered = tuple(cells for _, cells in sorted(body, key=lambda item: item[0]))
+    return (Table(caption, "lrr", ("", "before", "after"), ordered),)
+
+
+def _columns(result: Result, group: str) -> dict[str, FloatArray]:
+    """Draws (n,) by parameter, in field units."""
+    values = result.values(group)
+    return {name: field_values(name, values[:, i]) for i, name in enumerate(result.names)}

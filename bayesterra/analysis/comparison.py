@@ -1,0 +1,373 @@
+"""Comparison of results side by side: two models, two priors, two drives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence, Sized
+from dataclasses import dataclass, fields
+from hashlib import sha256
+from itertools import chain
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.analysis.run import load_single
+from bayesterra.checking.loo import CrossValidation, Difference, difference
+from bayesterra.errors import ResultError, StudyError, check_kind, checked_path
+from bayesterra.likelihood.derived import reference_load
+from bayesterra.models import Wheel
+from bayesterra.parameters import DERIVED, PARAMETERS
+from bayesterra.prediction.forecast import COMPARISON
+from bayesterra.prediction.prediction import Prediction, predict
+from bayesterra.runtime.folders import check_free, whole_folder, write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.result import Result
+from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
+
+MOST = 6
+
+BARE = 1.0
+"""Difference of log evidence that is not worth more than a bare mention (Kass and Raftery 1995)."""
+
+STRENGTHS = ((3.0, "positive"), (5.0, "strong"), (np.inf, "very strong"))
+"""Their words for greater differences, by upper limit."""
+
+MOVED = 1.0
+"""Shift of a mean, in standard deviations of the first result, from which a parameter has moved."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log evidence of one result.
+
+    Attributes
+    ----------
+    value : log of the density of the readings, averaged over the prior that is cut to the physical support.
+    error : its standard error, from the importance weights and the count behind the cut.
+    outcomes : fingerprint of the readings it is the density of; only equal ones compare.
+    reliable : whether the run found that value and error hold.
+    """
+
+    value: float
+    error: float
+    outcomes: str
+    reliable: bool = True
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several results, and what they say under the same conditions.
+
+    Attributes
+    ----------
+    results : by name, in the order given; others are compared with the first.
+    curves, points : per result the prediction of its wheel under one and the same load, on a grid over all
+        driven slips, and at the driven slips themselves.
+    evidence : per result.
+    loo : cross-validation per result, for those that hold it.
+    """
+
+    results: Mapping[str, Result]
+    curves: Mapping[str, Prediction]
+    points: Mapping[str, Prediction]
+    evidence: Mapping[str, Evidence]
+    loo: Mapping[str, CrossValidation]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the results."""
+        return tuple(self.results)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """One row per result and free parameter or derived quantity, field units.
+
+        ``shift`` is the mean's distance from that of the first result, and ``width`` the standard deviation,
+        in units of the first result's. Derived quantities are those of the common load.
+        """
+        return pd.DataFrame(
+            list(chain.from_iterable(self._rows(name) for name in self.names)),
+        )
+
+    def _rows(self, name: str) -> list[dict[str, object]]:
+        first = _moments(self.names[0], self)
+        rows: list[dict[str, object]] = []
+        for quantity, row in _moments(name, self).items():
+            base = first.get(quantity)
+            base = base if base and base["sd"] > 0 else None
+            shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
+            width = row["sd"] / base["sd"] if base else np.nan
+            rows.append(
+                {"result": name, "quantity": quantity, "unit": _unit(quantity)}
+                | {**row, "shift": shift, "width": width}
+            )
+        return rows
+
+    @property
+    def predictions(self) -> pd.DataFrame:
+        """Bands of every result at the slips of ``points``."""
+        tables = [one.table.assign(result=name) for name, one in self.points.items()]
+        table = pd.concat(tables, ignore_index=True)
+        return table[["result", *(column for column in table.columns if column != "result")]]
+
+    @property
+    def evidences(self) -> pd.DataFrame:
+        """One row per result: log evidence, its error, difference from the first and what that amounts to."""
+        first = self.names[0]
+        return pd.DataFrame(
+            [
+                {
+                    "result": name,
+                    "model": self.results[name].study.model.name,
+                    "drive": self.results[name].study.drive,
+                    "log_evidence": self.evidence[name].value,
+                    "error": self.evidence[name].error,
+                    "reliable": self.evidence[name].reliable,
+                    "difference": self.difference(first, name)[0],
+                    "difference_error": self.difference(first, name)[1],
+                    "word": "" if name == first else self.word(first, name),
+                    **self._left_out(first, name),
+                }
+                for name in self.names
+            ]
+        )
+
+    def _left_out(self, first: str, name: str) -> dict[str, object]:
+        """Cross-validation of one result, and its difference from the first."""
+        loo, found = self.loo.get(name), self.left_out(first, name)
+        return {
+            "elpd": np.nan if loo is None else loo.elpd,
+            "elpd_se": np.nan if loo is None else loo.se,
+            "elpd_difference": np.nan if found is None else found.elpd,
+            "elpd_difference_se": np.nan if found is None else found.se,
+            "elpd_word": "" if name == first else self.left_out_word(first, name),
+        }
+
+    def left_out(self, first: str, second: str) -> Difference | None:
+        """Elpd of ``second`` less that of ``first``; None where they do not compare."""
+        if not self.comparable(first, second) or not {first, second} <= set(self.loo):
+            return None
+        return difference(self.loo[second], self.loo[first])
+
+    def left_out_word(self, first: str, second: str) -> str:
+        """What leaving rows out says between two results."""
+        found = self.left_out(first, second)
+        if found is None:
+            return "not comparable" if not self.comparable(first, second) else "not known"
+        if not found.distinguishable:
+            return "not distinguishable"
+        return f"{second if found.elpd > 0 else first} predicts better"
+
+    def comparable(self, first: str, second: str) -> bool:
+        """Whether both results explain the same readings of the same channels."""
+        return self.evidence[first].outcomes == self.evidence[second].outcomes
+
+    def difference(self, first: str, second: str) -> tuple[float, float]:
+        """Log evidence of ``second`` less that of ``first`` and its error; NaN where they do not compare."""
+        if not self.comparable(first, second):
+            return np.nan, np.nan
+        one, other = self.evidence[first], self.evidence[second]
+        error = 0.0 if first == second else float(np.hypot(one.error, other.error))
+        return other.value - one.value, error
+
+    def word(self, first: str, second: str) -> str:
+        """What the evidence says between two results."""
+        value, error = self.difference(first, second)
+        if np.isnan(value):
+            return "not comparable" if not self.comparable(first, second) else "not known"
+        doubtful = [name for name in (first, second) if not self.evidence[name].reliable]
+        if doubtful:
+            return f"not known: the evidence of {' and '.join(doubtful)} cannot be relied on"
+        if abs(value) < max(BARE, 2 * error):
+            return "not distinguishable"
+        strength = next(word for limit, word in STRENGTHS if abs(value) < limit)
+        return f"{strength} evidence for {second if value > 0 else first}"
+
+
+def side_by_side(
+    results: Mapping[str, Result],
+    *,
+    load: float | str | None = None,
+    wheel: tuple[str, Wheel] | None = None,
+) -> Comparison:
+    """Set results side by side.
+
+    Parameters
+    ----------
+    results : two to six, by the names they are to go by.
+    load : under which all predict, N or text with a unit; by default the first result's median load.
+    wheel : name and dimensions of the one that all drive. By default each drives its own: the one that the
+        study of the first calls its first, or else its first.
+
+    Raises
+    ------
+    ResultError : too few or too many results.
+    StudyError : no load is known to compare them under.
+    """
+    check_count(results)
+    first = next(iter(results.values()))
+    load = reference_load(first.study) if load is None else load
+    driven = np.unique(np.concatenate([one.study.observations.used().slip for one in results.values()]))
+    grid = np.linspace(driven[0], driven[-1], GRID)
+    curves = {}
+    for name, result in results.items():
+        called, one = wheel or _own_wheel(result, next(iter(first.study.wheels)))
+        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=one, name=called)
+    return Comparison(
+        dict(results),
+        {name: curve.at(grid) for name, curve in curves.items()},
+        {name: curve.at(driven) for name, curve in curves.items()},
+        {name: log_evidence(result) for name, result in results.items()},
+        {
+            name: CrossValidation.from_record(result.record["loo"])
+            for name, result in results.items()
+            if result.record.get("loo")
+        },
+    )
+
+
+def check_count(results: Sized) -> None:
+    """ResultError unless there are two to six results."""
+    if not 2 <= len(results) <= MOST:
+        raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
+
+
+def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
+    return chosen_wheel(result.study, called if called in result.study.wheels else None)
+
+
+def log_evidence(result: Result) -> Evidence:
+    """Log evidence of a result under its cut prior: the share of the stated one in it is divided out."""
+    found = result.record.get("evidence")
+    if found is None:
+        return Evidence(np.nan, np.nan, outcomes_of(result))
+    error = float(np.hypot(found["error"], found["log_share_error"]))
+    value = found["log_z"] - found["log_share"]
+    return Evidence(value, error, outcomes_of(result), bool(found.get("reliable", True)))
+
+
+def outcomes_of(result: Result) -> str:
+    """SHA-256 of the readings that the likelihood is a density of: channels and values of the rows in use."""
+    rows = result.study.observations.used()
+    content = {name: rows.values[name].tolist() for name in sorted(result.study.noise)}
+    return sha256(json.dumps(content).encode()).hexdigest()
+
+
+_MOMENTS = ("mode", "median", "mean", "sd", "hdi90_lo", "hdi90_hi", "prior_mean", "prior_sd")
+
+
+def _moments(name: str, comparison: Comparison) -> dict[str, dict[str, float]]:
+    """Rows of the parameters from the summary, then of the derived quantities under the common load."""
+    summary, derived = comparison.results[name].summary, comparison.curves[name].derived_table
+    rows: dict[str, dict[str, float]] = {
+        str(row["parameter"]): {key: float(row[key]) for key in _MOMENTS}
+        for row in summary.to_dict("records")
+        if row["parameter"] in PARAMETERS
+    }
+    for row in derived.to_dict("records"):
+        rows[str(row["quantity"])] = {key: float(row.get(key, np.nan)) for key in _MOMENTS}
+    return rows
+
+
+def _unit(quantity: str) -> str:
+    return (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
+
+
+class ComparisonPage(Comparison):
+    """A comparison that shows itself in a notebook and can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> Self:
+        """The same comparison, with a page to write."""
+        return cls(**{field.name: getattr(comparison, field.name) for field in fields(Comparison)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the page and the tables into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        from bayesterra.analysis.comparison_page import comparison_html
+
+        with whole_folder(Path(folder), overwrite=overwrite, mark=COMPARISON) as part:
+            write_text(part / "comparison.html", comparison_html(self))
+            write_text(part / COMPARISON, csv_text(self.parameters))
+            write_text(part / "predictions.csv", csv_text(self.predictions))
+            write_text(part / "evidence.csv", csv_text(self.evidences))
+        return Path(folder) / "comparison.html"
+
+    def _repr_html_(self) -> str:
+        from bayesterra.analysis.comparison_page import comparison_table
+
+        return comparison_table(self)
+
+
+def compare(
+    results: Mapping[str, Result] | Sequence[str | Path],
+    *,
+    load: float | str | None = None,
+    wheel: str | Path | None = None,
+) -> ComparisonPage:
+    """Set results side by side: parameters, predictions under one load, evidence.
+
+    Parameters
+    ----------
+    results : two to six by the names they are to go by, or their folders. Others are compared with the first.
+    load : under which all predict, N or text with a unit; by default the first result's median load.
+    wheel : that all drive, by its name in one of the studies or in a file; by default each drives its own.
+
+    Raises
+    ------
+    ResultError : too few or too many results, or a folder that cannot be read.
+    StudyError : an unknown wheel, or no load is known to compare them under.
+    """
+    named = _named(results)
+    chosen = None if wheel is None else _common_wheel(named, str(wheel))
+    return ComparisonPage.of(side_by_side(named, load=load, wheel=chosen))
+
+
+def _named(results: object) -> Mapping[str, Result]:
+    """The results to compare by name, read where they are folders."""
+    if isinstance(results, Mapping):
+        for result in results.values():
+            check_kind("bt.compare", result, Result)
+        return {str(name): result for name, result in results.items()}
+    if not isinstance(results, list | tuple):
+        got = repr(results) if isinstance(results, str) else type(results).__name__
+        raise StudyError(f"bt.compare needs a list of result folders, or results by name (got {got})")
+    what = "a result folder in its list (results themselves go by name: {'a': result})"
+    return load_results([checked_path("bt.compare", folder, what) for folder in results])
+
+
+def _common_wheel(results: Mapping[str, Result], given: str) -> tuple[str, Wheel]:
+    knows = (result for result in results.values() if given in result.study.wheels)
+    return wheel_named(next(knows, next(iter(results.values()))).study, given)
+
+
+def load_results(folders: Sequence[Path]) -> dict[str, Result]:
+    """Read result folders, by the names of the folders, made different where they are the same."""
+    results: dict[str, Result] = {}
+    for folder in folders:
+        name = folder.resolve().name.removesuffix("-result") or str(folder)
+        same = sum(known.partition(" (")[0] == name for known in results)
+        results[f"{name} ({same + 1})" if same else name] = load_single(folder)
+    return results
+
+
+def compare_folders(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    load: str | None = None,
+    wheel: str | None = None,
+    overwrite: bool = False,
+) -> ComparisonPage:
+    """Compare result folders and write the page and its tables to ``out``; options as :func:`compare`."""
+    check_count(folders)
+    check_free(out, overwrite=overwrite, mark=COMPARISON)
+    comparison = compare(folders, load=load, wheel=wheel)
+    comparison.save(out, overwrite=overwrite)
+    return comparison

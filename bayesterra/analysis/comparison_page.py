@@ -1,0 +1,207 @@
+"""Comparison as a page, a notebook table and a terminal table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.analysis.comparison import BARE, MOVED, Comparison
+from bayesterra.analysis.contents_page import (
+    compared_section,
+    driven_by,
+    judged_section,
+    keys,
+    parameters_section,
+    predictions_section,
+    repeat_section,
+    signed,
+)
+from bayesterra.report.blocks import Verdict, VerdictPage, render, table
+from bayesterra.report.numbers import given, interval, resolution, rounded, with_error
+from bayesterra.report.symbols import listed, symbol, symbols, with_unit
+from bayesterra.report.terminal import PlainConsole
+from bayesterra.study.study import Study
+
+
+def contrast_page(comparison: Comparison) -> VerdictPage:
+    """Put the page together."""
+    titles = dict.fromkeys(result.study.title for result in comparison.results.values())
+    first = next(iter(comparison.results.values()))
+    curve = comparison.curves[comparison.names[0]]
+    return VerdictPage(
+        title=next(iter(titles)) if len(titles) == 1 else f"{len(comparison.names)} results side by side",
+        facts=(*keys(comparison), f"{driven_by(comparison)}, {given(round(curve.load, 1))} N"),
+        warning=_warning(comparison),
+        verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
+        sections=(
+            parameters_section(comparison),
+            predictions_section(comparison),
+            compared_section(comparison),
+            judged_section(comparison),
+            repeat_section(comparison),
+        ),
+        version=first.record["versions"]["bayesterra"],
+    )
+
+
+def _warning(comparison: Comparison) -> Markup:
+    unfinished = [name for name, result in comparison.results.items() if not result.converged]
+    if not unfinished:
+        return Markup("")
+    return Markup("The sampling of {} has <b>not converged</b>: what follows may be wrong.").format(
+        listed(unfinished)
+    )
+
+
+def _readings(comparison: Comparison) -> Verdict:
+    first, *others = comparison.names
+    apart = [name for name in others if not comparison.comparable(first, name)]
+    if apart:
+        parts = (_explains(name, comparison.results[name].study) for name in (first, *apart))
+        sentence = Markup(
+            "{}. Parameters and predictions compare; evidence does only for the same readings."
+        ).format(listed(parts))
+        return Verdict("Readings explained", "not the same", "fair", sentence)
+    sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
+    return Verdict("Readings explained", "the same", "good", sentence)
+
+
+def _explains(name: str, study: Study) -> Markup:
+    return Markup("{}: {}").format(name, _counted(study))
+
+
+def _counted(study: Study) -> Markup:
+    rows = study.observations.used()
+    counts = [int((~np.isnan(rows.values[name])).sum()) for name in study.noise]
+    return Markup("{} of {}").format(sum(counts), symbols(study.noise))
+
+
+def _evidence(comparison: Comparison) -> Verdict:
+    known = _alike(comparison)
+    values = listed(
+        Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in known
+    )
+    if len(known) < 2:
+        return Verdict(
+            "Evidence", "not comparable", "fair", Markup("No two results have comparable evidence.")
+        )
+    best, second = sorted(known, key=lambda name: -comparison.evidence[name].value)[:2]
+    word = comparison.word(second, best)
+    difference = rounded(comparison.difference(second, best)[0], 0.1)
+    if word.startswith("not known"):
+        text = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
+        return Verdict("Evidence", "not known", "fair", text + _left_out(comparison, second, best))
+    if word == "not distinguishable":
+        text = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
+        return Verdict(
+            "Evidence", word, "fair", text.format(values, BARE) + _left_out(comparison, second, best)
+        )
+    sentence = Markup("Log evidence {}: {} over {} by {}, {}.").format(
+        values, best, second, difference, word.partition(" evidence")[0] + " by Kass and Raftery's words"
+    )
+    return Verdict("Evidence", f"{best} favoured", "good", sentence + _left_out(comparison, second, best))
+
+
+def _left_out(comparison: Comparison, first: str, second: str) -> Markup:
+    """What cross-validation adds."""
+    if comparison.left_out(first, second) is None:
+        return Markup("")
+    return Markup(" Leaving rows out: {}.").format(comparison.left_out_word(first, second))
+
+
+def _alike(comparison: Comparison) -> list[str]:
+    """The largest group of results with known evidence that explain the same readings."""
+    groups: dict[str, list[str]] = {}
+    for name, evidence in comparison.evidence.items():
+        if np.isfinite(evidence.value):
+            groups.setdefault(evidence.outcomes, []).append(name)
+    return max(groups.values(), key=len, default=[])
+
+
+def _value(comparison: Comparison, name: str) -> tuple[float, float]:
+    return comparison.evidence[name].value, comparison.evidence[name].error
+
+
+def _moves(comparison: Comparison) -> Verdict:
+    """Which parameters and derived quantities move from the first result to the others."""
+    table = comparison.parameters
+    first = comparison.names[0]
+    moved = table[(table["shift"].abs() >= MOVED) & (table["result"] != first)]
+    moved = moved.reindex(moved["shift"].abs().sort_values(ascending=False).index)
+    count = table[table["result"] == first]["quantity"].nunique()
+    if moved.empty:
+        sentence = Markup("No mean moves by {:.0f} sd of {} or more.").format(MOVED, first)
+        return Verdict("Conclusions", "agree", "good", sentence)
+    parts = [
+        Markup("{} ({} in {})").format(symbol(row["quantity"]), signed(row["shift"]), row["result"])
+        for row in moved.head(4).to_dict("records")
+    ]
+    more = "" if len(moved) <= len(parts) else " and more"
+    sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(
+        MOVED, first, listed(parts), more
+    )
+    return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "fair", sentence)
+
+
+def print_comparison(comparison: Comparison, folder: Path, console: Console | None = None) -> None:
+    """Print medians and intervals side by side, what the evidence says, and the name of the page."""
+    console = console or PlainConsole()
+    console.print(_side_by_side(comparison))
+    for line in evidence_lines(comparison):
+        console.print(line, highlight=False)
+    console.print(f"Page: {folder / 'comparison.html'}", highlight=False, soft_wrap=True)
+
+
+def _side_by_side(comparison: Comparison) -> RichTable:
+    table = RichTable(box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("median (90 % HDI)")
+    table.add_column("unit")
+    for name in comparison.names:
+        table.add_column(name, justify="right")
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for row in comparison.parameters.to_dict("records"):
+        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
+        key = (str(row["quantity"]).replace("_", " "), str(row["unit"]))
+        cells.setdefault(key, {})[str(row["result"])] = f"{rounded(row['median'], step)} ({ends})"
+    for (quantity, unit), found in cells.items():
+        table.add_row(quantity, unit, *(found.get(name, "") for name in comparison.names))
+    return table
+
+
+def comparison_table(comparison: Comparison) -> str:
+    """Median and 90 % HDI of every quantity in every result, and what the evidence says."""
+    cells: dict[str, dict[str, str]] = {}
+    for row in comparison.parameters.to_dict("records"):
+        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
+        cells.setdefault(str(row["quantity"]), {})[str(row["result"])] = (
+            f"{rounded(row['median'], step)} ({ends})"
+        )
+    rows = [
+        (with_unit(name), *(found.get(one, "") for one in comparison.names)) for name, found in cells.items()
+    ]
+    return table("Median (90 % HDI)", ("", *comparison.names), rows, evidence_lines(comparison))
+
+
+def evidence_lines(comparison: Comparison) -> list[str]:
+    """What the evidence says of every result, a line each."""
+    lines = []
+    for row in comparison.evidences.to_dict("records"):
+        value = f"{rounded(row['log_evidence'], 0.01)} ± {rounded(row['error'], 0.01)}"
+        word = f": {row['word']}" if row["word"] else ""
+        loo = f"{rounded(row['elpd'], 0.1)} ± {rounded(row['elpd_se'], 0.1)}"
+        left_out = f"; leaving rows out {loo}" if row["result"] in comparison.loo else ""
+        says = f": {row['elpd_word']}" if row["elpd_word"] and left_out else ""
+        lines.append(f"{row['result']}: log evidence {value}{word}{left_out}{says}")
+    return lines
+
+
+def comparison_html(comparison: Comparison) -> str:
+    """Several results side by side as a self-contained HTML page."""
+    return render(contrast_page(comparison), "contrast.html")

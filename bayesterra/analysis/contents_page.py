@@ -1,0 +1,478 @@
+"""Sections and figures of a comparison: parameters, predictions, studies and their quality."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from bayesterra.analysis.comparison import Comparison, outcomes_of
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.loo import INDISTINCT
+from bayesterra.checking.validation import fit_checks
+from bayesterra.likelihood.page import noise_text
+from bayesterra.models import Wheel
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.prediction.page import bands
+from bayesterra.prediction.prediction import PREDICTED
+from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
+from bayesterra.report.numbers import (
+    NOTHING,
+    given,
+    interval,
+    plain,
+    probability,
+    resolution,
+    rounded,
+    with_error,
+)
+from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
+from bayesterra.stats.laws import Law
+from bayesterra.study.page import axis, law_text
+from bayesterra.study.priors import Tie
+from bayesterra.study.result import Result, summary_rows
+
+SLIPS = 4
+"""Slips in the table of predictions, at most."""
+
+_KEY = Markup('<span class="named"><span class="swatch drawn" style="background:{}"></span>{}</span>')
+
+
+def keys(comparison: Comparison) -> tuple[Markup, ...]:
+    """Every result's name with its colour."""
+    return tuple(_KEY.format(colour, name) for name, colour in zip(comparison.names, COLOURS, strict=False))
+
+
+def driven_by(comparison: Comparison) -> str:
+    """Which wheel the predictions are for."""
+    wheels = {curve.wheel: curve.name for curve in comparison.curves.values()}
+    return f"wheel {next(iter(wheels.values()))}" if len(wheels) == 1 else "each result with its own wheel"
+
+
+def signed(value: float) -> str:
+    """A number with its sign, to a tenth."""
+    if not np.isfinite(value):
+        return NOTHING
+    text = f"{value:+.1f}".replace("-", "−")
+    return "0.0" if text in ("+0.0", "−0.0") else text
+
+
+def parameters_section(comparison: Comparison) -> Section:
+    """Densities, intervals and shifts of parameters and derived quantities."""
+    rows = [_row(comparison, name) for name in _free(comparison)]
+    derived = [_row(comparison, name) for name in DERIVED if _cells(comparison, name)]
+    header = ("", "", "median, 90 % HDI", "shift", "width")
+    caption = Markup(
+        "Posterior densities with 90 % highest-density intervals and medians, one colour per result: {}. "
+        "Dashed: priors after the physical cut, at half height. Shift: distance of the mean from that of {}; "
+        "width: ratio of the standard deviations; both in units of {}’s standard deviation."
+    ).format(Markup(" ").join(keys(comparison)), comparison.names[0], comparison.names[0])
+    curve = comparison.curves[comparison.names[0]]
+    other = Markup(
+        "Derived quantities under {} N, {}. Sinkage moduli of different exponents do not compare; these do."
+    ).format(given(round(curve.load, 1)), driven_by(comparison))
+    blocks = [Table(caption, "lllrr", header, tuple(rows)), Table(other, "lllrr", header, tuple(derived))]
+    return Section("parameters", "Parameters", tuple(block for block in blocks if block.rows))
+
+
+def _free(comparison: Comparison) -> list[str]:
+    names = {name for result in comparison.results.values() for name in result.names}
+    return [name for name in PARAMETERS if name in names]
+
+
+def _cells(comparison: Comparison, name: str) -> list[tuple[Markup, str, str]]:
+    """Median with interval, shift and width of every result that has the quantity."""
+    table = comparison.parameters
+    cells = []
+    for row in table[table["quantity"] == name].to_dict("records"):
+        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
+        text = coloured(comparison, row["result"], f"{rounded(row['median'], step)} ({ends})")
+        first = row["result"] == comparison.names[0]
+        cells.append((text, "" if first else signed(row["shift"]), "" if first else plain(row["width"], 2)))
+    return cells
+
+
+def coloured(comparison: Comparison, name: str, text: str) -> Markup:
+    """Text with the colour of a result."""
+    return _KEY.format(COLOURS[comparison.names.index(name)], text)
+
+
+def _row(comparison: Comparison, name: str) -> tuple[Cell, ...]:
+    draw = contrast_derived if name in DERIVED else contrast
+    described = QUANTITIES[name].description
+    picture = drawing(draw(comparison, name), f"{described} in all results")
+    image = Markup('<img class="drawn" src="{}" alt="{}" width="{}">').format(
+        picture.data, picture.alt, picture.width
+    )
+    cells = _cells(comparison, name) + list(_fixed(comparison, name))
+    columns = (Markup("<br>").join(column) for column in zip(*cells, strict=True))
+    label = Markup("{} {}<small>{}</small>").format(
+        symbol(name), Markup("[{}]").format(unit(name)) if unit(name) else "", angles(described)
+    )
+    return (label, image, *columns)
+
+
+def _fixed(comparison: Comparison, name: str) -> Iterator[tuple[Markup, str, str]]:
+    """Values of results that hold the parameter."""
+    for one, result in comparison.results.items():
+        if name in result.study.prior.fixed:
+            value = given(result.study.prior.fixed[name] / PARAMETERS[name].scale)
+            yield coloured(comparison, one, f"fixed at {value}"), "", ""
+
+
+def predictions_section(comparison: Comparison) -> Section:
+    """What the results say about driving under one load."""
+    pictures = tuple(
+        drawing(contrast_prediction(comparison, name), f"{known.description} over slip in all results")
+        for name, known in PREDICTED.items()
+    )
+    curve = comparison.curves[comparison.names[0]]
+    caption = Markup(
+        "Modelled values over slip under {} N, without measurement noise: median and 90 % band, one colour "
+        "per result: {}. Dots: readings of that wheel under that load. Where bands lie apart, the choice "
+        "matters for driving."
+    ).format(given(round(curve.load, 1)), Markup(" ").join(keys(comparison)))
+    notes = [
+        Text(Markup("Note ({}): {}.").format(n, note))
+        for n, p in comparison.points.items()
+        for note in p.notes
+    ]
+    return Section(
+        "predictions",
+        "Predictions",
+        (Gallery("half", pictures, caption), _predicted(comparison), *notes),
+    )
+
+
+def _predicted(comparison: Comparison) -> Table:
+    slips = comparison.points[comparison.names[0]].slip
+    few = slips[np.unique(np.linspace(0, len(slips) - 1, SLIPS).round().astype(int))]
+    table = comparison.predictions
+    rows = []
+    for slip in few:
+        at = table[table["slip"] == slip]
+        columns = (_bands(comparison, at, name) for name in PREDICTED)
+        rows.append((f"{slip:.3g}", *columns, _unanswered(at)))
+    heads = (
+        Markup("{} {}").format(symbol(n), Markup("[{}]").format(unit(n)) if unit(n) else "")
+        for n in PREDICTED
+    )
+    caption = "The same at driven slips: median (equal-tailed 90 % interval); draws without an answer."
+    return Table(caption, "l" * (len(PREDICTED) + 2), (symbol("slip"), *heads, "no answer"), tuple(rows))
+
+
+def _bands(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup:
+    lines = []
+    for row in table[table["quantity"] == name].to_dict("records"):
+        low, middle, high = (float(row[f"modelled_q{level}"]) for level in ("05", "50", "95"))
+        step = resolution(low, high)
+        text = f"{rounded(middle, step)} ({interval(low, high, step)})"
+        lines.append(coloured(comparison, row["result"], text))
+    return Markup("<br>").join(lines)
+
+
+def _unanswered(table: pd.DataFrame) -> str:
+    """The greatest share of draws without an answer, marked where it is more than one in twenty."""
+    worst = max(table.to_dict("records"), key=lambda row: int(row["no_answer"]))
+    if not worst["no_answer"]:
+        return NOTHING
+    share = f"{100 * worst['no_answer'] / worst['draws']:.1f} % of {worst['result']}"
+    return f"{share}: unreliable" if worst["marked"] else share
+
+
+def compared_section(comparison: Comparison) -> Section:
+    """What the studies have in common and where they differ."""
+    rows = []
+    for what, described in _ASPECTS.items():
+        cells = [described(result) for result in comparison.results.values()]
+        rows.append((what, *_same(cells)))
+    for name in PARAMETERS:
+        cells = [_prior(result, name) for result in comparison.results.values()]
+        if any(cells):
+            rows.append((Markup("prior of {}").format(symbol(name)), *_same(cells)))
+    rows.sort(key=lambda row: row[-1] == "same")
+    caption = "The studies: first, in bold, where they differ; then what all share."
+    header = ("", *keys(comparison))
+    return Section("studies", "What is compared", (Table(caption, "l" * len(header), header, tuple(rows)),))
+
+
+def _same(cells: list[Cell]) -> tuple[Cell, ...]:
+    """The cells, the later ones as a word where all agree."""
+    if any(cell != cells[0] for cell in cells):
+        return tuple(Markup("<b>{}</b>").format(cell or NOTHING) for cell in cells)
+    return (cells[0] or NOTHING, *("same" for _ in cells[1:]))
+
+
+def _rows(result: Result) -> str:
+    rows = result.study.observations
+    slip = rows.used().slip
+    return f"{int(rows.use.sum())} of {len(rows)} in the fit, slip {slip.min():.3g} to {slip.max():.3g}"
+
+
+def _noise(result: Result) -> Markup:
+    return Markup("; ").join(
+        Markup("{} {}").format(symbol(name), noise_text(noise)) for name, noise in result.study.noise.items()
+    )
+
+
+def _options(result: Result) -> str:
+    options = asdict(result.study.model).items()
+    return "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in options)
+
+
+def _wheels(result: Result) -> str:
+    return "; ".join(f"{name}: {_wheel(wheel)}" for name, wheel in result.study.wheels.items())
+
+
+def _wheel(wheel: Wheel) -> str:
+    sizes = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
+    r, b, h, rs = (given(round(1e3 * size, 2)) for size in sizes)
+    return f"r {r}, b {b}, h {h}, r_s {rs} mm, {wheel.lug_count} lugs"
+
+
+def _prior(result: Result, name: str) -> Cell:
+    entry = result.study.prior.entries.get(name)
+    if entry is None or isinstance(entry, Law):
+        return "" if entry is None else law_text(name, entry)
+    if isinstance(entry, Tie):
+        return Markup("that of {}").format(symbol(entry.to))
+    return Markup("fixed at {}").format(amount(name, given(float(entry) / PARAMETERS[name].scale)))
+
+
+_ASPECTS: dict[str, Callable[[Result], Cell]] = {
+    "title": lambda result: result.study.title,
+    "data": lambda result: f"{result.study.kind}; {result.study.source}",
+    "model": lambda result: result.study.model.name,
+    "options": _options,
+    "drive": lambda result: result.study.drive,
+    "wheels": _wheels,
+    "rows": _rows,
+    "noise": _noise,
+}
+
+
+def judged_section(comparison: Comparison) -> Section:
+    """Evidence, cross-validation, fit and sampling of every result."""
+    rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
+    caption = Markup(
+        "Log evidence: log of the probability density of the readings, averaged over the prior after the "
+        "physical cut; it favours the result that foretold the readings better, and depends on the width of "
+        "the priors. Difference from {}: below 1 not worth more than a bare mention, to 3 positive, to 5 "
+        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors. * the run "
+        "itself found that its evidence cannot be relied on: its true error may be much larger."
+    ).format(comparison.names[0])
+    header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
+    table = Table(caption, "lrrlcrrl", header, tuple(rows))
+    return Section(
+        "evidence", "Evidence, cross-validation, fit and sampling", (table, *_left_out(comparison))
+    )
+
+
+def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
+    name = str(row["result"])
+    result = comparison.results[name]
+    verdict = result.record["verdict"]
+    return (
+        coloured(comparison, name, name),
+        Markup("{} ± {}{}").format(
+            *with_error(float(row["log_evidence"]), float(row["error"])), "" if row["reliable"] else "*"
+        ),
+        _difference(comparison, name, row["difference"], row["difference_error"]),
+        str(row["word"]),
+        "yes" if result.converged else Markup("<b>no</b>"),
+        plain(verdict["r_hat"], 4),
+        plain(verdict["ess"]),
+        _fit(result),
+    )
+
+
+def _fit(result: Result) -> Markup:
+    """The overall check where the record holds it, else the p values of the channels."""
+    checks = result.record.get("predictive_checks")
+    if checks:
+        word = "not adequate" if checks["alarm"] else "adequate"
+        return Markup("{}, <i>p</i> {}").format(word, probability(checks["overall"]))
+    parts = (Markup("{} {}").format(symbol(c.channel), probability(c.p)) for c in fit_checks(result))
+    return Markup("<i>p</i> {}").format(Markup(", ").join(parts))
+
+
+def _left_out(comparison: Comparison) -> tuple[Table, ...]:
+    """How well the results predict rows that they have not seen."""
+    if not comparison.loo:
+        return ()
+    rows = [
+        (
+            coloured(comparison, str(row["result"]), str(row["result"])),
+            Markup("{} ± {}").format(*with_error(float(row["elpd"]), float(row["elpd_se"]))),
+            _difference(comparison, str(row["result"]), row["elpd_difference"], row["elpd_difference_se"]),
+            str(row["elpd_word"]),
+        )
+        for row in comparison.evidences.to_dict("records")
+    ]
+    caption = Markup(
+        "Leave-one-out cross-validation by row: log density of every row’s readings, predicted from the "
+        "others (elpd ± standard error). Not distinguishable below {:.0f}, or two standard errors, of "
+        "difference."
+    ).format(INDISTINCT)
+    return (Table(caption, "lrrl", ("", "elpd", "difference", "in words"), tuple(rows)),)
+
+
+def _difference(comparison: Comparison, name: str, value: float, error: float) -> str:
+    """A difference from the first result and its error; nothing for the first itself."""
+    if name == comparison.names[0] or not np.isfinite(value):
+        return "" if name == comparison.names[0] else NOTHING
+    return " ± ".join(with_error(float(value), float(error)))
+
+
+def repeat_section(comparison: Comparison) -> Section:
+    """What the page was made of."""
+    rows = [
+        (
+            coloured(comparison, name, name),
+            str(result.record["seed"]),
+            str(result.record["made"]),
+            str(result.record["versions"]["bayesterra"]),
+            Markup("<code>{}</code>").format(result.record["fingerprints"]["study"][:16]),
+            Markup("<code>{}</code>").format(result.record["fingerprints"]["data"][:16]),
+        )
+        for name, result in comparison.results.items()
+    ]
+    header = ("", "seed", "made", "bayesterra", "study", "data")
+    caption = "The results; fingerprints of study and data (SHA-256, first 16 digits)."
+    return Section("repeat", "Reproduce this", (Table(caption, "lrllll", header, tuple(rows)),))
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""One Okabe–Ito colour per result, in their order."""
+
+_LANE = 0.16
+
+NEAR = 0.05
+"""Readings under a load within this share of the common one are shown."""
+
+
+@styled
+def contrast(comparison: Comparison, name: str, ax: Axes | None = None) -> Axes:
+    """Draw one parameter in all results, each in its colour.
+
+    Filled: posterior density. Dashed: prior after the physical cut, where the parameter is free. Bars:
+    90 % highest-density interval with the median as a dot; a vertical line where the parameter is fixed.
+    """
+    ax = own_axes(ax, 6.0, 0.52 + 0.1 * len(comparison.names))
+    free = {n: result for n, result in comparison.results.items() if name in result.names}
+    along = _common([axis(result, name) for result in free.values()])
+    grid = along.grid(200)
+    for lane, (one, result) in enumerate(comparison.results.items()):
+        colour = COLOURS[lane]
+        if one not in free:
+            _fixed_axis(ax, result, name, along, colour)
+            continue
+        prior, drawn = (field_values(name, _column(result, group, name)) for group in ("prior", "posterior"))
+        ax.plot(grid, 0.5 * density(prior, along), color=colour, linewidth=0.8, dashes=(3, 2), alpha=0.7)
+        ax.fill_between(grid, density(drawn, along), color=colour, alpha=0.28, linewidth=0)
+        ax.plot(grid, density(drawn, along), color=colour, linewidth=1.0)
+        row = summary_rows(result)[name]
+        _bar(ax, lane, row.hdi, row.median, colour)
+    _frame(ax, along, len(comparison.names))
+    return ax
+
+
+@styled
+def contrast_derived(comparison: Comparison, name: str, ax: Axes | None = None) -> Axes:
+    """Draw one derived quantity (a key of ``derived.DERIVED``) in all results, as :func:`contrast` does.
+
+    Every result drives its own wheel under the common load; priors are left out, they are far wider.
+    """
+    ax = own_axes(ax, 6.0, 0.52 + 0.1 * len(comparison.names))
+    table = comparison.parameters
+    table = table[table["quantity"] == name].set_index("result")
+    draws = {one: comparison.curves[one].derived[name] for one in table.index}
+    known = {one: values[np.isfinite(values)] / DERIVED[name].scale for one, values in draws.items()}
+    ends = np.concatenate([np.quantile(values, [0.002, 0.998]) for values in known.values()])
+    margin = 0.03 * float(np.ptp(ends)) or 0.01
+    along = Axis(float(ends.min() - margin), float(ends.max() + margin), False, (-np.inf, np.inf))
+    for one, values in known.items():
+        lane = comparison.names.index(one)
+        height = density(values, along)
+        ax.fill_between(along.grid(200), height, color=COLOURS[lane], alpha=0.28, linewidth=0)
+        ax.plot(along.grid(200), height, color=COLOURS[lane], linewidth=1.0)
+        row = table.loc[one]
+        _bar(ax, lane, (row["hdi90_lo"], row["hdi90_hi"]), row["median"], COLOURS[lane])
+    _frame(ax, along, len(comparison.names))
+    return ax
+
+
+@styled
+def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None = None) -> Axes:
+    """Draw one quantity (a key of ``prediction.PREDICTED``) over slip in all results, each in its colour.
+
+    Lines: medians; bands: 90 % of the modelled values, without noise, under the common load. Dots: readings
+    in the fits that were taken with the same wheel and load.
+    """
+    ax = own_axes(ax)
+    column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
+    for (one, curve), colour in zip(comparison.curves.items(), COLOURS, strict=False):
+        low, middle, high = bands(curve.modelled, column) / scale
+        ax.fill_between(curve.slip, low, high, color=colour, alpha=0.22, linewidth=0)
+        ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=literal(one))
+    _readings(ax, comparison, quantity)
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
+    return ax
+
+
+def _readings(ax: Axes, comparison: Comparison, quantity: str) -> None:
+    """Readings of any of the results that were taken with its predicted wheel under the common load."""
+    shown = set()
+    for name, result in comparison.results.items():
+        rows, curve = result.study.observations.used(), comparison.curves[name]
+        if quantity not in rows.values or outcomes_of(result) in shown:
+            continue
+        loads = np.where(np.isnan(rows.load), rows.values.get("normal_force", rows.load), rows.load)
+        driven = np.array([result.study.wheels[wheel] == curve.wheel for wheel in rows.wheel])
+        mine = driven & (np.abs(loads / curve.load - 1) < NEAR)
+        values = rows.values[quantity][mine] / CHANNELS[quantity].scale
+        ax.plot(rows.slip[mine], values, "o", color=DATA, markersize=4, zorder=6)
+        shown.add(outcomes_of(result))
+
+
+def _column(result: Result, group: str, name: str) -> FloatArray:
+    return result.values(group)[:, result.names.index(name)]
+
+
+def _common(axes: list[Axis]) -> Axis:
+    """The range that holds all ranges; logarithmic where all are."""
+    return Axis(
+        min(one.low for one in axes),
+        max(one.high for one in axes),
+        all(one.log for one in axes),
+        axes[0].bounds,
+    )
+
+
+def _bar(ax: Axes, lane: int, ends: tuple[float, float], median: float, colour: str) -> None:
+    height = -_LANE * (lane + 1)
+    ax.plot(ends, [height, height], color=colour, linewidth=3.5, solid_capstyle="butt")
+    ax.plot([median], [height], "o", color="white", markeredgecolor=colour, markersize=4.5, zorder=5)
+
+
+def _fixed_axis(ax: Axes, result: Result, name: str, along: Axis, colour: str) -> None:
+    """A line at the value that a result holds the parameter at."""
+    value = result.study.prior.fixed.get(name)
+    if value is not None:
+        ax.axvline(float(field_values(name, np.array(value))), color=colour, linewidth=1.2)
+
+
+def _frame(ax: Axes, along: Axis, lanes: int) -> None:
+    ax.set(
+        xlim=(along.low, along.high), ylim=(-_LANE * (lanes + 0.7), 1.05), yticks=[],
+        xscale="log" if along.log else "linear",
+    )  # fmt: skip
+    ax.axhline(0, color=INK, linewidth=0.5)
+    ax.spines["left"].set_visible(False)

@@ -1,0 +1,257 @@
+"""The main job: a study in, a result out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.random import Generator, SeedSequence, default_rng
+
+from bayesterra.analysis.draws import curves_dataset, draws_tree
+from bayesterra.arrays import FloatArray
+from bayesterra.checking import point_estimates
+from bayesterra.checking.point_estimates import Standing, stand
+from bayesterra.checking.predictive import (
+    RowPredictions,
+    no_rows,
+    predict_at_read_loads,
+    predict_curves,
+    predict_rows,
+    predictive_table,
+)
+from bayesterra.checking.validation import validate
+from bayesterra.identifiability import analysis as identifiability_analysis
+from bayesterra.identifiability import structure as structures
+from bayesterra.identifiability.information import information
+from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
+from bayesterra.least_squares import results
+from bayesterra.least_squares.fit import fit_all
+from bayesterra.least_squares.results import Fit, report_table
+from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
+from bayesterra.parameters import PRIOR_PARAMETERS
+from bayesterra.report.failures import Failures, with_failures
+from bayesterra.runtime.checkpoints import Journal
+from bayesterra.sampling import importance, sampler
+from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.mode import Mode, densest, find_mode
+from bayesterra.sampling.nested import Weighted, against_nested, check_installed
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Kept, Progress, Samples, Target, keep, sample
+from bayesterra.sampling.summary import summary_table
+from bayesterra.study import result
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study
+
+MODE_DRAWS = 4000
+
+CURVE_DRAWS = 1000
+
+
+def run(
+    study: Study,
+    *,
+    seed: int = 1,
+    report: Callable[[Progress], None] = lambda progress: None,
+    journal: Journal | None = None,
+    crosscheck: bool = False,
+) -> Result:
+    """Sample the posterior of a study and set it beside the least-squares estimates.
+
+    Parameters
+    ----------
+    study : what to analyse.
+    seed : the same seed gives the same draws on one machine, whatever the number of cores.
+    report : called as the sampling goes on.
+    journal : what to resume from and to note every stage in; see :func:`bayesterra.sampling.sampler.sample`.
+
+    crosscheck : repeat the sampling by nested sampling and record whether it agrees.
+
+    Returns
+    -------
+    Result : also when the sampling did not converge; ``result.converged`` says so. And also when something
+        that is computed from the draws fails: the entry ``failures`` of its record says what and why.
+
+    Raises
+    ------
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    StudyError : a cross-check is asked for, and its sampler is not installed.
+    """
+    if crosscheck:
+        check_installed()
+    started = time.perf_counter()
+    target = posterior(study)
+    streams = SeedSequence(seed).spawn(8)
+    sampling, prior_stream, predicting, validating, weighing, nesting, informing, loading = streams
+    prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
+    samples = sample(target, study.sampling, sampling, report, journal=journal)
+    report(Progress("comparing", 1.0))
+    kept = keep(samples.chains)
+    failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
+    fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
+    spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
+    mode = failures.attempt(
+        "mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced)
+    )
+    integral = failures.attempt("evidence", lambda: _evidence(target, samples, weighing), lambda: None)
+    analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
+    report(Progress("checking", 1.0))
+    result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
+    if not crosscheck:
+        return result
+
+    def against() -> dict[str, Any]:
+        ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
+        found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+        return {"crosscheck": found.record()}
+
+    found = failures.attempt("crosscheck", against, dict[str, Any])
+    return replace(result, record=with_failures({**result.record, **found}, failures))
+
+
+def _evidence(target: Posterior, samples: Samples, seed: SeedSequence) -> Evidence | None:
+    proposals = [adaptation.proposal for adaptation in samples.adaptations]
+    found = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
+    return found.beside([adaptation.log_evidence for adaptation in samples.adaptations])
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything a run found, before it is put into tables; ``failures``: what it did not find."""
+
+    study: Study
+    posterior: Posterior
+    prior: PriorDraws
+    samples: Samples
+    kept: Kept
+    mode: Mode
+    evidence: Evidence | None
+    fits: Mapping[str, Fit]
+    refused: tuple[str, ...]
+    failures: Failures
+
+    def result(
+        self,
+        seed: int,
+        rng: Generator,
+        streams: tuple[SeedSequence, SeedSequence, SeedSequence],
+        started: float,
+    ) -> Result:
+        """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
+
+        ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, and for
+        loads before the readings.
+        """
+        validating, informing, loading = streams
+        failures, draws_of = self.failures, self.kept.flat
+        rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
+        draws = self._draws(rows, before, rng)
+        if self.study.drive == "both":
+            before = failures.attempt(
+                "prior_predictive",
+                lambda: predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading)),
+                lambda: no_rows(self.study, len(self.prior.x)),
+            )
+        standings = failures.attempt(
+            "standings",
+            lambda: self.standings(draws["sample_stats"]["lp"].to_numpy().ravel()),
+            dict[str, Standing],
+        )
+        table, directions = self.identifiability(default_rng(informing))
+        checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
+        findings = {
+            "verdict": sampler.of_diagnosis(self.samples.diagnosis),
+            "sampling": sampler.of_samples(self.samples, self.kept.every),
+            **({"evidence": importance.of_evidence(self.evidence, self.prior)} if self.evidence else {}),
+            "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
+            "mode": {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing},
+            "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
+            "refused_fits": list(self.refused),
+            "standings": {
+                name: point_estimates.of_standing(standing) for name, standing in standings.items()
+            },
+            **directions,
+            **checked.record(),
+        }
+        summary = summary_table(
+            self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis,
+            failures,
+        )  # fmt: skip
+        seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
+        return Result(
+            study=self.study,
+            draws=draws,
+            summary=summary,
+            least_squares=self.least_squares(standings),
+            identifiability=table,
+            predictive=predictive_table(self.study, rows),
+            record=with_failures(result.run_record(self.study, seed, findings, seconds), failures),
+        )
+
+    def identifiability(self, rng: Generator) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """Verdicts on the parameters, and the record of the directions that design and data determine."""
+        names, prior, draws = self.posterior.names, self.prior.x, self.kept.flat
+
+        def found() -> tuple[structures.Structure, Identifiability]:
+            seen = structures.structure(self.posterior, prior[: structures.DRAWS])
+            laws = [self.study.prior.laws[name] for name in names]
+            ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
+            structural = np.isin(names, seen.determined)
+            return seen, identifiability(names, ranges, prior, draws, structural, logs)
+
+        both = self.failures.attempt("identifiability", found, lambda: None)
+        if both is None:
+            return undetermined(names, prior, draws), {}
+        seen, verdicts = both
+
+        def directions() -> dict[str, Any]:
+            added = information(self.posterior, prior, draws, rng)
+            return {"directions": identifiability_analysis.of_directions(verdicts, seen, added)}
+
+        return verdicts.table, self.failures.attempt("directions", directions, dict[str, Any])
+
+    def _rows(self, x: FloatArray, rng: Generator, *, before: bool = False) -> RowPredictions:
+        """Readings of all rows that parameter sets (n, d) predict."""
+        return self.failures.attempt(
+            "prior_predictive" if before else "posterior_predictive",
+            lambda: predict_rows(self.study, self.posterior, x, rng, before=before),
+            lambda: no_rows(self.study, len(x)),
+        )
+
+    def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
+        shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
+        by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
+        predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
+        kept = self.kept
+
+        def curves() -> xr.Dataset:
+            return curves_dataset(predict_curves(self.study, self.posterior, kept.spaced(CURVE_DRAWS), rng))
+
+        return draws_tree(
+            self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
+            self.failures.attempt("curves", curves, lambda: None),
+        )  # fmt: skip
+
+    def points(self) -> dict[str, dict[str, float]]:
+        """Point estimates by method: the mode, every least-squares fit, published and true values."""
+        points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
+        points |= {name: fitted.identified() for name, fitted in self.fits.items()}
+        references = {"published": self.study.published, "truth": self.study.truth}
+        return points | {name: dict(known.values) for name, known in references.items() if known is not None}
+
+    def standings(self, densities: FloatArray) -> dict[str, Standing]:
+        """Where every point estimate stands among the draws' log densities (n,)."""
+        soils = {
+            method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
+            for method, values in self.points().items()
+        }
+        return stand(self.posterior, self.kept.flat, densities, soils)
+
+    def least_squares(self, standings: Mapping[str, Standing]) -> pd.DataFrame:
+        """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
+        table = report_table(self.fits, self.study)
+        levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
+        return table.assign(credible_level=table["method"].map(levels))

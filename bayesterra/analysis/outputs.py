@@ -1,0 +1,385 @@
+"""Sections on what came out: sampling quality, posterior, and what it means for driving."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from bayesterra.analysis import figures as analysis_figures
+from bayesterra.analysis.figures import PRIOR_MASS
+from bayesterra.arrays import FloatArray
+from bayesterra.checking import validation_page
+from bayesterra.checking.validation import complete_soils
+from bayesterra.checking.validation_page import posterior_checks, prior_predictive
+from bayesterra.likelihood.derived import SLIP_GRID, reference_load
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
+from bayesterra.report.failures import failed
+from bayesterra.report.numbers import (
+    NOTHING,
+    given,
+    interval,
+    moments,
+    plain,
+    resolution,
+    rounded,
+    with_error,
+)
+from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
+from bayesterra.study.result import Result, summary_rows
+
+RANKS = (
+    "Ranks of each ensemble's draws among all draws. Ensembles that sample the same distribution are flat; "
+    "grey: where 95 % of the steps lie then, for the effective number of draws. A slope or a hump outside "
+    "the grey means that an ensemble disagrees with the others."
+)
+
+TRACES = (
+    "Log density and parameters over the kept steps: median, 5 and 95 % of the walkers of each ensemble, "
+    "one shade each. Level bands that overlie each other mean that no ensemble is still on its way."
+)
+
+CORNER = (
+    "All pairs of parameters. Blue contours hold 50 and 90 % of the posterior, the grey area "
+    f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior "
+    "mode; marks: point estimates. Long thin contours are trades between two parameters; where blue fills "
+    "the grey, the data say nothing."
+)
+
+CORRELATIONS = Markup(
+    "Correlation of every pair in the posterior (orange: rise together, violet: one rises as the other "
+    "falls). Framed: the groups bearing <i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact "
+    "angles <i>P</i><sub>III</sub>. Strong colour outside the frames: the groups cannot be fitted apart."
+)
+
+
+def sampling_section(result: Result) -> Section:
+    """Sampling quality."""
+    names = result.names
+    ranks = tuple(
+        drawing(analysis_figures.ranks(result, name), f"Rank histograms of {PARAMETERS[name].description}")
+        for name in names
+    )
+    traces = tuple(
+        photograph(analysis_figures.trace(result, name), f"Trace of {_spoken(name)}")
+        for name in ("lp", *names)
+    )
+    return Section(
+        "sampling",
+        "Sampling quality",
+        (
+            _checks(result),
+            Text(_evidence(result.record)),
+            *_crosscheck(result.record),
+            _chains(result),
+            Gallery("tiny", ranks, RANKS),
+            Gallery("tiny", traces, TRACES),
+        ),
+    )
+
+
+def _evidence(record: Mapping[str, Any]) -> Markup:
+    """The log evidence in a sentence, and how far to trust it."""
+    found = record.get("evidence")
+    if found is None:
+        return Markup("{}").format(failed(record, "evidence"))
+    z, error = with_error(found["log_z"], found["error"])
+    share, share_error = with_error(found["log_share"], found["log_share_error"])
+    doubt = "" if found["reliable"] else f" {_doubt(found)}: the true error may be much larger."
+    return Markup(
+        "Log evidence {} ± {} for these readings under the stated prior, which is not renormalised after the "
+        "physical cut (log share left by it: {} ± {}). From {} draws of the pooled proposals, {:.0f} % "
+        "effective, Pareto k̂ {:.2f} (reliable to {:.2f}).{}"
+    ).format(
+        z, error, share, share_error, found["draws"], 100 * found["efficiency"], found["k_hat"],
+        found["limit"], doubt,
+    )  # fmt: skip
+
+
+def _doubt(found: Mapping[str, Any]) -> str:
+    """Why an evidence cannot be relied on."""
+    if found["k_hat"] is not None and found["k_hat"] <= found["limit"]:
+        return f"The ensembles’ own values lie {found['spread']:.2g} off (root mean square)"
+    return "The weights have a heavy tail"
+
+
+def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
+    """What nested sampling at two settings says, if it was asked."""
+    found = record.get("crosscheck")
+    if found is None:
+        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
+    text = Markup(
+        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
+        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
+        "sign, so a disagreement does not say who is wrong."
+    ).format(found["verdict"], found["worst"], found["threshold"])
+    return (Text(text),)
+
+
+def _spoken(name: str) -> str:
+    return "the log density" if name == "lp" else PARAMETERS[name].description
+
+
+def _checks(result: Result) -> Table:
+    rows = tuple(
+        (
+            Markup("<b>{}</b>").format("passed" if check["passed"] else "FAILED"),
+            check["name"],
+            plain(check["value"], 4),
+            plain(check["threshold"], 4),
+            "" if check["passed"] else check["advice"],
+        )
+        for check in result.record["verdict"]["checks"]
+    )
+    sampling, settings = result.record["sampling"], result.record["settings"]
+    caption = Markup(
+        "Every check of the sampling: {} independent ensembles of {} walkers, {} steps kept, acceptance {}. "
+        "Walkers of one ensemble depend on each other, so R-hat compares ensembles only. All ensembles "
+        "follow one recipe from the prior on: a narrow mode far from the rest can escape every one of "
+        "them; then they agree, the evidence leaves that mode out, and no check here tells."
+    ).format(settings["ensembles"], settings["walkers"], sampling["steps"], plain(sampling["acceptance"], 2))
+    return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
+
+
+def _chains(result: Result) -> Table:
+    tau = result.record["sampling"]["tau"]
+    rows = tuple(
+        (
+            symbol(name),
+            f"{row.r_hat:.4f}",
+            plain(row.ess_bulk),
+            plain(row.ess_tail),
+            plain(tau.get(name)),
+            plain(row.mcse_mean, 2),
+            plain(row.mcse_median, 2),
+            plain(row.mcse_sd, 2),
+        )
+        for name, row in summary_rows(result).items()
+    )
+    caption = (
+        "Effective number of draws for the centre (bulk) and the tails, autocorrelation time in steps, and "
+        "the Monte Carlo standard errors of mean, median and sd, in the parameter's unit: digits below "
+        "these errors mean nothing."
+    )
+    header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
+    return Table(caption, "lrrrrrrr", header, rows)
+
+
+def posterior_section(result: Result) -> Section:
+    """The posterior: table, corner plot, correlations."""
+    corner = photograph(
+        analysis_figures.corner(result),
+        "Corner plot of all pairs of parameters: posterior, prior and point estimates",
+        width=1060,
+    )
+    heat = drawing(analysis_figures.correlations(result), "Correlations of all pairs of parameters")
+    return Section(
+        "posterior",
+        "Posterior",
+        (
+            _summary(result),
+            Gallery("whole", (corner,), CORNER),
+            Gallery("half", (heat,), CORRELATIONS),
+        ),
+    )
+
+
+def _summary(result: Result) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for name, row in summary_rows(result).items():
+        step = resolution(*row.hdi)
+        values = (rounded(value, step) for value in (row.mode, row.median, row.mean))
+        prior = moments(row.prior_mean, row.prior_sd)
+        what = (symbol(name), angles(QUANTITIES[name].description), unit(name) or NOTHING)
+        rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
+    caption = (
+        "Posterior of parameters and derived quantities. The mode is the densest point of all parameters "
+        "together; interval: 90 % highest-density interval. Sinkage moduli of different exponents do not "
+        "compare; bearing pressure and shear strength do."
+    )
+    header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
+    return Table(caption, "lllrrrrrrr", header, tuple(rows))
+
+
+def predictive_section(result: Result) -> Section:
+    """Predictive checks."""
+    blocks: list[Block] = list(posterior_checks(result))
+    if line := failed(result.record, "curves"):
+        blocks.append(Text(line, "poor"))
+    else:
+        for wheel in result.study.wheels:
+            blocks += [_bands(result, wheel), slip_table(result, wheel)]
+    blocks += [_residuals(result), prior_predictive(result)]
+    return Section("checks", "Predictive checks", tuple(blocks))
+
+
+def _bands(result: Result, wheel: str) -> Gallery:
+    channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    pictures = tuple(
+        drawing(
+            validation_page.predictive(result, name, wheel=wheel),
+            f"{CHANNELS[name].description} over slip, wheel {wheel}",
+        )
+        for name in channels
+    )
+    caption = Markup(
+        "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
+        "noise included, and their median, at {}. A channel that was not measured shows the modelled "
+        "values. {} About nine readings in ten should lie in the pale band."
+    ).format(wheel, GIVEN[result.study.drive], _lines(result))
+    return Gallery("small", pictures, caption)
+
+
+GIVEN = {
+    "load": "the median load of the readings",
+    "both": "the median normal force of the readings",
+    "sinkage": "the measured sinkages, joined by straight lines",
+}
+
+LINES = {
+    "IM1": "long dashes (vermilion)",
+    "IM2": "dots (green)",
+    "IM3": "dash-dot (purple)",
+    "joint": "short dashes (orange)",
+}
+
+SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
+
+
+def _lines(result: Result) -> Markup:
+    """What the broken lines are, of the methods that gave every parameter."""
+    drawn = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
+    if not drawn:
+        return Markup("")
+    return Markup(
+        "Broken lines: least squares, run by the same model: {}; they end where an estimate has no answer."
+    ).format(drawn)
+
+
+def _residuals(result: Result) -> Gallery:
+    pictures = tuple(
+        drawing(
+            validation_page.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}"
+        )
+        for name in result.study.noise
+    )
+    marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))
+    beside = f"; marks beside them: {marks}, hollow at the edge where they are farther out" if marks else ""
+    caption = (
+        "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
+        "are "
+        f"their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
+    )
+    return Gallery("small", pictures, caption)
+
+
+FEW = 3
+
+
+@dataclass(frozen=True)
+class Driving:
+    """The small tables of the first screen and their remark.
+
+    Attributes
+    ----------
+    rows : quantity, median and interval of the derived quantities.
+    slip_header, slip_rows : pull and sinkage at a few of the driven slips.
+    """
+
+    heading: str
+    rows: tuple[tuple[Cell, ...], ...]
+    slip_header: tuple[Cell, ...]
+    slip_rows: tuple[tuple[Cell, ...], ...]
+    remark: Markup
+
+    @classmethod
+    def unknown(cls) -> Driving:
+        """The table where it cannot be made; the head of the page says why."""
+        return cls("", (), (), (), Markup("Not known."))
+
+
+def driving(result: Result) -> Driving:
+    """Derived quantities, and pull and sinkage at a few of the driven slips."""
+    wheel = next(iter(result.study.wheels))
+    slips = driven_slips(result, wheel)
+    few = slips[np.unique(np.linspace(0, len(slips) - 1, FEW).round().astype(int))]
+    header, rows = _at_slips(result, wheel, ("drawbar_pull", "sinkage"), few)
+    load = reference_load(result.study)
+    return Driving(
+        f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
+        tuple(_derived_row(result, name) for name in DERIVED if name in summary_rows(result)),
+        header,
+        rows,
+        _remark(result, slips),
+    )
+
+
+def driven_slips(result: Result, wheel: str) -> FloatArray:
+    """Slips of the wheel's rows that are in the fit, each once, ascending."""
+    rows = result.study.observations.used()
+    mine = np.array([name == wheel for name in rows.wheel])
+    return np.unique(rows.slip[mine] if mine.any() else rows.slip)
+
+
+def _derived_row(result: Result, name: str) -> tuple[Cell, ...]:
+    row = summary_rows(result)[name]
+    step = resolution(*row.hdi)
+    return (
+        DERIVED[name].description,
+        amount(name, rounded(row.median, step)),
+        interval(*row.hdi, step),
+    )
+
+
+def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:
+    """5, 50 and 95 % of the modelled value at a slip, field units."""
+    curves = result.draws["curves"].sel(wheel=wheel)
+    bands = field_values(channel, curves["modelled"].sel(outcome=channel).to_numpy())
+    return np.array([np.interp(slip, curves["slip"].to_numpy(), band) for band in bands[[0, 2, 4]]])
+
+
+def _at_slips(
+    result: Result, wheel: str, channels: tuple[str, ...], slips: FloatArray
+) -> tuple[tuple[Cell, ...], tuple[tuple[Cell, ...], ...]]:
+    """Head and rows of a table of modelled values at slips, of those channels that the drive gives."""
+    known = [name for name in channels if name in result.draws["curves"]["outcome"]]
+    heads = [head for name in known for head in (with_unit(name), "90 %")]
+    rows = []
+    for slip in slips:
+        cells: list[Cell] = [f"{slip:.3g}"]
+        for name in known:
+            low, middle, high = _quantiles(result, wheel, name, float(slip))
+            step = resolution(low, high)
+            cells += [rounded(middle, step), interval(low, high, step)]
+        rows.append(tuple(cells))
+    return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
+
+
+def _remark(result: Result, slips: FloatArray) -> Markup:
+    """Say where the numbers leave the driven slips."""
+    row = summary_rows(result).get("peak_pull_slip")
+    parts = [Markup("Modelled values without measurement noise.")]
+    if result.study.errors.discrepancy:
+        parts.append(Markup("Those at slips hold the discrepancy, all others are the model’s alone."))
+    if row is None:
+        return parts[0]
+    if row.hdi90_hi >= SLIP_GRID[-1] - 1e-9:
+        parts.append(Markup("The greatest pull is searched up to slip {:.2g}.").format(SLIP_GRID[-1]))
+    if row.hdi90_hi > slips[-1]:
+        parts.append(Markup("Above the last driven slip, {:.2g}, it is extrapolated.").format(slips[-1]))
+    return Markup(" ").join(parts)
+
+
+def slip_table(result: Result, wheel: str) -> Table:
+    """All outcomes at every driven slip of a wheel."""
+    outcomes = tuple(str(name) for name in result.draws["curves"]["outcome"].to_numpy())
+    header, rows = _at_slips(result, wheel, outcomes, driven_slips(result, wheel))
+    caption = Markup(
+        "Modelled outcomes of wheel {} at the driven slips, without measurement noise: median and "
+        "equal-tailed 90 % interval of the draws, read off the curves above."
+    ).format(wheel)
+    return Table(caption, "l" + "rr" * len(outcomes), header, rows)

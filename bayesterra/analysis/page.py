@@ -1,0 +1,299 @@
+"""Page of a result: first screen with its verdicts, data and model, and all sections in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from bayesterra.analysis.closing import added_sections, methods_section, prior_section, reproduce_section
+from bayesterra.analysis.outputs import (
+    Driving,
+    driving,
+    posterior_section,
+    predictive_section,
+    sampling_section,
+)
+from bayesterra.analysis.strip import legend, strip
+from bayesterra.analysis.words import Finding, findings
+from bayesterra.checking.discrepancy_page import missed_sections
+from bayesterra.checking.validation import FitCheck, Validation, fit_checks, spread_draws
+from bayesterra.checking.validation_page import alarm_sentence, cross_validation_section, misfit_warning
+from bayesterra.identifiability.determined_page import finding, identifiability_section, marginal
+from bayesterra.identifiability.information import ALL
+from bayesterra.likelihood.correlated import TYPICAL
+from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report.blocks import (
+    UNSEEN,
+    Cell,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    missing,
+    render,
+    said,
+    section,
+    table,
+    verdict,
+)
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.numbers import interval, moments, plain, resolution, rounded
+from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols, with_unit
+from bayesterra.study.page import StripRow
+from bayesterra.study.result import Result, found_rows, summary_rows
+from bayesterra.study.study import Study
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything that the template shows, in its order.
+
+    Attributes
+    ----------
+    facts : wheel, soil, model and date in one line; the kind of data stands apart in ``kind``.
+    warning : what to do about a model that does not fit or a sampling that has not converged, and what could
+        not be computed; else empty.
+    failures : what could not be made of this page.
+    """
+
+    title: str
+    kind: str
+    facts: tuple[str, ...]
+    warning: Markup
+    verdicts: tuple[Verdict, ...]
+    strip: tuple[StripRow, ...]
+    legend: tuple[tuple[Markup, str], ...]
+    driving: Driving
+    findings: tuple[Finding, ...]
+    sections: tuple[Section, ...]
+    version: str
+    failures: Failures
+
+
+def page(result: Result) -> Page:
+    """Put the page of a result together; a part that cannot be made is a line that says so."""
+    failures = Failures()
+    checks = failures.attempt("report: χ² checks", lambda: fit_checks(result), tuple[FitCheck, ...])
+    judged = (
+        verdict(failures, "Sampling", lambda: sampling_verdict(result)),
+        verdict(failures, "Model fit", lambda: fit_verdict(result, checks)),
+        verdict(failures, "Identifiability", lambda: identifiability_verdict(result)),
+    )
+    shown = failures.attempt("report: strip", lambda: (strip(result), legend(result)), lambda: ((), ()))
+    driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
+    found = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
+    sections = _sections(result, failures)
+    return Page(
+        title=result.study.title or "Soil parameters from wheel tests",
+        kind=result.study.kind,
+        facts=_facts(result),
+        warning=Markup(" ").join(filter(None, (warning(result), missing(result.record, failures)))),
+        verdicts=judged,
+        strip=shown[0],
+        legend=shown[1],
+        driving=driven,
+        findings=found,
+        sections=sections,
+        version=result.record["versions"]["bayesterra"],
+        failures=failures,
+    )
+
+
+def _sections(result: Result, failures: Failures) -> tuple[Section, ...]:
+    """All sections, in their order."""
+    needed = {"loo": ("loo",), "identifiability": ("identifiability",), "methods": ("standings",)}
+
+    def made(anchor: str, title: str, make: Callable[[Result], Section]) -> Section:
+        without = failed(result.record, *needed.get(anchor, ()))
+        return section(failures, anchor, title, lambda: make(result), without)
+
+    def some(title: str, make: Callable[[Result], tuple[Section, ...]]) -> tuple[Section, ...]:
+        part = f"report: {title}"
+        return failures.attempt(part, lambda: make(result), lambda: (said(failures, part, title),))
+
+    return (
+        made("data", "Data and model", data_section),
+        made("sampling", "Sampling quality", sampling_section),
+        made("posterior", "Posterior", posterior_section),
+        *some("What the wheel adds", added_sections),
+        *some("What the model misses", missed_sections),
+        made("checks", "Predictive checks", predictive_section),
+        made("loo", "Cross-validation", cross_validation_section),
+        made("identifiability", "Identifiability", identifiability_section),
+        made("methods", "Least squares side by side", methods_section),
+        made("prior", "Sensitivity to the prior", prior_section),
+        made("reproduce", "Reproduce this", reproduce_section),
+    )
+
+
+def _facts(result: Result) -> tuple[str, ...]:
+    study, rows = result.study, result.study.observations
+    wheels = ", ".join(study.wheels)
+    used = f"{int(rows.use.sum())} of {len(rows)} rows in the fit"
+    parts = (
+        f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}",
+        study.soil,
+        study.date,
+        used,
+        f"model {study.model.name}, {study.drive}-driven",
+        f"analysed {str(result.record['made'])[:10]}",
+    )
+    return tuple(part for part in parts if part)
+
+
+def warning(result: Result) -> Markup:
+    """What forbids to use the figures as they stand, and what to do about it; empty where nothing does."""
+    return Markup(" ").join(part for part in (_misfit(result), _unsettled(result)) if part)
+
+
+def _misfit(result: Result) -> Markup:
+    """That the model cannot make readings like these; empty where it can, or where that is not known."""
+    checks = Validation.from_record(result.record).checks
+    if checks is None or not checks.alarm:
+        return Markup("")
+    return misfit_warning(alarm_sentence(checks))
+
+
+def _unsettled(result: Result) -> Markup:
+    """What to do about a sampling that has not converged; empty where it has."""
+    if result.converged:
+        return Markup("")
+    advice = listed(check["advice"] for check in failed_checks(result))
+    return Markup(
+        "The sampling has <b>not converged</b>: intervals and verdicts below may be wrong. What to do: {}. "
+        "A greater <code>max_steps</code> in [sampling] lets it run longer; tighter priors or fewer free "
+        "parameters make it easier."
+    ).format(advice)
+
+
+FEW_READINGS = 3
+"""Readings per free parameter below which the check of the fit can hardly fail."""
+
+
+def failed_checks(result: Result) -> list[Mapping[str, Any]]:
+    """The checks of the sampling that did not pass."""
+    return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
+
+
+def sampling_verdict(result: Result) -> Verdict:
+    """Whether the draws can be relied on."""
+    verdict, settings = result.record["verdict"], result.record["settings"]
+    figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
+        plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
+    )
+    if result.converged:
+        return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
+    reasons = listed(check["name"] for check in failed_checks(result))
+    return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
+
+
+def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
+    """Whether the readings look as the model says that they look."""
+    found = Validation.from_record(result.record).checks
+    if found is None:
+        why = failed(result.record, "predictive_checks")
+        return Verdict("Model fit", "not known", "fair", Markup("{}").format(why))
+    sentence = alarm_sentence(found)
+    overstated = [check.channel for check in checks if check.overstated]
+    if overstated:
+        sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
+    return Verdict(
+        "Model fit",
+        "not adequate" if found.alarm else "adequate",
+        "poor" if found.alarm else "good",
+        sentence + few_readings(result, checks),
+    )
+
+
+def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
+    """A warning where there are so few readings that the model can bend to them."""
+    count, free = sum(check.readings for check in checks), len(result.names)
+    if count >= FEW_READINGS * free:
+        return Markup("")
+    return Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
+
+
+def identifiability_verdict(result: Result) -> Verdict:
+    """How many independent combinations of parameters the data determine."""
+    found = result.record.get("directions")
+    if found is None:
+        why = failed(result.record, "identifiability", "directions")
+        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
+    counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
+    determined, of = counts[0]["determined"], counts[0]["directions"]
+    alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
+    known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
+    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
+        known
+    )
+    sentence = finding(result) or plain
+    grade = "good" if determined == of else "fair" if determined else "poor"
+    return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
+
+
+def data_section(result: Result) -> Section:
+    """Data and model."""
+    cut = Text(support(result.record["prior_support"]))
+    note = slip_note(posterior(result.study), spread_draws(result, TYPICAL))
+    blocks = (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
+    return Section("data", "Data and model", blocks)
+
+
+def _priors(result: Result) -> Table:
+    entries = result.study.prior.entries
+    body: list[tuple[Cell, ...]] = []
+    for name in (name for name in PARAMETERS if name in entries):
+        law = stated_law(name, entries[name])
+        body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
+    caption = (
+        f"Prior laws as stated in the study, {_joined(result.study)}; mean and standard deviation of the "
+        "prior after the physical cut, in the same unit. Wherever this report says prior, the cut one is "
+        "meant."
+    )
+    return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
+
+
+def _joined(study: Study) -> str:
+    if not study.prior.correlation:
+        return "independent of each other"
+    return "joined by correlations of their normal scores (a Gaussian copula)"
+
+
+def _cut_moments(result: Result, name: str) -> tuple[str, str]:
+    rows = summary_rows(result)
+    return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
+
+
+def result_table(result: Result) -> str:
+    """Verdict on the sampling, then every parameter and derived quantity of a result."""
+    found = found_rows(result)
+    rows = []
+    for name, row in summary_rows(result).items():
+        step = resolution(*row.hdi)
+        word = found[name].verdict if name in found else ""
+        if word == "coupled":
+            partner = found[name].coupled_with
+            word = f"{word} with {QUANTITIES[partner].symbol if partner else 'several'}"
+        values = (rounded(row.median, step), interval(*row.hdi), rounded(row.mode, step))
+        rows.append((with_unit(name), angles(QUANTITIES[name].description), *values, word))
+    verdict = sampling_verdict(result)
+    head = Markup("{}; {} {}: {}").format(
+        result.study.title or "Result", verdict.sign, verdict.word, verdict.sentence
+    )
+    return table(head, ("", "", "median", "90 % HDI", "mode", "from these data"), rows, left=(0, 1, 5))
+
+
+def html(result: Result) -> str:
+    """The report as a self-contained HTML page; the same result gives the same text."""
+    return render(page(result))
+
+
+def html_and_failures(result: Result) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = page(result)
+    return render(made), made.failures

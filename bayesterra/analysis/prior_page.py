@@ -1,0 +1,284 @@
+"""Report of a prior before any reading exists, with its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from bayesterra.analysis.prior_only import PriorResult
+from bayesterra.likelihood.correlated import TYPICAL
+from bayesterra.likelihood.derived import reference_load
+from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.report.blocks import (
+    Cell,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    missing,
+    render,
+    section,
+    verdict,
+)
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
+from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
+from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
+
+FAIR, POOR = 0.5, 0.05
+"""Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""
+
+TEACHING = 2.0
+"""Spread of predictions over noise from which a reading narrows them."""
+
+
+def prior_page(result: PriorResult) -> VerdictPage:
+    """Put the page of a prior together."""
+    study = result.study
+    facts = (
+        f"wheels {', '.join(study.wheels)}" if len(study.wheels) > 1 else f"wheel {next(iter(study.wheels))}",
+        study.soil,
+        f"{int(study.observations.use.sum())} rows to measure",
+        f"model {study.model.name}, {study.drive}-driven",
+        f"made {str(result.record['made'])[:10]}",
+    )
+    failures = Failures()
+    verdicts = (
+        verdict(failures, "Physics leaves", lambda: _support(result)),
+        verdict(failures, "Readings would teach", lambda: _predictions(result)),
+        verdict(failures, "Greatest pull", lambda: _pull(result)),
+    )
+    sections = (
+        section(failures, "prior", "Prior", lambda: _prior_section(result)),
+        section(failures, "predictions", "What the prior predicts", lambda: _predictive_section(result)),
+        section(failures, "derived", "Derived quantities", lambda: _derived_section(result)),
+        section(failures, "data", "Conditions and model", lambda: _conditions(result)),
+        Section("reproduce", "Reproduce this", (_reproduce(result),)),
+    )
+    return VerdictPage(
+        title=study.title or "Soil parameters from wheel tests",
+        facts=tuple(fact for fact in facts if fact),
+        verdicts=verdicts,
+        sections=sections,
+        version=result.record["versions"]["bayesterra"],
+        warning=missing(result.record, failures),
+        failures=failures,
+    )
+
+
+def _support(result: PriorResult) -> Verdict:
+    """How much of the stated prior physics leaves."""
+    shares: dict[str, float] = dict(result.record["prior_support"]["shares"])
+    inside = shares.pop("inside the support", 0.0)
+    worst = max(shares, key=lambda reason: shares[reason], default="")
+    sentence = Markup("of the stated prior has an answer at every row.")
+    if worst:
+        sentence += Markup(" Most is cut because {} ({}).").format(angles(worst), share(shares[worst]))
+    grade = "good" if inside >= FAIR else "fair" if inside >= POOR else "poor"
+    return Verdict("Physics leaves", share(inside), grade, sentence)
+
+
+def _predictions(result: PriorResult) -> Verdict:
+    """How wide the predictions are beside the noise."""
+    if line := failed(result.record, "curves"):
+        return Verdict("Readings would teach", "not known", "fair", Markup("{}").format(line))
+    outcomes = result.draws["curves"]["outcome"].to_numpy().tolist()
+    ratios = {name: _ratio(result, name) for name in result.study.noise if name in outcomes}
+    parts = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
+    sentence = Markup("Spread of what the prior predicts over the noise of a reading: {}.").format(parts)
+    teaching = sum(ratio > TEACHING for ratio in ratios.values())
+    grade = "good" if teaching == len(ratios) else "fair" if teaching else "poor"
+    return Verdict("Readings would teach", f"in {teaching} of {len(ratios)} channels", grade, sentence)
+
+
+def _ratio(result: PriorResult, channel: str) -> float:
+    """Width of 90 % of the modelled values over that of the noise, median over slips."""
+    curves = result.draws["curves"].sel(outcome=channel)
+    modelled, readings = (
+        curves[kind].to_numpy()[:, 4] - curves[kind].to_numpy()[:, 0] for kind in ("modelled", "readings")
+    )
+    noise = np.sqrt(np.maximum(readings**2 - modelled**2, 1e-6 * modelled**2))
+    return float(np.nanmedian(modelled / noise))
+
+
+def _pull(result: PriorResult) -> Verdict:
+    """The range of the greatest pull."""
+    rows = {row["parameter"]: row for row in result.summary.to_dict("records")}
+    if "peak_pull" not in rows:
+        return Verdict("Greatest pull", "unknown", "poor", Markup("No load is known."))
+    row = rows["peak_pull"]
+    low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+    sentence = Markup("90 % of the prior, under {} N.").format(given(round(reference_load(result.study), 1)))
+    return Verdict("Greatest pull", f"{interval(low, high)} N", "good" if low > 0 else "fair", sentence)
+
+
+def _conditions(result: PriorResult) -> Section:
+    note = slip_note(posterior(result.study), result.values()[:TYPICAL])
+    return Section("data", "Conditions and model", (*conditions(result.study), *note))
+
+
+def _prior_section(result: PriorResult) -> Section:
+    rows = {row["parameter"]: row for row in result.summary.to_dict("records")}
+    entries = result.study.prior.entries
+    body = tuple(
+        (symbol(name), angles(PARAMETERS[name].description), stated_law(name, entries[name]),
+         *_numbers(rows.get(name)))
+        for name in PARAMETERS if name in entries
+    )  # fmt: skip
+    caption = (
+        "Prior laws as stated, independent of each other; beside them the prior after the physical cut: "
+        "median, mean, standard deviation and 90 % highest-density interval, in the same unit."
+    )
+    header = ("", "parameter", "stated law", "median", "mean", "sd", "90 % HDI")
+    pictures = tuple(
+        drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}")
+        for name in result.names
+    )
+    shown = (
+        "Grey: draws of the prior after the physical cut. Line: the law as stated. Where they differ, physics"
+    )
+    return Section(
+        "prior",
+        "Prior",
+        (
+            Table(caption, "lllrrrr", header, body),
+            *prior_sources(result.study),
+            Text(support(result.record["prior_support"])),
+            Gallery("tiny", pictures, f"{shown} has already said something."),
+        ),
+    )
+
+
+def _numbers(row: Mapping[Hashable, Any] | None) -> tuple[Cell, ...]:
+    if row is None:
+        return ("", "", "", "")
+    low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+    middle = rounded(row["prior_median"], resolution(low, high))
+    return (middle, *moments(row["prior_mean"], row["prior_sd"]), interval(low, high))
+
+
+def _predictive_section(result: PriorResult) -> Section:
+    if line := failed(result.record, "curves"):
+        return Section("predictions", "What the prior predicts", (Text(line, "poor"), _rows(result)))
+    channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    galleries = []
+    for wheel in result.study.wheels:
+        pictures = tuple(
+            drawing(prior_bands(result, n, wheel=wheel), f"{CHANNELS[n].description}, wheel {wheel}")
+            for n in channels
+        )
+        caption = Markup(
+            "Wheel {}: what the prior predicts over slip at the given load or sinkage: 50 and 90 % bands and "
+            "median of the modelled values; broken lines: 90 % of readings, noise included. Ticks: slips of "
+            "the table. A reading outside would contradict the prior."
+        ).format(wheel)
+        galleries.append(Gallery("small", pictures, caption))
+    return Section("predictions", "What the prior predicts", (*galleries, _rows(result)))
+
+
+def _rows(result: PriorResult) -> Table:
+    body = []
+    for row in result.predictive.to_dict("records"):
+        step = resolution(row["q05"], row["q95"])
+        ends = interval(row["q05"], row["q95"], step)
+        what = (str(row["row"]), row["wheel"], f"{row['slip']:.4g}", with_unit(row["channel"]))
+        body.append((*what, rounded(row["q50"], step), ends, share(row["no_answer"])))
+    caption = (
+        "Readings of every row that the prior predicts, noise included; share of draws without an answer."
+    )
+    header = ("row", "wheel", symbol("slip"), "channel", "median", "90 %", "no answer")
+    return Table(caption, "llrlrrr", header, tuple(body))
+
+
+def _derived_section(result: PriorResult) -> Section:
+    rows = {row["parameter"]: row for row in result.summary.to_dict("records") if row["parameter"] in DERIVED}
+    body = tuple(
+        (symbol(name), angles(DERIVED[name].description), unit(name) or NOTHING, *_numbers(row))
+        for name, row in rows.items()
+    )
+    caption = (
+        "Quantities that follow from the soil, for the first wheel under the load of the table, before any "
+        "reading."
+    )
+    header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
+    return Section("derived", "Derived quantities", (Table(caption, "lllrrrr", header, body),))
+
+
+def _reproduce(result: PriorResult) -> Table:
+    record = result.record
+    command = Markup("<code>bayesterra run STUDY --prior-only --seed {}</code>").format(record["seed"])
+    facts = (
+        ("command", command),
+        ("made", record["made"]),
+        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
+        ("machine", record["machine"]),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+    )
+    return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
+
+
+BINS = 40
+
+
+@styled
+def prior_density(result: PriorResult, name: str, ax: Axes | None = None) -> Axes:
+    """Draw one parameter's prior: grey what physics leaves of it, line the law as stated."""
+    ax = own_axes(ax, 2.6, 1.7)
+    values = field_values(name, result.draws["prior"][name].to_numpy().ravel())
+    ax.hist(values, bins=BINS, density=True, color=PRIOR, alpha=0.55, linewidth=0)
+    grid = np.linspace(values.min(), values.max(), 200)
+    scale = PARAMETERS[name].scale
+    stated = np.exp(result.study.prior.laws[name].log_density(grid * scale)) * scale
+    ax.plot(grid, stated, color=INK, linewidth=1.0)
+    ax.set(xlabel=label(PARAMETERS[name]), yticks=[], ylim=(0, None))
+    ax.spines["left"].set_visible(False)
+    return ax
+
+
+@styled
+def prior_bands(
+    result: PriorResult, channel: str, ax: Axes | None = None, *, wheel: str | None = None
+) -> Axes:
+    """Draw what the prior predicts for one channel of one wheel over slip.
+
+    Dark and pale: 50 and 90 % of the modelled values; broken lines: 90 % of readings, noise included; line:
+    median; ticks: slips of the table.
+    """
+    ax = own_axes(ax)
+    wheel = wheel or next(iter(result.study.wheels))
+    curves = result.draws["curves"].sel(wheel=wheel)
+    slip = curves["slip"].to_numpy()
+    bands, noisy = (
+        field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
+        for kind in ("modelled", "readings")
+    )
+    for low, high, alpha in ((0, 4, 0.25), (1, 3, 0.45)):
+        ax.fill_between(slip, bands[low], bands[high], color=PRIOR, alpha=alpha, linewidth=0)
+    ax.plot(slip, bands[2], color=INK)
+    for edge in noisy[[0, 4]]:
+        ax.plot(slip, edge, color=INK, linewidth=0.8, dashes=(4, 3))
+    rows = result.study.observations
+    mine = np.array([name == wheel for name in rows.wheel]) & rows.use
+    ax.plot(rows.slip[mine], np.zeros(mine.sum()), "|", color=INK, transform=ax.get_xaxis_transform())
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(CHANNELS[channel]))
+    return ax
+
+
+def prior_html(result: PriorResult) -> str:
+    """The report of a prior without readings as a self-contained HTML page."""
+    return prior_and_failures(result)[0]
+
+
+def prior_and_failures(result: PriorResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = prior_page(result)
+    return render(made, "before.html"), made.failures

@@ -1,0 +1,155 @@
+"""Data made by the model itself: the same wheels, slips and loads as a study, outcomes with its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import ResultError, SupportError, check_kind, check_seed
+from bayesterra.likelihood.posterior import REASONS, draw_cut_prior, likelihood_of, posterior
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS
+from bayesterra.runtime.folders import whole_folder, write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.canonical import simulated_toml
+from bayesterra.study.entries import parameter_value
+from bayesterra.study.study import Study
+
+_PRIOR_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What simulated data are made with.
+
+    Attributes
+    ----------
+    values : SI values of every parameter that has a prior, by name.
+    origins : where each value comes from: ``given``, ``truth``, ``published``, ``fixed``, ``prior median`` or
+        ``tied to <another>``.
+    """
+
+    values: Mapping[str, float]
+    origins: Mapping[str, str]
+
+
+def true_values(study: Study, given: Mapping[str, float | str] | None = None) -> Truth:
+    """Choose a value for every parameter.
+
+    The first of these that has one: ``given``; the study's [truth]; the prior, where it fixes the parameter;
+    [published], where there is no [truth]; the median of the prior cut to the physical support.
+
+    Parameters
+    ----------
+    given : values by parameter, SI numbers or text with a unit.
+    """
+    known = tuple(name for name in PARAMETERS if name in study.prior.entries)
+    chosen = {n: parameter_value(n, v, known, bare=True) for n, v in (given or {}).items()}
+    sources = {"given": chosen}
+    sources["truth"] = dict(study.truth.values) if study.truth else {}
+    sources["fixed"] = study.prior.fixed
+    sources["published"] = dict(study.published.values) if study.published and not study.truth else {}
+    tied = [n for n in known if n in study.prior.ties]
+    known = tuple(n for n in known if n not in tied)
+    open_names = [n for n in known if not any(n in values for values in sources.values())]
+    sources["prior median"] = _cut_prior_medians(study) if open_names else {}
+    origins = {n: next(o for o, values in sources.items() if n in values) for n in known}
+    values = {n: sources[origin][n] for n, origin in origins.items()}
+    for n in tied:
+        values[n], origins[n] = values[study.prior.root(n)], f"tied to {study.prior.ties[n]}"
+    return Truth(values, origins)
+
+
+def _cut_prior_medians(study: Study) -> dict[str, float]:
+    density = posterior(study)
+    draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
+    return dict(zip(density.names, np.median(draws, axis=0).tolist(), strict=True))
+
+
+def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed: int = 1) -> pd.DataFrame:
+    """Make readings where the study has some, at its slips, loads and wheels.
+
+    Parameters
+    ----------
+    study : conditions, noise and model. With the drive ``sinkage`` the sinkage is kept as it stands; with
+        ``both`` the true load is the stated one, else the measured normal force.
+    truth : parameter values as for :func:`true_values`.
+    seed : same seed, same readings.
+
+    Returns
+    -------
+    A table in the form of the measurement files; slip on the shearing radius, sinkage from the rim.
+
+    Raises
+    ------
+    StudyError : no study is given, or an unknown parameter.
+    SupportError : the model has no answer at one of the rows.
+    """
+    check_kind("bt.simulate", study, Study)
+    check_seed(seed)
+    values = true_values(study, truth).values
+    rows = study.observations
+    likelihood = likelihood_of(study, rows)
+    soil, rng = study.prior.soil_of(values), np.random.default_rng(seed)
+    outcomes = likelihood.forward(soil)
+    if outcomes.status[0]:
+        raise SupportError(f"nothing can be simulated with these values: {REASONS[int(outcomes.status[0])]}")
+    estimated = [n.parameter for n in study.noise.values() if n.parameter]
+    noise = np.array([[values[name] for name in (*estimated, *study.errors.laws)]])
+    if study.errors:
+        outcomes = likelihood.imagined(soil, noise, rng)
+    drawn = likelihood.draw(outcomes, noise, rng)[0]
+    made = {name: drawn[:, i] for i, name in enumerate(study.noise)}
+    return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
+
+
+def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
+    """Field units; what was simulated beside what was conditioned on."""
+    rows = study.observations
+    columns: dict[str, object] = {"wheel": rows.wheel} if len(study.wheels) > 1 else {}
+    columns |= rows.labels
+    columns["slip"] = rows.slip
+    if study.drive == "load":
+        columns |= _column("load", rows.load)
+    elif study.drive == "sinkage":
+        columns |= _column("sinkage", rows.values["sinkage"])
+    for name in (name for name in OUTCOMES if name in made):
+        columns |= _column(name, made[name])
+        if not np.isnan(rows.given_sd[name]).all():
+            columns |= _column(f"{name}_sd", rows.given_sd[name])
+    return pd.DataFrame({**columns, "use": rows.use.astype(int)})
+
+
+def _column(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    channel = CHANNELS[name.removesuffix("_sd")]
+    return {f"{name} [{channel.unit}]": values / channel.scale}
+
+
+def write_simulated(
+    study: Study, folder: str | Path, *, seed: int = 1, truth: Mapping[str, float | str] | None = None
+) -> Truth:
+    """Write a study folder with simulated measurements, whole or not at all.
+
+    Parameters
+    ----------
+    folder : must not exist yet; gets ``study.toml``, with the truth in it, and ``measurements.csv``.
+    seed, truth : see :func:`simulate`.
+
+    Raises
+    ------
+    ResultError : the folder exists or cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists():
+        raise ResultError(f"'{folder}' exists already: give another folder with --out")
+    made_with = true_values(study, truth)
+    table = simulate(study, made_with.values, seed)
+    text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
+    with whole_folder(folder, sums=False) as part:  # a study to work on
+        write_text(part / "measurements.csv", csv_text(table, "%.12g"))
+        write_text(part / "study.toml", text)
+    return made_with

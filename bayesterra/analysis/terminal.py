@@ -1,0 +1,302 @@
+"""A study and a result on a terminal: what was understood, parameters, verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from bayesterra.analysis.prior_only import PriorResult
+from bayesterra.analysis.simulation import Truth
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.validation import Validation
+from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import UNSEEN
+from bayesterra.report.numbers import interval, probability, resolution, rounded
+from bayesterra.report.terminal import PlainConsole, print_failures
+from bayesterra.stats.laws import RANGED, Law
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Entry, Tie
+from bayesterra.study.result import Found, Result, found_rows
+from bayesterra.study.study import Study
+
+
+def print_result(result: Result, report: Path) -> None:
+    """Print the verdict, the parameters and the name of the report."""
+    console = PlainConsole()
+    console.print(_table(result))
+    console.print(verdict_line(result.record), highlight=False, soft_wrap=True)
+    if misfit := misfit_line(result):
+        PlainConsole(stderr=True).print(misfit, highlight=False, soft_wrap=True)
+    if found := result.record.get("crosscheck"):
+        console.print(
+            f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
+        )
+    print_failures(console, result.record)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def print_pooled(record: Mapping[str, Any], report: Path) -> None:
+    """Print what a run with groups found: convergence, what is shared, and the name of the report."""
+    console, found = PlainConsole(), record["pooling"]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("pooling", "log evidence", "elpd of rows", "elpd of groups"):
+        table.add_column(header, justify="left" if header == "pooling" else "right", no_wrap=True)
+    for row in found["degrees"]:
+        figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
+        table.add_row(row["pooling"], *(f"{figure:.1f}" for figure in figures))
+    console.print(table)
+    console.print(verdict_line(record), highlight=False, soft_wrap=True)
+    console.print(f"Evidence prefers: {found['preferred']}. {found['sentence']}", highlight=False)
+    if found.get("sentence_as_stated"):
+        console.print(
+            f"With the other parameters as this study has them: {found['sentence_as_stated']}",
+            highlight=False,
+        )
+    print_failures(console, record)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def print_prior(result: PriorResult, report: Path) -> None:
+    """Print what physics leaves of the prior, and the name of the report."""
+    console = PlainConsole()
+    table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("quantity", "unit", "prior median", "90 % HDI"):
+        table.add_column(header, justify="right" if header[-1] in "nI" else "left", no_wrap=True)
+    for row in result.summary.to_dict("records"):
+        low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+        middle = rounded(row["prior_median"], resolution(low, high))
+        table.add_row(row["parameter"], row["unit"], middle, interval(low, high))
+    console.print(table)
+    share = result.record["prior_support"]["shares"]["inside the support"]
+    console.print(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it.", highlight=False)
+    print_failures(console, result.record)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def _table(result: Result) -> Table:
+    words = {name: _verdict(row) for name, row in found_rows(result).items()}
+    table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("parameter", "unit"):
+        table.add_column(header)
+    for header in ("mode", "median", "90 % HDI"):
+        table.add_column(header, justify="right", no_wrap=True)
+    table.add_column("verdict")
+    for row in result.summary.to_dict("records"):
+        if row["parameter"] in words:
+            table.add_row(*_cells(row), words[row["parameter"]])
+    return table
+
+
+def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    """A row of the summary, to the precision that its interval supports."""
+    low, high = row["hdi90_lo"], row["hdi90_hi"]
+    step = resolution(low, high)
+    figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
+    return (PARAMETERS[row["parameter"]].symbol, row["unit"], *figures)
+
+
+def _verdict(row: Found) -> str:
+    """The word, with the partner of a coupled parameter."""
+    if row.verdict != "coupled":
+        return row.verdict
+    return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
+
+
+def misfit_line(result: Result) -> str:
+    """One line where the model cannot make readings like these, with what is wrong; else empty."""
+    from bayesterra.checking.validation_page import alarming, misfit_text
+
+    checks = Validation.from_record(result.record).checks
+    if checks is None or not checks.alarm:
+        return ""
+    parts = "; ".join(f"{CHANNELS[one.channel].description} {one.finding}" for one in alarming(checks))
+    return misfit_text(f"{parts} (overall p {probability(checks.overall)})")
+
+
+def verdict_line(record: Mapping[str, Any]) -> str:
+    """One line: converged or not, with the figures behind the word."""
+    verdict = record["verdict"]
+    figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
+    if verdict["converged"]:
+        return f"Sampling converged: {figures}. {UNSEEN}"
+    failed = "; ".join(
+        f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
+        for check in verdict["checks"]
+        if not check["passed"]
+    )
+    return f"Sampling did NOT converge: {failed}. {figures}."
+
+
+def print_overview(study: Study, console: Console | None = None) -> None:
+    """Print title, model, wheels, measurements, priors and notes of a study.
+
+    Raises
+    ------
+    SupportError : no parameter set of the prior can explain the conditions.
+    """
+    console = console or PlainConsole()
+    target = posterior(study)
+    cut = draw_cut_prior(target, 1000, np.random.default_rng(0))
+    console.print(_general(study))
+    console.print(_measurements(study))
+    console.print(_priors(study))
+    for names, source in study.prior.sources.items():
+        console.print(f"{', '.join(names)}: {source}")
+    if study.prior.correlation:
+        console.print(_correlations(study))
+    shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
+    console.print(f"Of the stated prior: {', '.join(shares)}")
+    typical = cut.x[:TYPICAL]
+    doubts = slip_doubts(target.likelihood, target.prior.soil_values(typical), target.noise_values(typical))
+    for note in (*study.notes, *([doubts] if doubts else [])):
+        console.print(f"Note: {note}")
+
+
+def print_truth(truth: Truth, console: Console | None = None) -> None:
+    """Print the values that data were simulated with, and where each comes from."""
+    table = Table("parameter", "value", "from", title="Simulated with")
+    for name, value in truth.values.items():
+        table.add_row(name, field_text(name, value), truth.origins[name])
+    (console or PlainConsole()).print(table)
+
+
+def field_text(name: str, value: float) -> str:
+    """A parameter's value in its field unit."""
+    parameter = PARAMETERS[name]
+    return f"{value / parameter.scale:.6g} {parameter.unit.removesuffix('-')}".strip()
+
+
+def _general(study: Study) -> Table:
+    options = ", ".join(f"{name} {value}" for name, value in asdict(study.model).items())
+    table = Table(title=study.title or "Study", show_header=False)
+    table.add_row("model", f"{study.model.name} ({options})")
+    loads = study.load_range
+    flat = "" if loads is None else f"; loads flat from {loads[0]:.4g} to {loads[1]:.4g} N"
+    table.add_row("drive", study.drive + flat)
+    for name, wheel in study.wheels.items():
+        table.add_row(
+            f"wheel {name}",
+            f"r {wheel.radius * 1e3:g} mm, b {wheel.width * 1e3:g} mm, h {wheel.lug_height * 1e3:g} mm,"
+            f" {wheel.lug_count} lugs, r_s {float(wheel.shearing_radius()) * 1e3:.5g} mm",
+        )
+    for one in study.errors:
+        table.add_row(*_error(one))
+    described = (study.kind, study.soil, study.date, study.source)
+    table.add_row("data", " · ".join(part for part in described if part))
+    for name, value in (("published", study.published), ("truth", study.truth)):
+        if value is not None:
+            table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
+    return table
+
+
+def _error(one: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
+    """A discrepancy, a ripple or the errors of slip in a line."""
+    channel = CHANNELS["slip" if isinstance(one, SlipError) else one.channel]
+    unit = channel.unit.removesuffix("-")
+    size = "estimated" if one.size.sd is None else f"{one.size.sd / channel.scale:g} {unit}".strip()
+    if isinstance(one, Discrepancy):
+        kind = "" if one.kernel == "smooth" else f" ({one.kernel})"
+        shape = f"a curve per wheel over slips of {one.length:g}{kind}"
+        return "discrepancy", f"{channel.name}: sd {size}, {shape}"
+    if isinstance(one, Ripple):
+        crests = "" if np.isinf(one.period) else f", crests {one.period:g} rows apart"
+        return "ripple", f"{channel.name}: sd {size}, memory of {one.memory:g} rows{crests}"
+    return "slip", f"read with an error of sd {size}"
+
+
+def _measurements(study: Study) -> Table:
+    """All rows in field units, those left out of the fit dimmed; the noise in the last line."""
+    rows = study.observations
+    columns = _columns(study)
+    table = Table(title=f"{len(rows)} rows, {int(rows.use.sum())} in use; slip on r_s, sinkage from the rim")
+    for header in ("row", *(["wheel"] if len(study.wheels) > 1 else []), "slip"):
+        table.add_column(header, justify="right")
+    for name in columns:
+        table.add_column(f"{name} [{CHANNELS[name].unit}]", justify="right")
+    for i, row in enumerate(rows.rows):
+        wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
+        cells = [_cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()]
+        mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
+        table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
+    table.add_section()
+    empty = [""] * (len(table.columns) - 1 - len(columns))
+    table.add_row("noise", *empty, *(_noise(study.noise, name) for name in columns))
+    return table
+
+
+def _columns(study: Study) -> dict[str, FloatArray]:
+    """What the drive conditions on, then the measured outcomes; SI."""
+    rows = study.observations
+    given = {
+        "load": {"load": rows.load},
+        "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)},
+        "both": {},
+    }
+    return {**given[study.drive], **{name: rows.values[name] for name in study.noise}}
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.5g}"
+
+
+def _noise(noise: Mapping[str, Noise], name: str) -> str:
+    entry, channel = noise.get(name), CHANNELS[name]
+    if entry is None:
+        return "given"
+    tails = "" if np.isinf(entry.dof) else f", t({entry.dof:g})"
+    if entry.law is not None:
+        return f"estimated{tails}"
+    if entry.fraction is not None:
+        return f"{100 * entry.fraction:g} %, from {entry.floor / channel.scale:g}{tails}"
+    return f"{(entry.sd or 0.0) / channel.scale:g}{tails}"
+
+
+def _priors(study: Study) -> Table:
+    table = Table("parameter", "prior", "in words", title=f"Prior: {len(study.prior.names)} free parameters")
+    for name in (name for name in PARAMETERS if name in study.prior.entries):
+        entry = study.prior.entries[name]
+        table.add_row(name, _entry(name, entry), PARAMETERS[name].description)
+    return table
+
+
+def _entry(name: str, entry: Entry) -> str:
+    if isinstance(entry, Tie):
+        return f"that of {entry.to}"
+    return _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
+
+
+def _correlations(study: Study) -> Table:
+    """Correlations of the normal scores of the laws, to two digits; the lower half."""
+    prior = study.prior
+    names = [prior.names[i] for i in prior.correlated]
+    table = Table("", *names[:-1], title="Prior correlations of normal scores")
+    matrix = prior.score_correlation[np.ix_(prior.correlated, prior.correlated)]
+    for i in range(1, len(names)):
+        cells = (f"{value:+.2f}".replace("-", "−") for value in matrix[i, :i])
+        table.add_row(names[i], *cells)
+    return table
+
+
+def _law(name: str, law: Law) -> str:
+    """A law in field units; of its arguments ``loc`` and ``scale`` have one."""
+    if isinstance(law, Tabulated):
+        low, middle, high = law.quantile(np.array([0.05, 0.5, 0.95])) / PARAMETERS[name].scale
+        unit = PARAMETERS[name].unit.removesuffix("-")
+        return f"{law.dist}: median {middle:.4g}, 90 % {low:.4g} to {high:.4g} {unit}".rstrip()
+    scaled = ("loc", "scale")
+    arguments = [f"{k} {field_text(name, v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()]
+    if np.isfinite([law.lower, law.upper]).any():
+        cut = "" if law.dist in RANGED else "cut to "
+        arguments.append(f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {field_text(name, law.upper)}")
+    return f"{law.dist}: {', '.join(arguments)}"

@@ -1,0 +1,240 @@
+"""The findings in plain words, generated from the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from bayesterra.analysis.strip import mode_outside
+from bayesterra.checking.validation import complete, estimates, held
+from bayesterra.identifiability.verdicts import WEAK
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report.failures import failed
+from bayesterra.report.numbers import MINUS, given, interval, share
+from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
+from bayesterra.study.result import COUPLED, Result, found_rows, summary_rows
+
+FAR = 0.99
+"""Share of denser draws from which a point counts as improbable."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A few sentences under a lead-in."""
+
+    lead: str
+    text: Markup
+
+
+def findings(result: Result) -> tuple[Finding, ...]:
+    """Everything that can be said, the soil first."""
+    parts = (
+        ("Known well", known_well(result)),
+        ("Traded", traded(result)),
+        ("From the prior", from_the_prior(result)),
+        ("Mode (*)", about_the_mode(result)),
+        ("Least squares", about_least_squares(result)),
+        ("Next", next_measurement(result)),
+    )
+    return tuple(Finding(lead, text) for lead, text in parts if text)
+
+
+def known_well(result: Result) -> Markup:
+    """Parameters that the data determine on their own, with their intervals."""
+    names = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
+    if not names:
+        return Markup("No parameter on its own; see the combinations below.")
+    rows = summary_rows(result)
+    parts = (
+        Markup("{} ({})").format(symbol(name), amount(name, interval(*rows[name].hdi))) for name in names
+    )
+    return Markup("{}; 90 % HDI in brackets.").format(listed(parts))
+
+
+def coupled_pairs(result: Result) -> list[tuple[str, str, float]]:
+    """Pairs of parameters with a strong correlation, the strongest first."""
+    matrix = np.atleast_2d(np.corrcoef(result.values().T))
+    pairs = [
+        (result.names[j], result.names[i], float(matrix[i, j]))
+        for i, j in zip(*np.tril_indices(len(matrix), -1), strict=True)
+        if abs(matrix[i, j]) >= COUPLED
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def traded(result: Result) -> Markup:
+    """What the data leave to be traded against what."""
+    pairs = coupled_pairs(result)
+    if not pairs:
+        return Markup("")
+    parts = (Markup("{} with {} ({})").format(symbol(a), symbol(b), _signed(r)) for a, b, r in pairs)
+    return Markup(
+        "{}. The data fix these combinations better than either member; correlation in brackets."
+    ).format(listed(parts))
+
+
+def _signed(correlation: float) -> str:
+    return f"{correlation:+.2f}".replace("-", MINUS)
+
+
+def from_the_prior(result: Result) -> Markup:
+    """Parameters that the data hardly narrow, and those that lean on a bound of the prior."""
+    found = found_rows(result)
+    moved = [name for name, row in found.items() if row.verdict == "moved"]
+    names = [name for name, row in found.items() if row.contraction < WEAK and name not in moved]
+    first = (
+        Markup(
+            "{} alone {} hardly better known than before the test: the prior speaks, not the data."
+        ).format(symbols(names), "is" if len(names) == 1 else "are")
+        if names
+        else Markup("")
+    )
+    ends = Markup("; ").join(
+        Markup("{} at its {} bound").format(symbol(n), end)
+        for n, end in bounded(result)
+        if n not in (*names, *moved)  # what repeats a bounded prior ends where the prior does
+    )
+    second = Markup("Cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
+    against = (
+        Markup("{} hardly narrowed but moved: prior and data disagree.").format(symbols(moved))
+        if moved
+        else Markup("")
+    )
+    return Markup(" ").join(part for part in (against, first, second) if part)
+
+
+def bounded(result: Result) -> list[tuple[str, str]]:
+    """Parameters that lean on a bound of their prior, and on which: ``lower``, ``upper`` or both in turn."""
+    ends = {"none": (), "both": ("lower", "upper")}
+    rows = found_rows(result).items()
+    return [(name, end) for name, row in rows for end in ends.get(row.bound, (row.bound,))]
+
+
+def about_the_mode(result: Result) -> Markup:
+    """Warn where the densest point lies apart from most of the probability."""
+    outside = mode_outside(result)
+    if not outside:
+        return Markup("")
+    return Markup(
+        "The densest single point lies outside the 90 % HDI of {}: a narrow corner that holds little "
+        "probability. Medians and intervals describe this soil better than the mode does."
+    ).format(symbols(outside))
+
+
+def about_least_squares(result: Result) -> Markup:
+    """Where the point estimates stand in the posterior."""
+    standings = result.record["standings"]
+    if failed(result.record, "standings"):
+        return Markup("")
+    names = list(complete(result))
+    outside = [name for name in names if standings[name]["log_density"] is None]
+    far = [n for n in names if n not in outside and standings[n]["credible_level"] >= FAR]
+    near = [name for name in names if name not in (*outside, *far)]
+    sentences = [
+        *_held(result),
+        *_open(result, names),
+        *_outside(result, outside),
+        *_far(result, far),
+        *_near(result, near),
+        *_at_bounds(result, names),
+    ]
+    return Markup(" ").join(sentences)
+
+
+def _held(result: Result) -> Iterator[Markup]:
+    """Parameters that methods held, the same value together."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for method, values in estimates(result).items():
+        for name in held(result, method):
+            value = given(float(f"{values[name] / PARAMETERS[name].scale:.6g}"))
+            groups.setdefault((name, value), []).append(method)
+    for (name, value), methods in groups.items():
+        yield Markup("{} held {} at {} (hollow marks).").format(
+            listed(methods), symbol(name), amount(name, value)
+        )
+
+
+def _open(result: Result, judged: list[str]) -> Iterator[Markup]:
+    """Estimates that leave parameters open have no density of their own."""
+    names = [name for name in estimates(result) if name not in judged]
+    if names:
+        yield Markup("{}: only some of the parameters, not judged.").format(_titles(names))
+
+
+def _outside(result: Result, names: list[str]) -> Iterator[Markup]:
+    for name in names:
+        word = result.record["standings"][name]["word"].removeprefix("outside the prior: ")
+        reason = Markup("") if word == "outside the prior" else Markup(" ({})").format(angles(word))
+        yield Markup("{} outside the prior{}.").format(_estimate(name), reason)
+
+
+def _estimate(name: str) -> str:
+    return {"published": "The published values lie", "truth": "The true values lie"}.get(name, f"{name} lies")
+
+
+def _far(result: Result, names: list[str]) -> Iterator[Markup]:
+    if names:
+        levels = [result.record["standings"][name]["credible_level"] for name in names]
+        yield Markup("{}: improbable, {} of the draws are denser.").format(_titles(names), _levels(levels))
+
+
+def _levels(levels: list[float]) -> str:
+    low, high = share(min(levels)), share(max(levels))
+    return low if low == high else f"{low} to {high}"
+
+
+def _titles(names: list[str]) -> Markup:
+    text = listed({"published": "published values", "truth": "true values"}.get(name, name) for name in names)
+    return Markup("{}{}").format(text[:1].upper(), text[1:])
+
+
+def _near(result: Result, names: list[str]) -> Iterator[Markup]:
+    for name in names:
+        level = result.record["standings"][name]["credible_level"]
+        if level == 0:
+            yield Markup("{} inside, denser than every draw.").format(_estimate(name))
+        else:
+            yield Markup("{} inside: {} of the draws are denser.").format(_estimate(name), share(level))
+
+
+def _at_bounds(result: Result, names: list[str]) -> Iterator[Markup]:
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        parameters = tuple(result.record["standings"][name]["at_bound"])
+        if parameters:
+            groups.setdefault(parameters, []).append(name)
+    if groups:
+        parts = (
+            Markup("{} in {}").format(symbols(found), listed(methods)) for found, methods in groups.items()
+        )
+        yield Markup("At a bound of the prior: {}.").format(Markup("; ").join(parts))
+
+
+ADVICE = (
+    (
+        {"c", "phi"},
+        "runs under a second load, or a shear test at another normal stress, would help to part {}",
+    ),
+    ({"phi", "K"}, "readings at small slip, where the shear stress still builds up, would help to part {}"),
+    ({"c", "K"}, "readings at small slip, where the shear stress still builds up, would help to part {}"),
+    ({"Ks", "n0"}, "a plate-sinkage test, or a wheel of another width or load, would help to part {}"),
+    ({"n0", "n1"}, "sinkage over a wider range of slip would help to part {}"),
+    ({"n1", "c2"}, "sinkage over a wider range of slip would help to part {}"),
+    ({"c1", "c2"}, "a wider range of slip, or stress sensors on the rim, would help to part {}"),
+)
+"""For a coupled pair, the measurement in which its members act differently."""
+
+
+def next_measurement(result: Result) -> Markup:
+    """Cautious advice from the strongest couplings; nothing where there is none to give."""
+    advice: dict[str, list[Markup]] = {}
+    for a, b, _ in coupled_pairs(result):
+        for pair, text in ADVICE:
+            if pair == {a, b}:
+                advice.setdefault(text, []).append(symbols([a, b]))
+    parts = [Markup(text).format(listed(pairs, "or")) for text, pairs in advice.items()]  # noqa: S704 (constants)
+    text = Markup("; ").join(parts[:3])
+    return Markup("By the couplings above, {}.").format(text) if parts else Markup("")

@@ -1,0 +1,1 @@
+"""Whether a posterior can be trusted: predictive checks, rows and levels left out, calibration."""

@@ -1,0 +1,288 @@
+"""Simulation-based calibration of a study, as a resumable job and a folder with its page."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from math import isfinite
+from pathlib import Path
+from typing import Any, Self
+
+import pandas as pd
+from numpy.random import default_rng
+
+from bayesterra.checking.ranks import CONVERGED, DRAWS, Calibration
+from bayesterra.checking.replications import Fit, Outcome, Replication, ShortRuns, quantity_names
+from bayesterra.errors import ResultError, StudyError, check_kind, check_number, check_seed
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.folders import check_free, whole_folder, write_text
+from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.parallel import ended
+from bayesterra.runtime.reading import damage
+from bayesterra.runtime.tables import csv_text
+from bayesterra.runtime.tasks import STORE_FILE, task_folder
+from bayesterra.study.canonical import write_study
+from bayesterra.study.result import PACKAGES
+from bayesterra.study.study import Study
+
+FEWEST = 20
+"""Fewer replications than this notice nothing but the grossest errors."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a calibration is.
+
+    Attributes
+    ----------
+    done, of : replications.
+    unsettled : those that failed or did not converge.
+    seconds_left : at the pace so far; None before the first.
+    """
+
+    done: int
+    of: int
+    unsettled: int
+    seconds_left: float | None
+
+
+def check(study: Study, n: int) -> None:
+    """Make sure that a calibration is possible before work is spent on it.
+
+    Raises
+    ------
+    StudyError : too few replications, or nothing is free.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    if n < FEWEST:
+        raise StudyError(f"'n' must be at least {FEWEST} replications, better 200 or more (got {n})")
+    if not study.prior.names:
+        raise StudyError("every parameter is fixed: there is nothing to calibrate")
+    draw_cut_prior(posterior(study), 1, default_rng(0))
+
+
+def calibration_of(
+    study: Study,
+    *,
+    n: int,
+    seed: int = 1,
+    engine: Engine | None = None,
+    fit: Fit | None = None,
+    finished: Iterable[Outcome] = (),
+    report: Callable[[Sequence[Outcome], Progress], None] = lambda outcomes, progress: None,
+) -> Calibration:
+    """Calibrate the posterior of a study; see the package's docstring.
+
+    Parameters
+    ----------
+    n : replications; a power of 200 or less is small (the result states it).
+    seed : same seed, same outcomes, whatever the engine.
+    engine : computes the replications; by default this process.
+    fit : samples a posterior; by default the sampler of every run, until there are draws enough to rank.
+    finished : outcomes that are known already.
+    report : called with new outcomes and the progress, at the start with none.
+
+    Raises
+    ------
+    StudyError, SupportError : see :func:`check`.
+    """
+    check(study, n)
+    known = {outcome.task: outcome for outcome in finished if outcome.task <= n}
+    open_tasks = [task for task in range(1, n + 1) if task not in known]
+    replication = Replication(study, seed, fit or ShortRuns())
+    started, before = time.perf_counter(), len(known)
+    report((), _progress(known, n, None))
+    for batch in ended(replication, open_tasks, engine or in_process()):
+        known |= batch
+        pace = (time.perf_counter() - started) / (len(known) - before)
+        report([outcome for _, outcome in batch], _progress(known, n, pace * (n - len(known))))
+    return Calibration(
+        study, table([known[task] for task in sorted(known)], study), origin_of(study, seed, fit)
+    )
+
+
+def _progress(known: dict[int, Outcome], n: int, seconds_left: float | None) -> Progress:
+    unsettled = sum(outcome.status != CONVERGED for outcome in known.values())
+    return Progress(len(known), n, unsettled, seconds_left)
+
+
+def table(known: Iterable[Outcome], study: Study) -> pd.DataFrame:
+    """One row per outcome; see :attr:`Calibration.table`."""
+    rows = [asdict(outcome) for outcome in known]
+    ranks = [row.pop("ranks") for row in rows]
+    names = quantity_names(study.prior.names, study.drive)
+    return pd.DataFrame(rows).join(pd.DataFrame(ranks, columns=list(names)))
+
+
+def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]:
+    """What outcomes depend on, and what must be the same for a calibration to go on."""
+    chosen = fit or ShortRuns()
+    named = {"fit": getattr(chosen, "__qualname__", type(chosen).__name__)}
+    settings = chosen.record() if isinstance(chosen, ShortRuns) else named
+    return {
+        "seed": seed,
+        "model": study.model.name,
+        "drive": study.drive,
+        "fingerprints": study.fingerprint,
+        "settings": {"ranked_among": DRAWS, **settings},
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    }
+
+
+MARK = "calibration.json"
+"""File by which folders of this kind are known."""
+
+
+class CalibrationResult(Calibration):
+    """A calibration that can be saved as a folder with its report."""
+
+    @classmethod
+    def of(cls, found: Calibration) -> Self:
+        """The same calibration, with a report to write."""
+        return cls(**{field.name: getattr(found, field.name) for field in fields(Calibration)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write report, ranks, record and study into a new folder; returns the path of the report.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            self._write(part)
+        return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
+        from bayesterra.checking.calibration_page import calibration_html
+
+        write_text(part / "ranks.csv", csv_text(self.table, "%.6g"))
+        write_text(part / MARK, json.dumps(_finite(self.findings()), indent=1, ensure_ascii=False) + "\n")
+        write_text(part / "report.html", calibration_html(self))
+        write_study(self.study, part)
+
+
+def calibrate(
+    study: Study,
+    *,
+    n: int,
+    seed: int = 1,
+    engine: Engine | None = None,
+    fit: Fit | None = None,
+    progress: Callable[[Progress], None] = lambda update: None,
+) -> CalibrationResult:
+    """Simulate a study ``n`` times over and check that its posterior is right.
+
+    Parameters
+    ----------
+    n : replications, 20 at least; the result states which errors so many would have noticed.
+    seed : same seed, same ranks, whatever the engine.
+    engine : computes the replications: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
+    fit : samples the posterior of a simulated study, see :data:`bayesterra.checking.replications.Fit`; by
+        default the sampler of :func:`bayesterra.run`.
+    progress : called as the replications end.
+
+    Raises
+    ------
+    StudyError : too few replications, or nothing is free.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    check_kind("bt.calibrate", study, Study)
+    check_seed(seed)
+    check_number("n", n)
+    found = calibration_of(
+        study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
+    )
+    return CalibrationResult.of(found)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to calibrate, and how; see :func:`calibrate`."""
+
+    study: Study
+    n: int
+    seed: int = 1
+    engine: Engine | None = None
+    fit: Fit | None = None
+
+
+def calibrate_study(
+    job: Job,
+    out: Path,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    quiet: bool = False,
+    watch: Callable[[Progress], None] = lambda update: None,
+) -> CalibrationResult:
+    """Calibrate into a folder, with a progress bar on a terminal and a status file to poll.
+
+    Every finished replication is saved at once in ``<out>.part``. ``resume`` goes on from there, also to a
+    larger ``n``. ``watch`` is called as replications end.
+
+    Raises
+    ------
+    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written; or there is an
+        unfinished calibration, of something else or without ``resume``.
+    """
+    from bayesterra.checking.calibration_page import calibration_bar
+
+    check_free(out, overwrite=overwrite, mark=MARK)
+    check(job.study, job.n)
+    opened = task_folder(
+        out, _made_with(job), mark=MARK, tasks="replications", resume=resume, overwrite=overwrite
+    )
+    with opened as (part, store, status):
+        with calibration_bar(show=not quiet) as show:
+
+            def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
+                store.add({outcome.task: asdict(outcome) for outcome in outcomes})
+                status.note(_status(progress))
+                show(progress)
+                watch(progress)
+
+            with damage(ResultError, part / WORK / STORE_FILE):
+                finished = [Outcome.from_record(content) for content in store.tasks().values()]
+            made = calibration_of(
+                job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
+                report=update,
+            )  # fmt: skip
+        found = CalibrationResult.of(made)
+        found._write(part)
+    return found
+
+
+def _made_with(job: Job) -> dict[str, Any]:
+    """What must be the same for replications to belong together, by names fit for a message."""
+    origin = origin_of(job.study, job.seed, job.fit)
+    names = {"study": "study", "data": "table of measurements"}
+    digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
+    return {**origin.pop("versions"), **origin, **digests}
+
+
+def _status(progress: Progress) -> dict[str, object]:
+    """What a poller of ``status.json`` sees."""
+    return {
+        "stage": "calibrating",
+        "done": progress.done / progress.of,
+        "steps": progress.done,
+        "replications": progress.done,
+        "of": progress.of,
+        "not_converged": progress.unsettled,
+        "seconds_left": progress.seconds_left,
+    }
+
+
+def _finite(value: Any) -> Any:
+    """A value that JSON can hold: NaN and infinities become null."""
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value

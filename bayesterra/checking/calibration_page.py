@@ -1,0 +1,405 @@
+"""Calibration as a page, a figure and a terminal table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.checking.calibration import Progress as CalibrationProgress
+from bayesterra.checking.ranks import (
+    CALIBRATED,
+    COVERAGES,
+    DRAWS,
+    FAILED,
+    LEVEL,
+    MISCALIBRATED,
+    SIMULATIONS,
+    UNCONVERGED,
+    UNSETTLED,
+    Calibration,
+)
+from bayesterra.checking.replications import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parameter
+from bayesterra.report.blocks import (
+    Cell,
+    Gallery,
+    Picture,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    render,
+)
+from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
+from bayesterra.report.numbers import MINUS, NOTHING, plain
+from bayesterra.report.symbols import listed, symbol
+from bayesterra.report.terminal import PlainConsole, task_bar
+
+HIGH_POWER, SOME_POWER = 0.9, 0.5
+
+
+def calibration_page(found: Calibration) -> VerdictPage:
+    """Put the page together."""
+    study = found.study
+    return VerdictPage(
+        title=study.title or "Soil parameters from wheel tests",
+        facts=(study.model.name, f"drive {study.drive}", f"{len(found.table)} replications"),
+        warning=_warning(found),
+        verdicts=(_posterior(found), _sampling(found), _power(found)),
+        sections=(
+            _ranks_section(found),
+            _coverage_section(found),
+            _power_section(found),
+            _replications_section(found),
+            _reproduce_section(found),
+        ),
+        version=found.record["versions"]["bayesterra"],
+    )
+
+
+def named(quantity: str) -> Markup:
+    """A test quantity as in a sentence.
+
+    >>> named("phi"), named("drawbar_pull_at_largest_slip")
+    (Markup('<i>φ</i>'), Markup('<i>F</i><sub>DP</sub> at the largest slip'))
+    """
+    words = {LOG_LIKELIHOOD: "log likelihood", LOG_PRIOR: "log prior"}
+    if quantity in words:
+        return Markup("{}").format(words[quantity])
+    if quantity.endswith(AT_SLIP):
+        return Markup("{} at the largest slip").format(symbol(quantity.removesuffix(AT_SLIP)))
+    return symbol(quantity)
+
+
+def _warning(found: Calibration) -> Markup:
+    if not found.failing:
+        return Markup("")
+    return Markup(
+        "True values are <b>not distributed like draws</b> of their posteriors: {}. Intervals of this "
+        "configuration do not hold what they promise."
+    ).format(listed(tendency(row) for row in _failing_rows(found)))
+
+
+def _failing_rows(found: Calibration) -> list[dict[Any, Any]]:
+    return (
+        found.tests[found.tests["verdict"] == "not uniform"].sort_values("p_value").head(4).to_dict("records")
+    )
+
+
+def tendency(row: Mapping[Any, Any]) -> Markup:
+    """In words, what error the ranks of a quantity look like."""
+    error = 1.0 / np.sqrt(row["ranks"])
+    parts = []
+    if abs(row["width"] - 1) > 2 * error:
+        word = "wide" if row["width"] > 1 else "narrow"
+        parts.append(f"too {word} (width {row['width']:.2f} of the right one)")
+    if abs(row["shift"]) > 2 * error:
+        word = "high" if row["shift"] > 0 else "low"
+        parts.append(f"too {word} by {abs(row['shift']):.2f} sd")
+    return Markup("{} {}").format(named(row["quantity"]), " and ".join(parts) or "of another shape")
+
+
+def _posterior(found: Calibration) -> Verdict:
+    tested, failing = len(found.tested), found.failing
+    smallest = found.tests["p_value"].min() if tested else float("nan")
+    figures_ = Markup("smallest p {}, threshold {}: {} % for all together").format(
+        p_text(smallest), p_text(found.threshold), f"{100 * LEVEL:g}"
+    )
+    if failing:
+        sentence = Markup("Ranks of {} of {} quantities are not uniform ({}).").format(
+            len(failing), tested, figures_
+        )
+    else:
+        sentence = Markup("Ranks of all {} quantities are uniform ({}).").format(tested, figures_)
+    grade = {CALIBRATED: "good", MISCALIBRATED: "poor"}.get(found.verdict, "fair")
+    return Verdict("Posterior", found.verdict, grade, sentence)
+
+
+def p_text(p: float) -> str:
+    """A p value, also a small one.
+
+    >>> p_text(0.0321), p_text(0.00005), p_text(0.0009)
+    ('0.032', '< 0.0001', '0.0009')
+    """
+    return "< 0.0001" if p < 1e-4 else plain(p, 2) if p >= 0.001 else f"{p:.4f}"
+
+
+def _sampling(found: Calibration) -> Verdict:
+    n = len(found.table)
+    settled = n - found.unsettled
+    allowed = found.unsettled <= UNSETTLED * n
+    sentence = Markup(
+        "{} of {} replications did not converge; at most {} % may. They are ranked too{}."
+    ).format(found.unsettled, n, f"{100 * UNSETTLED:g}", _failures(found))
+    grade = "good" if not found.unsettled else "fair" if allowed else "poor"
+    return Verdict("Sampling", f"{settled} of {n} converged", grade, sentence)
+
+
+def _failures(found: Calibration) -> str:
+    failed = len(found.table) - found.ranked
+    return f", but for {failed} that failed" if failed else ""
+
+
+def _power(found: Calibration) -> Verdict:
+    one = dict(zip(found.power["error"], found.power["one"], strict=True))
+    small = found.power["one"].iloc[1]
+    word, grade = ("high", "good") if small >= HIGH_POWER else ("moderate", "fair")
+    word, grade = (word, grade) if small >= SOME_POWER else ("low", "poor")
+    parts = (f"{name}: {percent(value)}" for name, value in one.items())
+    sentence = Markup("Chance that so many replications notice, in one parameter alone, a {}.").format(
+        listed(parts)
+    )
+    return Verdict("Power", word, grade, sentence)
+
+
+def percent(share: float) -> str:
+    """A simulated probability.
+
+    >>> percent(0.0), percent(0.4217), percent(1.0)
+    ('< 1 %', '42 %', '> 99 %')
+    """
+    return "< 1 %" if share < 0.01 else "> 99 %" if share > 0.99 else f"{100 * share:.0f} %"
+
+
+def _ranks_section(found: Calibration) -> Section:
+    pictures = tuple(_picture(found, name) for name in found.tested)
+    caption = Markup(
+        "For each quantity the share of true values below each rank among {} draws, less the uniform share. "
+        "Dark grey holds the whole curve of a right posterior with probability 0.95; pale grey is the "
+        "verdict’s own band, with probability {} for each quantity and {} for all together. Curves like "
+        "∪∩ mean draws too wide, ∩∪ too narrow; all above zero means draws too high, all below too low."
+    ).format(DRAWS, f"{1 - found.threshold:.4f}", f"{1 - LEVEL:g}")
+    header: tuple[Cell, ...] = ("quantity", "ranks", "p", "verdict", "shift [sd]", "width")
+    rows = tuple(_test_row(row) for row in found.tests.to_dict("records"))
+    error = 1 / np.sqrt(max(found.ranked, 1))
+    below = Markup(
+        "p of the simultaneous test; below {} a quantity fails. Shift and width are those of a Gaussian "
+        "posterior with such ranks, in units of the right standard deviation (0 and 1 where all is right; "
+        "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
+    ).format(p_text(found.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
+    return Section(
+        "ranks",
+        "Ranks",
+        (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows)),
+    )
+
+
+def _picture(found: Calibration, name: str) -> Picture:
+    alt = f"Distribution of the ranks of {name}, less the uniform one"
+    return drawing(rank_ecdf(found, name), alt)
+
+
+def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
+    if row["verdict"] == "constant":
+        return (named(row["quantity"]), "0", NOTHING, "constant", NOTHING, NOTHING)
+    verdict = row["verdict"] if row["verdict"] == "uniform" else Markup("<b>not uniform</b>")
+    shift = f"{row['shift']:+.2f}".replace("-", MINUS)
+    return (
+        named(row["quantity"]), str(row["ranks"]), p_text(row["p_value"]), verdict, shift,
+        f"{row['width']:.2f}",
+    )  # fmt: skip
+
+
+def _coverage_section(found: Calibration) -> Section:
+    header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in COVERAGES))
+    tests = found.tests[found.tests["verdict"] != "constant"]
+    rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
+    n = max(found.ranked, 1)
+    errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in COVERAGES)
+    caption = Markup(
+        "Share of true values inside the central intervals, in %. Binomial standard errors of right ones: "
+        "{}. Bold: farther off than three of them; the verdict rests on the test above."
+    ).format(errors)
+    return Section("coverage", "Coverage", (Table(caption, "lrrrr", header, rows),))
+
+
+def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
+    cells = []
+    for level in COVERAGES:
+        share = row[f"covered_{100 * level:.0f}"]
+        far = abs(share - level) > 3 * np.sqrt(level * (1 - level) / row["ranks"])
+        text = f"{100 * share:.1f}"
+        cells.append(Markup("<b>{}</b>").format(text) if far else Markup("{}").format(text))
+    return (named(row["quantity"]), *cells)
+
+
+def _power_section(found: Calibration) -> Section:
+    free = len(found.study.prior.names)
+    header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
+    rows = tuple(
+        (row["error"], percent(row["one"]), percent(row["all"])) for row in found.power.to_dict("records")
+    )
+    caption = Markup(
+        "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
+        "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
+    ).format(found.ranked)
+    return Section("power", "Power", (Table(caption, "lrr", header, rows),))
+
+
+def _replications_section(found: Calibration) -> Section:
+    table = found.table
+    rows: list[tuple[Cell, ...]] = [
+        ("replications", str(len(table))),
+        ("not converged", str(int((table["status"] == UNCONVERGED).sum()))),
+        ("failed", str(len(table) - found.ranked)),
+        ("effective draws: fewest, median", _pair(table["ess"], "min")),
+        ("R-hat: largest, median", _pair(table["r_hat"], "max", 4)),
+        ("processor seconds: most, median", _pair(table["seconds"], "max")),
+    ]
+    failed = table[table["status"] == FAILED].head(5)
+    rows += [
+        (f"failed: number {task}", note) for task, note in zip(failed["task"], failed["note"], strict=True)
+    ]
+    caption = Markup(
+        "Each replication draws true values from the prior cut to the physical support, readings from them "
+        "under the study’s conditions and noise, and samples the posterior of these with the sampler of "
+        "every run, until there are enough effective draws for {} near-independent ones."
+    ).format(DRAWS)
+    return Section("replications", "Replications", (Table(caption, "lr", ("", ""), tuple(rows)),))
+
+
+def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
+    return f"{plain(float(getattr(values, extreme)()), digits)}, {plain(float(values.median()), digits)}"
+
+
+def _reproduce_section(found: Calibration) -> Section:
+    record = found.record
+    command = "bayesterra calibrate STUDY -n {} --seed {}"
+    rows: tuple[tuple[Cell, ...], ...] = (
+        ("command", Markup("<code>{}</code>").format(command.format(len(found.table), record["seed"]))),
+        ("settings", _settings(record["settings"])),
+        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+    )
+    method = Text(
+        Markup(
+            "Ranks: Talts et al. 2018; quantities of readings and parameters: Modrák et al. 2023; "
+            "simultaneous bands: Säilynoja et al. 2022, from {} simulations. Ties are broken at random."
+        ).format(SIMULATIONS)
+    )
+    caption = (
+        "The same study, seed and versions give the same ranks on one machine, with any number of workers."
+    )
+    return Section("reproduce", "Reproduce this", (method, Table(caption, "ll", ("", ""), rows)))
+
+
+def _settings(settings: Mapping[str, Any]) -> str:
+    """All settings in one line, tables by their names."""
+    parts = []
+    for name, value in settings.items():
+        inner = f" ({_settings(value)})" if isinstance(value, Mapping) else f" {value}"
+        parts.append(f"{name.replace('_', ' ')}{inner}")
+    return ", ".join(parts)
+
+
+@styled
+def rank_ecdf(calibration: Calibration, quantity: str, ax: Axes | None = None) -> Axes:
+    """Draw the share of true values below each rank, less the uniform share.
+
+    Dark grey: where the whole curve of one right quantity lies with probability 0.95. Pale: the same at the
+    level of the verdict, which allows for the number of quantities; a curve that leaves it fails.
+    """
+    ax = own_axes(ax, 2.55, 1.75)
+    ranks = calibration.ranks(one_of("quantity", quantity, calibration.tested))
+    test = calibration.test(quantity)
+    points = np.concatenate([[0.0], test.points, [1.0]])
+    for level, alpha in ((calibration.threshold, 0.18), (0.05, 0.28)):
+        low, high = (np.concatenate([[0.0], end, [1.0]]) for end in test.band(level))
+        ax.fill_between(points, low - points, high - points, color=PRIOR, alpha=alpha, linewidth=0)
+    share = np.concatenate([[0.0], test.below(ranks) / len(ranks), [1.0]])
+    ax.axhline(0, color=INK, linewidth=0.7)
+    failing = quantity in calibration.failing
+    ax.plot(
+        points, share - points, color="#D55E00" if failing else POSTERIOR, linewidth=1.6 if failing else 1.3
+    )
+    ax.set(xlim=(0, 1), xticks=[0, 0.5, 1], xticklabels=["0", "0.5", "1"])
+    ax.set(xlabel="rank among draws", ylabel="share below − uniform")
+    ax.set_title(_name(quantity), loc="left")
+    return ax
+
+
+def _name(quantity: str) -> str:
+    """A test quantity as the title of its plot."""
+    if quantity in (LOG_LIKELIHOOD, LOG_PRIOR):
+        return quantity.replace("_", " ")
+    ending = " at the largest slip" if quantity.endswith(AT_SLIP) else ""
+    known: Mapping[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
+    return f"${known[quantity.removesuffix(AT_SLIP)].latex}${ending}"
+
+
+def print_calibration(found: Calibration, report: Path, console: Console | None = None) -> None:
+    """Print the verdict with what stands behind it, and the name of the report."""
+    console = console or PlainConsole()
+    table = RichTable(title=found.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES)):
+        table.add_column(header, justify="left" if header == "quantity" else "right", no_wrap=True)
+    for row in found.tests.to_dict("records"):
+        table.add_row(*_ranked(row))
+    console.print(table)
+    console.print("shift and width in sd of a right posterior; truths inside central intervals in %")
+    for line in calibration_lines(found):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def _ranked(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    name = _short(str(row["quantity"]))
+    if row["verdict"] == "constant":
+        return (name, "constant")
+    mark = "" if row["verdict"] == "uniform" else " ✕"
+    shares = (f"{100 * row[f'covered_{100 * q:.0f}']:.0f}" for q in COVERAGES)
+    return (name, f"{row['p_value']:.4f}{mark}", f"{row['shift']:+.2f}", f"{row['width']:.2f}", *shares)
+
+
+def _short(quantity: str) -> str:
+    """A test quantity in few letters: parameters by their names, channels by their symbols."""
+    channel = quantity.removesuffix(AT_SLIP)
+    if channel in CHANNELS:
+        return f"{CHANNELS[channel].symbol} at largest slip"
+    return quantity if quantity in PARAMETERS else quantity.replace("_", " ")
+
+
+def calibration_lines(found: Calibration) -> list[str]:
+    """The verdict, what did not converge, and what would have been noticed."""
+    n, power = len(found.table), found.power.iloc[1]
+    smallest = found.tests["p_value"].min() if found.tested else np.nan
+    word = "NOT calibrated" if found.failing else found.verdict
+    lines = [f"Posterior {word}: smallest p {smallest:.2g}, threshold {found.threshold:.2g}."]
+    if found.unsettled:
+        allowed = f"{UNSETTLED:.0%} allowed"
+        lines.append(f"{found.unsettled} of {n} replications did not converge ({allowed}).")
+    lines.append(
+        f"{n} replications notice a {power['error']} with probability {power['one']:.2f} in one parameter,"
+        f" {power['all']:.2f} in all."
+    )
+    return lines
+
+
+@contextmanager
+def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], None]]:
+    """A bar of finished replications; see :func:`task_bar`."""
+    with task_bar("calibrating", "replications", show=show) as bar:
+
+        def update(progress: CalibrationProgress) -> None:
+            remark = f", {progress.unsettled} not converged" if progress.unsettled else ""
+            bar("calibrating", progress.done, progress.of, progress.seconds_left, remark)
+
+        yield update
+
+
+def calibration_html(calibration: Calibration) -> str:
+    """The report of a calibration as a self-contained HTML page."""
+    return render(calibration_page(calibration), "calibration.html")

@@ -1,0 +1,418 @@
+"""Folds of a leave-out check: which rows are left out together, and the task that predicts them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from numbers import Integral
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.random import Generator, SeedSequence, default_rng
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
+from bayesterra.checking.holdout_scores import BASELINES, Answer, Known, Mixture
+from bayesterra.checking.predictive import predict_curves
+from bayesterra.checking.ranks import CONVERGED, FAILED, UNCONVERGED
+from bayesterra.checking.replications import Fit, ShortRuns
+from bayesterra.errors import BayesterraError, StudyError, did_you_mean
+from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.forward import known_loads
+from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
+from bayesterra.parameters import CHANNELS
+from bayesterra.study.observations import Observations
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
+
+TOLERANCE = 0.03
+"""Slips nearer than this count as one level."""
+
+WAYS = ("slip", "wheel", "row")
+
+By: TypeAlias = str | Sequence[object]
+"""How rows are grouped: see :func:`levels`."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Rows that are left out together.
+
+    Attributes
+    ----------
+    name : for tables and figures.
+    left : (m,) which rows of the study's table these are; rows in use only.
+    """
+
+    name: str
+    left: BoolArray
+
+
+def clusters(values: FloatArray, tolerance: float) -> IntArray:
+    """Number of the cluster of each value (m,), ascending; a gap wider than ``tolerance`` parts two.
+
+    >>> clusters(np.array([0.5, 0.02, 0.51, 0.0]), 0.03).tolist()
+    [1, 0, 1, 0]
+    """
+    order = np.argsort(values, kind="stable")
+    numbers = np.zeros(len(values), dtype=np.int64)
+    numbers[order[1:]] = np.cumsum(np.diff(values[order]) > tolerance)
+    return numbers
+
+
+def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple[Level, ...]:
+    """Group the rows in use.
+
+    Parameters
+    ----------
+    by : ``slip`` (slips nearer than ``tolerance``, each to the next, are one level), ``wheel`` or ``row``; or
+        groups of row numbers, ``[[1, 2], [3]]``, of which only these are left out; or one label for every row
+        of the study's table.
+    tolerance : for ``slip``.
+
+    Raises
+    ------
+    StudyError : an unknown grouping, row numbers that are not in use or named twice, or nothing to fit to
+        once a level is left out.
+    """
+    if not tolerance >= 0:
+        raise StudyError(f"'tolerance' must not be negative (got {tolerance:g})")
+    found = _named(study, by, tolerance) if isinstance(by, str) else _listed(study, by)
+    use = study.observations.use
+    found = [level for level in found if level.left.any()]
+    if len(found) < 2 and (not found or found[0].left.sum() == use.sum()):
+        what = f"levels of '{by}'" if isinstance(by, str) else "groups of rows"
+        wide = f" at tolerance {tolerance:g}" if by == "slip" else ""
+        raise StudyError(f"to leave one out there must be two or more {what} (got {len(found)}{wide})")
+    return tuple(found)
+
+
+def _named(study: Study, by: str, tolerance: float) -> list[Level]:
+    rows = study.observations
+    if by == "wheel":
+        return _labelled(study, rows.wheel)
+    if by == "row":
+        return _labelled(study, [f"row {row}" for row in rows.rows])
+    if by != "slip":
+        raise StudyError(
+            f"'by' must be {', '.join(WAYS)} or groups of rows (got '{by}'){did_you_mean(by, WAYS)}"
+        )
+    used = np.flatnonzero(rows.use)
+    number = np.full(len(rows), -1)
+    number[used] = clusters(rows.slip[used], tolerance)
+    parts = [number == k for k in range(number.max() + 1)]
+    return [Level(f"slip {rows.slip[part].mean():.3f}", part) for part in parts]
+
+
+def _labelled(study: Study, labels: Sequence[object]) -> list[Level]:
+    use = study.observations.use
+    texts = np.array([str(label) for label in labels], dtype=object)
+    return [Level(text, np.asarray((texts == text) & use)) for text in dict.fromkeys(texts)]
+
+
+def _listed(study: Study, by: Sequence[object]) -> list[Level]:
+    """Groups of row numbers, or labels."""
+    rows = study.observations
+    if not any(isinstance(entry, list | tuple | np.ndarray) for entry in by):
+        if len(by) != len(rows):
+            raise StudyError(f"'by' must have one label for each of {len(rows)} rows (got {len(by)})")
+        return _labelled(study, list(by))
+    known = {row: i for i, row in enumerate(rows.rows) if rows.use[i]}
+    found, seen = [], set[int]()
+    for group in by:
+        numbers = list(group) if isinstance(group, list | tuple | np.ndarray) else [group]
+        left = np.zeros(len(rows), dtype=np.bool_)
+        for number in numbers:
+            if not isinstance(number, Integral) or int(number) not in known:
+                raise StudyError(f"'by' must hold numbers of rows in use (got {number!r})")
+            if int(number) in seen:
+                raise StudyError(f"'by' must name a row once (row {number} is named twice)")
+            seen.add(int(number))
+            left[known[int(number)]] = True
+        found.append(Level("row " + ", ".join(str(number) for number in numbers), left))
+    return found
+
+
+DRAWS = 1000
+"""Posterior draws, at most, that a predictive law is made of."""
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+REFITS = ShortRuns(
+    short=SamplingOptions(target_ess=1000, walkers=64, max_steps=300),
+    long=SamplingOptions(target_ess=1000, walkers=64, max_steps=8000),
+)
+"""The sampler of every run, until there are 1000 effective draws."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Predictive median and 90 % of the readings of one channel over slip, field units.
+
+    Attributes
+    ----------
+    wheel, channel : of which.
+    slip, low, middle, high : (k,); NaN where the model has no answer.
+    """
+
+    wheel: str
+    channel: str
+    slip: FloatArray
+    low: FloatArray
+    middle: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What leaving one level out found.
+
+    Attributes
+    ----------
+    level : its name.
+    status : of the refit: ``converged``, ``not converged`` or ``failed``; a failed one has no model rows.
+    ess, r_hat, seconds : of its sampling; processor time.
+    note : why it failed.
+    rows : scores, one entry per predictor, row and channel; see :attr:`Holdout.table`.
+    bands : of the model without the level.
+    """
+
+    level: str
+    status: str
+    ess: float
+    r_hat: float
+    seconds: float
+    note: str = ""
+    rows: tuple[Mapping[str, Any], ...] = ()
+    bands: tuple[Band, ...] = ()
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """The task: the number of a level in, an outcome out, the same wherever and whenever it is run."""
+
+    study: Study
+    levels: tuple[Level, ...]
+    seed: int
+    fit: Fit = field(default_factory=lambda: REFITS)
+
+    def __call__(self, task: int) -> Outcome:
+        """Leave level number ``task`` out, counted from 0."""
+        started = time.process_time()
+        level = self.levels[task]
+        scorer = _Scorer(self.study, level)
+        rows = [row for name in BASELINES for row in scorer.baseline(name, self.levels)]
+        fitting, predicting = SeedSequence(self.seed, spawn_key=(task,)).spawn(2)
+        training = self.study.with_use(self.study.observations.use & ~level.left)
+        try:
+            fitted = self.fit(training, fitting)
+            target, rng = posterior(training), default_rng(predicting)
+            draws = fitted.draws[:: max(1, -(-len(fitted.draws) // DRAWS))]
+            rows = scorer.model(predictives(self.study, target, draws, level.left, rng)) + rows
+            bands = tuple(_bands(self.study, predict_curves(self.study, target, draws, rng)))
+        except (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            note = f"{type(error).__name__}: {error}"
+            seconds = time.process_time() - started
+            return Outcome(level.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
+        status = CONVERGED if fitted.converged else UNCONVERGED
+        seconds = time.process_time() - started
+        return Outcome(
+            level.name, status, fitted.ess, fitted.r_hat, seconds, rows=tuple(rows), bands=bands
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Scorer:
+    """Scores of predictive laws for the readings of one level."""
+
+    study: Study
+    level: Level
+
+    @property
+    def places(self) -> IntArray:
+        """Where the level's rows stand in the table."""
+        return np.flatnonzero(self.level.left)
+
+    @property
+    def kept(self) -> BoolArray:
+        """The training rows (m,)."""
+        return self.study.observations.use & ~self.level.left
+
+    def model(self, found: Any) -> list[dict[str, Any]]:
+        """Rows of the study's own model."""
+        name, rows = self.study.model.name, []
+        for row, place in enumerate(self.places):
+            unanswered = 1 - float(found.answered(row).mean())
+            for column, channel in enumerate(found.channels):
+                law = found.law(row, column)
+                rows += self._scored(name, int(place), channel, law, unanswered, "")
+        return rows
+
+    def baseline(self, name: str, levels: tuple[Level, ...]) -> list[dict[str, Any]]:
+        """Rows of a baseline."""
+        number = np.full(len(self.study.observations), -1)
+        for i, level in enumerate(levels):
+            number[level.left] = i
+        known, rows = conditions(self.study), []
+        for channel in scored_channels(self.study):
+            values = self.study.observations.values[channel]
+            kept = self.kept & ~np.isnan(values)
+            answer = Answer(())
+            if kept.sum() >= 2:
+                slip_level = clusters(known[kept, 0], TOLERANCE)
+                training = Known(known[kept], values[kept], number[kept], slip_level)
+                answer = BASELINES[name](training, known[self.level.left])
+            laws = answer.laws or (None,) * len(self.places)
+            for place, law in zip(self.places, laws, strict=True):
+                rows += self._scored(name, int(place), channel, law, 0.0, answer.detail)
+        return rows
+
+    def _scored(
+        self, predictor: str, place: int, channel: str, law: Mixture | None, unanswered: float, detail: str
+    ) -> list[dict[str, Any]]:
+        """One row of the table; none where nothing was measured."""
+        rows, scale = self.study.observations, CHANNELS[channel].scale
+        observed = float(rows.values[channel][place])
+        if np.isnan(observed):
+            return []
+        driven = rows.slip[self.kept]
+        slip = float(rows.slip[place])
+        head = {
+            "predictor": predictor,
+            "level": self.level.name,
+            "row": rows.rows[place],
+            "wheel": rows.wheel[place],
+            "slip": slip,
+            "channel": channel,
+            "unit": CHANNELS[channel].unit,
+            "extrapolated": bool(slip < driven.min() or slip > driven.max()),
+            "observed": observed / scale,
+        }
+        return [{**head, **_scores(law, observed, scale), "no_answer": unanswered, "detail": detail}]
+
+
+def _scores(law: Mixture | None, observed: float, scale: float) -> dict[str, Any]:
+    """Quantiles and scores in field units; without a law they are missing, and the reading is not covered."""
+    names = tuple(f"q{100 * level:02.0f}" for level in QUANTILES)
+    if law is None:
+        missing = dict.fromkeys((*names, "pit", "crps", "log_score"), np.nan)
+        return {**missing, "covered50": False, "covered90": False}
+    q = dict(zip(names, law.quantiles(np.array(QUANTILES)) / scale, strict=True))
+    pit = float(law.cdf(np.array([observed]))[0])
+    return {
+        **{name: float(value) for name, value in q.items()},
+        "pit": pit,
+        "crps": law.crps(observed) / scale,
+        "log_score": law.log_density(observed) + float(np.log(scale)),
+        "covered50": bool(0.25 <= pit <= 0.75),
+        "covered90": bool(0.05 <= pit <= 0.95),
+    }
+
+
+def _bands(study: Study, curves: Any) -> list[Band]:
+    """Bands of the scored channels."""
+    found = []
+    for curve in curves:
+        for channel in scored_channels(study):
+            column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
+            readings = curve.readings[:, :, column] / scale
+            q = np.full((3, len(curve.slip)), np.nan)
+            for i in range(len(curve.slip)):
+                known = readings[np.isfinite(readings[:, i]), i]
+                if known.size:
+                    q[:, i] = np.quantile(known, [0.05, 0.5, 0.95])
+            found.append(Band(curve.wheel, channel, curve.slip, *q))
+    return found
+
+
+KNOWN = {"load": (), "both": ("normal_force",), "sinkage": ("sinkage",)}
+"""Channels of a left-out row that stay known, by drive, beside its slip: with ``both`` the normal force as it
+was read, with ``sinkage`` the sinkage. With ``load`` the load is known, which is no channel."""
+
+FEWEST = 20
+"""Fewer draws with an answer than this are no law that could be scored."""
+
+
+def scored_channels(study: Study) -> tuple[str, ...]:
+    """Channels that are predicted and scored."""
+    return tuple(name for name in study.noise if name not in KNOWN[study.drive])
+
+
+def conditions(study: Study) -> FloatArray:
+    """What is known of every row (m, k): slip, load (or sinkage), and the wheel (0 or 1)."""
+    rows = study.observations
+    driven = rows.values["sinkage"] if study.drive == "sinkage" else known_loads(rows)
+    driven = np.nan_to_num(driven)  # never read: says nothing
+    wheels = [np.array([name == own for own in rows.wheel], dtype=np.float64) for name in study.wheels]
+    return np.column_stack([rows.slip, driven, *wheels[1:]])
+
+
+@dataclass(frozen=True)
+class Predictives:
+    """Predictive laws of left-out readings.
+
+    Attributes
+    ----------
+    channels : scored ones, the last axis.
+    centre, scale : (n, rows, channels) of the law of a reading, NaN where the model has no answer.
+    dof : (channels,) of the noise.
+    """
+
+    channels: tuple[str, ...]
+    centre: FloatArray
+    scale: FloatArray
+    dof: tuple[float, ...]
+
+    def answered(self, row: int) -> BoolArray:
+        """Which draws (n,) have an answer at a row."""
+        return np.asarray(np.isfinite(self.centre[:, row]).all(axis=1))
+
+    def law(self, row: int, channel: int) -> Mixture | None:
+        """The law of a reading, from the draws that have an answer; None where there are too few."""
+        kept = self.answered(row)
+        if kept.sum() < FEWEST:
+            return None
+        return Mixture(self.centre[kept, row, channel], self.scale[kept, row, channel], self.dof[channel])
+
+
+def predictives(
+    study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray, rng: Generator
+) -> Predictives:
+    """Predict the rows in ``left`` (m,) by draws (n, d) of a posterior that does not know their readings.
+
+    The slip of a left-out row is known, and its load; with the drive ``both`` its normal force as it was
+    read: each draw's load then comes from the flat prior of loads and the law of that one reading. Where rows
+    hang together, the readings of the rows in use that are not left out count as well.
+    """
+    if study.errors:
+        return _beside_others(study, posterior, draws, left)
+    likelihood = likelihood_of(study, blinded(study, left))
+    noise = posterior.noise_values(draws)
+    outcomes = likelihood.explained(posterior.prior.soil_values(draws), noise, rng)
+    centre = likelihood.predicted(outcomes)
+    scale = likelihood.scales(centre, noise)
+    names = scored_channels(study)
+    columns = [likelihood.channels.index(name) for name in names]
+    dof = tuple(study.noise[name].dof for name in names)
+    return Predictives(names, centre[:, :, columns], scale[:, :, columns], dof)
+
+
+def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray) -> Predictives:
+    """The laws where what is left out hangs together with what is not."""
+    rows = study.observations
+    rows = replace(rows, use=frozen(rows.use & ~left, np.bool_))
+    likelihood = likelihood_of(study, rows)
+    assert isinstance(likelihood, JointRows)  # noqa: S101
+    noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
+    centre, scale = likelihood.ahead(soil, noise, left)
+    names = scored_channels(study)
+    columns = [likelihood.channels.index(name) for name in names]
+    return Predictives(names, centre[:, :, columns], scale[:, :, columns], (np.inf,) * len(names))
+
+
+def blinded(study: Study, left: BoolArray) -> Observations:
+    """The rows in ``left`` (m,) without the readings that are to be predicted."""
+    rows = study.observations.take(left)
+    nothing = frozen(np.full(len(rows), np.nan))
+    known = KNOWN[study.drive]
+    return replace(rows, values={n: v if n in known else nothing for n, v in rows.values.items()})

@@ -1,0 +1,253 @@
+"""Leave-group-out cross-validation: levels of slip, wheels or rows that the fit has not seen."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from math import isfinite
+from pathlib import Path
+from typing import Any, Self
+
+import pandas as pd
+
+from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, LeaveOneOut, Level, Outcome, levels
+from bayesterra.checking.holdout_scores import skills, summarise
+from bayesterra.checking.ranks import CONVERGED
+from bayesterra.checking.replications import Fit, ShortRuns
+from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.canonical import write_study
+from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.study import Study, load_study
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Every level left out once.
+
+    Attributes
+    ----------
+    study : what was analysed.
+    levels : what was left out, in order.
+    outcomes : one per level.
+    record : grouping, seed, settings, fingerprints and versions.
+    """
+
+    study: Study
+    levels: tuple[Level, ...]
+    outcomes: tuple[Outcome, ...]
+    record: dict[str, Any]
+
+    @property
+    def model(self) -> str:
+        """The model's name among the predictors."""
+        return self.study.model.name
+
+    @property
+    def converged(self) -> bool:
+        """Whether every refit converged."""
+        return all(outcome.status == CONVERGED for outcome in self.outcomes)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row per predictor, left-out row and channel.
+
+        Observed value, predictive quantiles, probability below the reading (``pit``), CRPS, log of the
+        predictive density, whether the central 50 and 90 % hold the reading, the share of draws without an
+        answer; all in field units.
+        """
+        return pd.DataFrame([row for outcome in self.outcomes for row in outcome.rows])
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """Mean scores by predictor, channel and part."""
+        return summarise(self.table)
+
+    @property
+    def skills(self) -> pd.DataFrame:
+        """The model against every baseline; see :func:`bayesterra.checking.holdout_scores.skills`."""
+        return skills(self.table, self.model, self.record["seed"])
+
+    @property
+    def refits(self) -> pd.DataFrame:
+        """One row per level: rows left out, and how the refit went."""
+        rows = self.study.observations.rows
+        return pd.DataFrame(
+            [
+                {
+                    "level": level.name,
+                    "rows": " ".join(str(rows[i]) for i in level.left.nonzero()[0]),
+                    "status": outcome.status,
+                    "ess": outcome.ess,
+                    "r_hat": outcome.r_hat,
+                    "seconds": outcome.seconds,
+                    "note": outcome.note,
+                }
+                for level, outcome in zip(self.levels, self.outcomes, strict=True)
+            ]
+        )
+
+
+def holdout_of(
+    study: Study,
+    *,
+    by: By = "slip",
+    tolerance: float = TOLERANCE,
+    seed: int = 1,
+    engine: Engine | None = None,
+    fit: Fit | None = None,
+    report: Callable[[str], None] = lambda part: None,
+) -> Holdout:
+    """Leave every level out once; see the package's docstring.
+
+    Parameters
+    ----------
+    by, tolerance : how rows are grouped; see :func:`bayesterra.checking.folds.levels`.
+    seed : same seed, same scores, whatever the engine.
+    engine : computes the refits; by default this process.
+    fit : samples a posterior; by default the sampler of every run, until there are 1000 effective draws.
+    report : told what is at work.
+
+    Raises
+    ------
+    StudyError : nothing is free, nothing is left to score or to fit to, or an unknown grouping.
+    """
+    if not study.prior.names:
+        raise StudyError("every parameter is fixed: there is nothing to fit again")
+    parts = levels(study, by, tolerance)
+    task = LeaveOneOut(study, parts, seed, fit or REFITS)
+    done: dict[int, Outcome] = {}
+    report(f"leaving out {len(parts)} levels, one at a time")
+    for number, outcome in completed(task, range(len(parts)), engine or in_process()):
+        done[number] = outcome
+        report(f"leaving out {len(parts)} levels: {len(done)} done")
+    found = tuple(done[number] for number in range(len(parts)))
+    return Holdout(study, parts, found, _record(study, by, tolerance, seed, fit or REFITS))
+
+
+def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
+    """What the outcomes depend on."""
+    named = {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
+    return {
+        "kind": "holdout",
+        "by": by if isinstance(by, str) else "groups given",
+        **({"tolerance": tolerance} if by == "slip" else {}),
+        "seed": seed,
+        "model": study.model.name,
+        "drive": study.drive,
+        "data": study.kind,
+        "fingerprints": study.fingerprint,
+        "settings": {"draws": DRAWS, **(fit.record() if isinstance(fit, ShortRuns) else named)},
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    }
+
+
+MARK = "holdout.json"
+"""File by which folders of this kind are known."""
+
+
+class HoldoutResult(Holdout):
+    """Left-out levels with their predictions, which can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, found: Holdout) -> Self:
+        """The same, with a page to write."""
+        return cls(**{field.name: getattr(found, field.name) for field in fields(Holdout)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write page, plots, tables, record and study into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        from bayesterra.checking.holdout_page import bands_png, holdout_html, left_out_png
+
+        tables = {"scores": self.table, "summary": self.summary, "skills": self.skills, "refits": self.refits}
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            for name, table in tables.items():
+                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
+            write_bytes(part / "holdout.png", left_out_png(self.table))
+            write_bytes(part / "bands.png", bands_png(self))
+            text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
+            write_text(part / MARK, text + "\n")
+            write_text(part / "report.html", holdout_html(self))
+            write_study(self.study, part)
+        return Path(folder) / "report.html"
+
+
+def _finite(value: Any) -> Any:
+    """A value that JSON can hold: NaN and infinities become null."""
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def leave_out(
+    what: Study | Result,
+    by: By = "slip",
+    *,
+    tolerance: float = TOLERANCE,
+    seed: int = 1,
+    engine: Engine | None = None,
+    fit: Fit | None = None,
+    progress: Callable[[str], None] = lambda part: None,
+) -> HoldoutResult:
+    """Leave groups of rows out, one group at a time; fit the others; predict the group and score that.
+
+    Of a left-out row its slip, wheel and load stay known, with the drive ``both`` its normal force as it was
+    read, with ``sinkage`` its sinkage; all else that was read is predicted, noise included. Regressions that
+    know no terramechanics predict the same rows from the same training rows.
+
+    Parameters
+    ----------
+    what : a study, or a result, of which only the study is used.
+    by : ``slip`` (slips nearer than ``tolerance`` are one level), ``wheel`` or ``row``; or groups of row
+        numbers, or one label for every row of the table.
+    tolerance : for ``slip``.
+    seed : same seed, same scores, whatever the engine.
+    engine : computes the refits: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
+    fit : samples a posterior, see :data:`bayesterra.checking.replications.Fit`; by default the sampler of
+        :func:`bayesterra.run`, until there are 1000 effective draws.
+    progress : told what is at work.
+
+    Raises
+    ------
+    StudyError : an unknown grouping, fewer than two groups, or nothing is free.
+    """
+    check_kind("bt.leave_out", what, Study, Result)
+    check_seed(seed)
+    study = what.study if isinstance(what, Result) else what
+    found = holdout_of(study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress)
+    return HoldoutResult.of(found)
+
+
+def leave_out_into(
+    path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any
+) -> HoldoutResult:
+    """Leave levels of the study at a path, or of the one in a result folder, out into a new folder.
+
+    ``asked``: keywords of :func:`leave_out`.
+
+    Raises
+    ------
+    ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written.
+    StudyError : as :func:`leave_out`.
+    """
+    from bayesterra.report.terminal import stages
+
+    study = load_study(path)
+    check_free(out, overwrite=overwrite, mark=MARK)
+    with stages(show=not quiet) as show:
+        found = leave_out(study, progress=show, **asked)
+    found.save(out, overwrite=overwrite)
+    return found

@@ -1,0 +1,466 @@
+"""Leave-out check as a page, figures and a terminal table."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.folds import Band
+from bayesterra.checking.holdout import Holdout
+from bayesterra.checking.holdout_scores import BASELINES, baseline_names
+from bayesterra.parameters import CHANNELS
+from bayesterra.report.blocks import (
+    Cell,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    render,
+)
+from bayesterra.report.figures import (
+    DATA,
+    GRID,
+    INK,
+    POSTERIOR,
+    figure_of,
+    label,
+    literal,
+    new_figure,
+    one_of,
+    own_axes,
+    styled,
+)
+from bayesterra.report.numbers import NOTHING, number, plain
+from bayesterra.report.symbols import listed, symbol, with_unit
+from bayesterra.report.terminal import PlainConsole
+
+WIDE = 2.0
+"""Standard errors by which a coverage may miss its level before it is called off."""
+
+PARTS = {"all": "all", "inner": "interpolated", "end": "extrapolated"}
+
+MARKED = 0.05
+"""Share of draws without an answer from which a row is named."""
+
+
+def holdout_page(found: Holdout, version: str) -> VerdictPage:
+    """Put the page together."""
+    study, kind = found.study, found.study.kind
+    rows = sum(int(level.left.sum()) for level in found.levels)
+    return VerdictPage(
+        title=study.title or "Soil parameters from wheel tests",
+        facts=(
+            f"{kind} data",
+            f"model {study.model.name}, {study.drive}-driven",
+            f"{rows} rows left out in {len(found.levels)} levels",
+        ),
+        warning=_warning(found),
+        verdicts=(_coverage(found), _skill(found), _refits(found)),
+        sections=(
+            _rows_section(found),
+            _scores_section(found),
+            _bands_section(found),
+            _method_section(found),
+        ),
+        version=version,
+    )
+
+
+def _warning(found: Holdout) -> Markup:
+    wrong = [
+        level.name
+        for level, outcome in zip(found.levels, found.outcomes, strict=True)
+        if outcome.status != "converged"
+    ]
+    if not wrong:
+        return Markup("")
+    return Markup("The fit has <b>not converged</b> without {}: do not rely on its predictions.").format(
+        listed(wrong)
+    )
+
+
+def _own(found: Holdout) -> list[dict[Any, Any]]:
+    """The model's scores by channel, all rows."""
+    table = found.summary
+    return table[(table["predictor"] == found.model) & (table["part"] == "all")].to_dict("records")
+
+
+def _coverage(found: Holdout) -> Verdict:
+    """Whether nine in ten readings lie where nine in ten should."""
+    parts, low, high = [], False, False
+    for row in _own(found):
+        share, rows = row["covered90"], row["rows"]
+        error = max(np.nan_to_num(row["covered90_se"]), float(np.sqrt(0.09 / rows)))
+        low, high = low or share < 0.9 - WIDE * error, high or share > 0.9 + WIDE * error
+        counted = Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"]))
+        parts.append(counted)
+    sentence = Markup("The 90 % intervals hold {}.").format(listed(parts))
+    if not parts:
+        return Verdict("Coverage", "unknown", "poor", Markup("No refit could be scored."))
+    word, grade = (
+        ("too narrow", "poor") if low else ("too wide", "fair") if high else ("not contradicted", "good")
+    )
+    return Verdict("Coverage", word, grade, sentence)
+
+
+def _skill(found: Holdout) -> Verdict:
+    """Whether the model beats the stronger one of the regressions."""
+    table = found.skills
+    if table.empty:
+        return Verdict("Skill", "unknown", "poor", Markup("No refit could be scored."))
+    rows = table[(table["part"] == "all") & (table["baseline"] != "mean")]
+    parts = [
+        Markup("{}: {} against {} ({})").format(symbol(row["channel"]), *_gain(row))
+        for row in rows.to_dict("records")
+    ]
+    better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
+    word, grade = ("better than regression", "good") if better else ("not clearly better", "fair")
+    word, grade = ("worse than regression", "poor") if worse else (word, grade)
+    return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(parts)))
+
+
+def _gain(row: Mapping[Any, Any]) -> tuple[str, str, str]:
+    return percent(row["skill"]), str(row["baseline"]), _between(row)
+
+
+def _between(row: Mapping[Any, Any]) -> str:
+    if not np.isfinite(row["skill_lo"]):
+        return "one level"
+    return f"{percent(row['skill_lo'])} to {percent(row['skill_hi'])}"
+
+
+def percent(share: float) -> str:
+    """A share in whole percent.
+
+    >>> percent(-0.123), percent(0.5)
+    ('−12 %', '50 %')
+    """
+    return f"{number(100 * share, 0)} %" if np.isfinite(share) else NOTHING
+
+
+def _refits(found: Holdout) -> Verdict:
+    fine = sum(outcome.status == "converged" for outcome in found.outcomes)
+    grade = "good" if found.converged else "poor"
+    lost = found.table["no_answer"].max()
+    text = Markup("Largest share of draws without an answer at a left-out row: {}.").format(percent(lost))
+    return Verdict("Fits", f"{fine} of {len(found.outcomes)} converged", grade, text)
+
+
+def _rows_section(found: Holdout) -> Section:
+    picture = drawing(all_left_out(found.table), "Left-out readings and their predictive intervals")
+    caption = Markup(
+        "Every left-out reading (dot) with the central 50 and 90 % of what was predicted for it by fits that "
+        "have not seen its level: model, polynomial, Gaussian process. Grey ground: slips beyond those of "
+        "the training rows."
+    )
+    own = found.table[found.table["predictor"] == found.model]
+    marked = own[own["no_answer"] > MARKED].drop_duplicates("row")
+    blocks: tuple[Any, ...] = (Gallery("whole", (picture,), caption),)
+    if len(marked):
+        parts = (f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy())
+        sentence = Markup("Draws for which the model has no answer were set aside at {}.").format(
+            listed(parts)
+        )
+        blocks = (*blocks, Text(sentence))
+    return Section("rows", "Left-out readings", blocks)
+
+
+def _scores_section(found: Holdout) -> Section:
+    header: tuple[Cell, ...] = (
+        "", "rows", "", "rows, levels", "mean CRPS", "±", "in 50 % [%]", "±", "in 90 % [%]", "±",
+        "not scored",
+    )  # fmt: skip
+    rows = tuple(_score_row(row) for row in found.summary.to_dict("records"))
+    caption = Markup(
+        "Mean scores in the unit of the channel (the smaller the better; the absolute error of a law without "
+        "width) and shares of readings inside the central intervals. Standard errors are from the spread "
+        "between levels, as rows of one level are not independent; with few levels they are rough, and 0 "
+        "says no more than that all agree. A reading without a prediction counts as not covered."
+    )
+    against = tuple(_skill_row(row) for row in found.skills.to_dict("records"))
+    head: tuple[Cell, ...] = ("against", "", "rows", "skill", "90 %", "levels won")
+    below = Markup(
+        "Skill: 1 − mean CRPS of {} / mean CRPS of the baseline, with the central 90 % when levels are drawn "
+        "again with replacement. Positive: the model is better."
+    ).format(found.model)
+    return Section(
+        "scores",
+        "Scores",
+        (Table(caption, "lllrrrrrrrr", header, rows), Table(below, "lllrrr", head, against)),
+    )
+
+
+def _score_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
+    shares = (
+        text
+        for name in ("covered50", "covered90")
+        for text in (number(100 * row[name], 0), number(100 * row[f"{name}_se"], 0))
+    )
+    return (
+        row["predictor"], PARTS[row["part"]], with_unit(row["channel"]), f"{row['rows']}, {row['levels']}",
+        plain(row["crps"]), plain(row["crps_se"], 2), *shares, str(row["unscored"]),
+    )  # fmt: skip
+
+
+def _skill_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
+    won = f"{row['levels_won']} of {row['levels']}"
+    head = (row["baseline"], symbol(row["channel"]), PARTS[row["part"]])
+    return (*head, percent(row["skill"]), _between(row), won)
+
+
+def _bands_section(found: Holdout) -> Section:
+    picture = drawing(bands_without(found), "Predictive bands of the fits without each level")
+    caption = Markup(
+        "The model fitted without each level: median and 90 % of readings over slip at the median load. "
+        "Dots: training rows; rings: the rows left out."
+    )
+    return Section("bands", "Fits without each level", (Gallery("whole", (picture,), caption),))
+
+
+KNOWN = {
+    "load": "slip, wheel and load",
+    "both": "slip, wheel and the reading of the normal force, from which each draw’s load is inferred",
+    "sinkage": "slip, wheel and sinkage",
+}
+
+
+def _method_section(found: Holdout) -> Section:
+    text = Markup(
+        "One level at a time is left out and the posterior of all other rows is sampled. Of a left-out row "
+        "{} stay known; everything else that was read is predicted, noise included. The predictive law is "
+        "the mixture of the laws of a reading over posterior draws; its CRPS is exact (Grimit et al. 2006). "
+        "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
+        "same training rows and conditions and find the noise there themselves; the model is told the noise "
+        "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best."
+    ).format(KNOWN[found.study.drive], ", ".join(baseline_names()))
+    refits = tuple(
+        (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
+        for row in found.refits.to_dict("records")
+    )
+    head: tuple[Cell, ...] = ("without", "rows", "sampling", "effective draws", "R-hat", "")
+    record = found.record
+    origin: tuple[tuple[Cell, ...], ...] = (
+        ("grouping", f"{record['by']}{_tolerance(record)}"),
+        ("seed", str(record["seed"])),
+        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+    )
+    blocks = (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
+    return Section("method", "Method", blocks)
+
+
+def _tolerance(record: Mapping[str, Any]) -> str:
+    return f", nearer than {record['tolerance']:g}" if "tolerance" in record else ""
+
+
+COLOURS = {"polynomial": "#E69F00", "Gaussian process": "#009E73"}
+"""Colours of the baselines that are drawn."""
+
+MOST = 12
+"""Levels, at most, that get a panel of their own."""
+
+
+def channels(table: pd.DataFrame) -> list[str]:
+    """Channels that are scored."""
+    return list(dict.fromkeys(table["channel"]))
+
+
+def _colours(table: pd.DataFrame) -> dict[str, str]:
+    """Predictors that are drawn: everything that is no baseline, which is one model, then the baselines."""
+    models = [name for name in dict.fromkeys(table["predictor"]) if name not in BASELINES]
+    return {**dict.fromkeys(models, POSTERIOR), **COLOURS}
+
+
+@styled
+def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
+    """Draw the readings of one channel beside predictions that do not know the row's level.
+
+    Parameters
+    ----------
+    table : as of :attr:`bayesterra.checking.holdout.Holdout.table`.
+    channel : a scored one.
+
+    One place for every left-out row, levels apart from each other. Bars: central 50 and 90 % of the
+    predictive law of a reading, tick: its median; blue the model, orange the polynomial, green the Gaussian
+    process. Dots: the readings. Grey ground: slips beyond those of the training rows.
+    """
+    ax = own_axes(ax, 7.2, 2.6)
+    table = table[table["channel"] == one_of("channel", channel, channels(table))]
+    place, colours = _places(table), _colours(table)
+    for position, (name, colour) in enumerate(colours.items()):
+        own = table[(table["predictor"] == name) & table["crps"].notna()]
+        x = own["row"].map(place).to_numpy(np.float64) + 0.24 * (position - 0.5 * (len(colours) - 1))
+        ax.vlines(x, own["q05"], own["q95"], color=colour, linewidth=1.3)
+        ax.vlines(x, own["q25"], own["q75"], color=colour, linewidth=5)
+        ax.plot(x, own["q50"], "_", color="white", markersize=5, markeredgewidth=1.2, zorder=5)
+    own = table[table["predictor"] == table["predictor"].iloc[-1]]  # baselines have every row
+    x = own["row"].map(place).to_numpy(np.float64)
+    ax.hlines(own["observed"], x - 0.4, x + 0.4, color=DATA, linewidth=0.8, zorder=4)
+    ax.plot(x, own["observed"], "o", color=DATA, markersize=3.6, zorder=6)
+    _ground(ax, own, place)
+    _limit(ax, table)
+    ax.set(ylabel=label(CHANNELS[channel]), xlim=(-0.7, max(place.values()) + 0.7))
+    return ax
+
+
+def _places(table: pd.DataFrame) -> dict[int, float]:
+    """Where every row stands: rows of a level side by side, a gap between levels, ascending slip."""
+    rows = table.drop_duplicates("row").sort_values("slip", kind="stable")
+    order = {level: i for i, level in enumerate(rows["level"].unique())}
+    rows = rows.sort_values("level", key=lambda names: names.map(order), kind="stable")
+    gaps = (rows["level"] != rows["level"].shift()).cumsum() - 1
+    return dict(zip(rows["row"], (np.arange(len(rows)) + 0.6 * gaps).astype(float), strict=True))
+
+
+def _ground(ax: Axes, rows: pd.DataFrame, place: dict[int, float]) -> None:
+    """Names of the levels, and grey where they are extrapolated."""
+    ticks, names = [], []
+    for name, own in rows.groupby("level", sort=False):
+        at = own["row"].map(place)
+        ticks.append(float(at.mean()))
+        names.append(str(name).removeprefix("slip "))
+        if own["extrapolated"].any():
+            ax.axvspan(at.min() - 0.7, at.max() + 0.7, color=GRID, alpha=0.45, linewidth=0, zorder=0)
+    turned: dict[str, Any] = {"rotation": 45, "ha": "right"} if max(map(len, names)) > 8 else {}
+    ax.set_xticks(ticks, [literal(str(name)) for name in names], **turned)
+
+
+def _limit(ax: Axes, table: pd.DataFrame) -> None:
+    """Keep readings and most bars in view; wild baselines may leave it."""
+    seen = table[table["predictor"] != "mean"]
+    known = np.concatenate([seen["observed"], seen["q25"].dropna(), seen["q75"].dropna()])
+    reach = float(np.ptp(known)) or 1.0
+    low, high = table["observed"].min() - 0.6 * reach, table["observed"].max() + 0.6 * reach
+    drawn = np.concatenate([seen["q05"].dropna(), seen["q95"].dropna(), seen["observed"]])
+    low, high = max(low, drawn.min()), min(high, drawn.max())
+    ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+
+
+@styled
+def all_left_out(table: pd.DataFrame) -> FloatArray:
+    """Draw :func:`left_out` for every channel, one below the other; returns the axes."""
+    names = channels(table)
+    figure = new_figure(7.2, 2.4 * len(names) + 0.6)
+    axes = np.asarray(figure.subplots(len(names), 1, squeeze=False)).ravel()
+    for ax, name in zip(axes, names, strict=True):
+        left_out(table, name, ax)
+    slips = table["level"].str.startswith("slip ").all()
+    axes[-1].set_xlabel("left out: slip level $s$ [–]" if slips else "left out")
+    entries: list[Patch | Line2D] = [
+        Line2D([], [], color=colour, linewidth=5, label=name) for name, colour in _colours(table).items()
+    ]
+    entries.append(Line2D([], [], color=DATA, marker="o", markersize=3.6, linewidth=0.8, label="reading"))
+    if table["extrapolated"].any():
+        entries.append(Patch(color=GRID, alpha=0.6, label="extrapolated"))
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+    return axes
+
+
+@styled
+def bands_without(found: Holdout) -> FloatArray:
+    """Draw, for every channel (rows) and level (columns, 12 at most), the model fitted without the level.
+
+    Line and band: median and 90 % of the readings that the fit expects over slip, at the median load. Dots:
+    the training rows; rings: the rows that were left out.
+    """
+    names = channels(found.table)
+    shown = [i for i, outcome in enumerate(found.outcomes) if outcome.bands][:MOST]
+    figure = new_figure(max(1.75 * len(shown), 3.0) + 0.5, 1.75 * len(names) + 0.5)
+    axes = np.asarray(
+        figure.subplots(len(names), max(len(shown), 1), squeeze=False, sharex=True, sharey="row")
+    )
+    for column, i in enumerate(shown):
+        for row, name in enumerate(names):
+            _without(axes[row, column], found, i, name)
+        axes[0, column].set_title(f"without {literal(found.levels[i].name)}", fontsize=8.5)
+    for row, name in enumerate(names):
+        axes[row, 0].set_ylabel(label(CHANNELS[name]))
+    figure.supxlabel("slip ratio $s$ [–]", fontsize=9, color=INK)
+    return axes
+
+
+def _without(ax: Axes, found: Holdout, number: int, channel: str) -> None:
+    rows, level, scale = found.study.observations, found.levels[number], CHANNELS[channel].scale
+    wheel = rows.wheel[int(np.argmax(level.left))]
+    band = next(b for b in found.outcomes[number].bands if (b.wheel, b.channel) == (wheel, channel))
+    _band(ax, band)
+    mine = np.array([name == wheel for name in rows.wheel])
+    values = rows.values[channel] / scale
+    for chosen, face in ((rows.use & ~level.left & mine, DATA), (level.left, "white")):
+        style: dict[str, Any] = {"color": DATA, "markerfacecolor": face, "markersize": 3.5, "zorder": 6}
+        ax.plot(rows.slip[chosen], values[chosen], "o", **style)
+
+
+def _band(ax: Axes, band: Band) -> None:
+    ax.fill_between(band.slip, band.low, band.high, color=POSTERIOR, alpha=0.25, linewidth=0)
+    ax.plot(band.slip, band.middle, color=POSTERIOR)
+
+
+@styled
+def left_out_png(table: pd.DataFrame, dpi: float = 200) -> bytes:
+    """The drawing of :func:`all_left_out` as PNG on white, the same bytes each time."""
+    return _png(figure_of(all_left_out(table)), dpi)
+
+
+@styled
+def bands_png(found: Holdout, dpi: float = 200) -> bytes:
+    """The drawing of :func:`bands_without` as PNG on white, the same bytes each time."""
+    return _png(figure_of(bands_without(found)), dpi)
+
+
+def _png(figure: Figure, dpi: float) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def print_holdout(found: Holdout, folder: Path, console: Console | None = None) -> None:
+    """Print coverage and mean scores of model and baselines, and where the files are."""
+    console = console or PlainConsole()
+    title = f"{len(found.levels)} levels left out, one at a time"
+    table = RichTable(title=title, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %"):
+        table.add_column(header, justify="right" if header else "left", no_wrap=True)
+    rows = found.summary[found.summary["part"] == "all"] if len(found.table) else found.table
+    for channel in rows["channel"].unique():
+        for row in rows[rows["channel"] == channel].to_dict("records"):
+            table.add_row(*_scored(row))
+        table.add_section()
+    console.print(table)
+    for outcome in found.outcomes:
+        if outcome.status != "converged":
+            line = f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
+            console.print(line, highlight=False, soft_wrap=True)
+    console.print(
+        f"Page: {folder / 'report.html'}   Plot: {folder / 'holdout.png'}", highlight=False, soft_wrap=True
+    )
+
+
+def _scored(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    shares = (f"{number(100 * row[name], 0)} %" for name in ("covered50", "covered90"))
+    score = f"{plain(row['crps'])} ± {plain(row['crps_se'], 2)} {row['unit']}"
+    return (CHANNELS[row["channel"]].symbol, row["predictor"], str(row["rows"]), score, *shares)
+
+
+def holdout_html(found: Holdout) -> str:
+    """Levels left out and predicted, as a self-contained HTML page."""
+    return render(holdout_page(found, version("bayesterra")), "holdout.html")

@@ -1,0 +1,335 @@
+"""Predictive checks: test statistics of readings, and whether the readings look as the model says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator, SeedSequence, default_rng
+from scipy.special import ndtri
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.checking.predictive import FORCE, RowPredictions
+from bayesterra.checking.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.study.study import Study
+
+Statistic = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """A statistic of standardised residuals.
+
+    Attributes
+    ----------
+    name : key in tables and records.
+    words : what it is.
+    finding : what its alarm says of a channel.
+    two_sided : whether small values are as strange as large ones.
+    slips : different slips needed at least.
+    value : residuals (..., m) and slips (m,), in ascending order, in; statistic (...) out.
+    """
+
+    name: str
+    words: str
+    finding: str
+    two_sided: bool
+    slips: int
+    value: Statistic
+
+
+def _contrast(degree: int) -> Statistic:
+    """Share of the residuals along the polynomial in slip of this degree, orthogonal to all lower ones."""
+
+    def value(z: FloatArray, slip: FloatArray) -> FloatArray:
+        scaled = (slip - slip.mean()) / max(float(np.ptp(slip)), 1e-12)
+        basis, _ = np.linalg.qr(np.vander(scaled, degree + 1, increasing=True))
+        return np.asarray(z @ basis[:, degree] * np.sign(basis[:, degree] @ scaled**degree))
+
+    return value
+
+
+def _misfit(z: FloatArray, slip: FloatArray) -> FloatArray:
+    return np.asarray((z**2).sum(axis=-1))
+
+
+def _neighbours(z: FloatArray, slip: FloatArray) -> FloatArray:
+    total = np.maximum((z**2).sum(axis=-1), 1e-300)
+    return np.asarray((z[..., 1:] * z[..., :-1]).sum(axis=-1) / total)
+
+
+LARGEST = Discrepancy("largest", "largest reading", "has a largest reading that the model does not give",
+                      True, 1, lambda readings, slip: np.asarray(readings.max(axis=-1)))  # fmt: skip
+"""The one statistic that is taken of the readings themselves."""
+
+OF_RESIDUALS = (
+    Discrepancy("misfit", "sum of squared residuals", "scatters more than the noise allows",
+                False, 1, _misfit),
+    Discrepancy("level", "mean residual", "is shifted as a whole", True, 1, _contrast(0)),
+    Discrepancy("slope", "slope over slip", "rises or falls with slip otherwise than the model",
+                True, 2, _contrast(1)),
+    Discrepancy("curvature", "curvature over slip", "bends over slip otherwise than the model",
+                True, 3, _contrast(2)),
+    Discrepancy("neighbours", "correlation of neighbouring residuals", "has runs of residuals of one sign",
+                False, 4, _neighbours),
+)  # fmt: skip
+
+DISCREPANCIES: dict[str, Discrepancy] = {one.name: one for one in (*OF_RESIDUALS, LARGEST)}
+
+
+def applicable(slip: FloatArray) -> tuple[Discrepancy, ...]:
+    """The statistics of residuals that readings at these slips (m,) can have."""
+    distinct = len(np.unique(slip))
+    return tuple(one for one in OF_RESIDUALS if distinct >= one.slips)
+
+
+def exceedance(values: FloatArray, ordered: FloatArray) -> FloatArray:
+    """Share of an ascending reference (k,) above each value (any shape); ties count half."""
+    below = np.searchsorted(ordered, values, side="left") + np.searchsorted(ordered, values, side="right")
+    return np.asarray(1.0 - 0.5 * below / len(ordered))
+
+
+ALARM = 0.02
+"""Overall p below which the readings contradict the model."""
+
+CONFLICT = 0.01
+"""Overall p below which the readings contradict the prior."""
+
+JUDGED_DRAWS = 1000
+
+REFERENCE = 2000
+"""Residuals of replicated readings that a statistic is compared with."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statistic of one channel.
+
+    Attributes
+    ----------
+    channel : its name.
+    statistic : a key of :data:`bayesterra.checking.predictive_checks.DISCREPANCIES`.
+    p : posterior predictive probability of a value at least as large.
+    calibrated : share of replicated tables that are as strange in this statistic.
+    """
+
+    channel: str
+    statistic: str
+    p: float
+    calibrated: float
+
+    @property
+    def finding(self) -> str:
+        """What its alarm says of the channel."""
+        return DISCREPANCIES[self.statistic].finding
+
+
+@dataclass(frozen=True)
+class PredictiveChecks:
+    """All checks of a table of readings.
+
+    Attributes
+    ----------
+    checks : every statistic of every channel, the strangest first.
+    overall : share of replicated tables whose strangest statistic is as strange as that of the readings.
+    replicates : number of replicated tables.
+    effective : effective draws of the posteriors of the replicates: 5 % quantile and median.
+    """
+
+    checks: tuple[Check, ...]
+    overall: float
+    replicates: int
+    effective: tuple[float, float]
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the readings contradict the model."""
+        return self.overall < ALARM
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """The statistics of one channel.
+
+    Attributes
+    ----------
+    column : its place among the measured channels.
+    rows : its readings in the order of slip, indices (m,).
+    slip : there, (m,).
+    unit : residuals of replicated readings in units of the noise (k, m).
+    """
+
+    channel: str
+    column: int
+    rows: IntArray
+    slip: FloatArray
+    unit: FloatArray
+
+    @cached_property
+    def of_residuals(self) -> tuple[Discrepancy, ...]:
+        return applicable(self.slip)
+
+    @cached_property
+    def _ordered(self) -> list[FloatArray]:
+        return [np.sort(one.value(self.unit, self.slip)) for one in self.of_residuals]
+
+    @property
+    def statistics(self) -> tuple[Discrepancy, ...]:
+        return (*self.of_residuals, LARGEST)
+
+    def p_values(self, readings: FloatArray, modelled: Modelled) -> FloatArray:
+        """Upper-tail posterior predictive p of every statistic, of readings (rows, channels)."""
+        y = readings[self.rows, self.column]
+        mean, scale = (v[:, self.rows, self.column] for v in (modelled.mean, modelled.scale))
+        z = (y - mean) / scale
+        pairs = zip(self.of_residuals, self._ordered, strict=True)
+        shares = [exceedance(one.value(z, self.slip), ordered).mean() for one, ordered in pairs]
+        turns = (7 * np.arange(len(mean))[:, None] + np.arange(10)) % len(self.unit)
+        largest = LARGEST.value(mean[:, None] + scale[:, None] * self.unit[turns], self.slip)
+        return np.array([*shares, np.mean(largest > y.max())])
+
+
+def predictive_checks(
+    posterior: Posterior, draws: FloatArray, seed: SeedSequence, options: ReplicateOptions | None = None
+) -> PredictiveChecks:
+    """Check the readings in the fit against posterior draws (n, d)."""
+    own, replicating = seed.spawn(2)
+    rng = default_rng(own)
+    judges = _judges(posterior, rng)
+    x = draws[:: max(1, -(-len(draws) // JUDGED_DRAWS))]
+    explained = Modelled.of(posterior, x, posterior.explained(x, rng))
+    observed = _p_values(judges, posterior.likelihood.measured, explained)
+
+    def judged(table: Replicate) -> tuple[FloatArray, float]:
+        return _p_values(judges, table.readings, table.modelled), table.effective
+
+    tables = replicates(posterior, draws, replicating, options or ReplicateOptions(), judged)
+    low, middle = np.quantile([effective for _, effective in tables], [0.05, 0.5])
+    return _compared(judges, observed, np.array([p for p, _ in tables]), (float(low), float(middle)))
+
+
+def _judges(posterior: Posterior, rng: Generator) -> list[_Judge]:
+    likelihood, judges = posterior.likelihood, []
+    for column, noise in enumerate(likelihood.noise):
+        rows = np.flatnonzero(~np.isnan(likelihood.measured[:, column]))
+        slip = likelihood.observations.slip[rows]
+        order = np.argsort(slip, kind="stable")
+        unit = noise.draw((REFERENCE, len(rows)), rng)
+        judges.append(_Judge(noise.channel, column, rows[order], slip[order], unit))
+    return judges
+
+
+def _p_values(judges: list[_Judge], readings: FloatArray, modelled: Modelled) -> FloatArray:
+    return np.concatenate([judge.p_values(readings, modelled) for judge in judges])
+
+
+def _compared(
+    judges: list[_Judge], observed: FloatArray, made: FloatArray, effective: tuple[float, float]
+) -> PredictiveChecks:
+    """Hold p values (checks,) against those of the replicates (n, checks)."""
+    names = [(judge.channel, one.name) for judge in judges for one in judge.statistics]
+    two_sided = np.array([DISCREPANCIES[name].two_sided for _, name in names])
+    own, others = _strangeness(observed, made, two_sided), _strangeness(made, made, two_sided)
+    calibrated = (1 + (others >= own).sum(axis=0)) / (1 + len(made))
+    overall = (1 + (others.max(axis=1) >= own.max()).sum()) / (1 + len(made))
+    checks = [
+        Check(names[i][0], names[i][1], float(observed[i]), float(calibrated[i]))
+        for i in np.argsort(-own, kind="stable")
+    ]
+    return PredictiveChecks(tuple(checks), float(overall), len(made), effective)
+
+
+def _strangeness(p: FloatArray, made: FloatArray, two_sided: BoolArray) -> FloatArray:
+    """How far p values (..., checks) are from those of replicates (n, checks), in sd of normal scores."""
+    score, others = (np.asarray(ndtri(np.clip(values, 1e-4, 1 - 1e-4))) for values in (p, made))
+    distance = (others.mean(axis=0) - score) / np.maximum(others.std(axis=0), 1e-6)
+    return np.asarray(np.where(two_sided, np.abs(distance), distance))
+
+
+@dataclass(frozen=True)
+class PriorCheck:
+    """A statistic of one channel's readings under the prior alone.
+
+    Attributes
+    ----------
+    statistic : ``mean``, ``slope`` over slip or ``largest``.
+    value : of the readings, SI.
+    low, high : 5 and 95 % of what the prior predicts.
+    p : two-sided prior predictive p.
+    """
+
+    channel: str
+    statistic: str
+    value: float
+    low: float
+    high: float
+    p: float
+
+
+@dataclass(frozen=True)
+class PriorChecks:
+    """Whether the readings are what the prior can predict.
+
+    Attributes
+    ----------
+    checks : every statistic of every channel, but of the normal force where the load is latent.
+    overall : smallest p times the number of checks (Bonferroni), 1 at most.
+    """
+
+    checks: tuple[PriorCheck, ...]
+    overall: float
+
+    @property
+    def conflict(self) -> bool:
+        """Whether prior and readings contradict each other."""
+        return self.overall < CONFLICT
+
+
+def prior_checks(study: Study, predictions: RowPredictions) -> PriorChecks:
+    """Hold the readings in the fit against readings that draws of the cut prior predict.
+
+    A latent load (drive ``both``) has a flat law over a range that nobody believes in: readings of the normal
+    force are not judged, and the others only where ``predictions`` are made at loads that these tell
+    (:func:`bayesterra.checking.predictive.predict_at_read_loads`).
+    """
+    rows, checks, latent = study.observations, [], study.drive == "both"
+    told = (
+        ~np.isnan(rows.values[FORCE]) if latent and FORCE in rows.values else np.full(len(rows), not latent)
+    )
+    for column, name in enumerate(predictions.channels):
+        if latent and name == FORCE:
+            continue
+        chosen = np.flatnonzero(rows.use & told & ~np.isnan(rows.values[name]))
+        slip, values = rows.slip[chosen], rows.values[name][chosen]
+        drawn = predictions.readings[:, chosen, column]
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]
+        for statistic, compute in PRIOR_STATISTICS.items():
+            if len(np.unique(slip)) > (statistic == "slope") and len(drawn):
+                checks.append(_prior_check(name, statistic, compute(values, slip), compute(drawn, slip)))
+    overall = min([1.0, *(len(checks) * check.p for check in checks)])
+    return PriorChecks(tuple(checks), overall)
+
+
+def _prior_check(name: str, statistic: str, value: FloatArray, drawn: FloatArray) -> PriorCheck:
+    above = (1 + np.sum(drawn >= value)) / (1 + len(drawn))
+    below = (1 + np.sum(drawn <= value)) / (1 + len(drawn))
+    low, high = np.quantile(drawn, [0.05, 0.95])
+    p = min(1.0, 2 * float(min(above, below)))
+    return PriorCheck(name, statistic, float(value), float(low), float(high), p)
+
+
+def _slope(values: FloatArray, slip: FloatArray) -> FloatArray:
+    """Least-squares slope of readings (..., m) over slip (m,)."""
+    centred = slip - slip.mean()
+    return np.asarray(values @ centred / (centred @ centred))
+
+
+PRIOR_STATISTICS: Mapping[str, Statistic] = {
+    "mean": lambda values, slip: np.asarray(values.mean(axis=-1)),
+    "slope": _slope,
+    "largest": LARGEST.value,
+}
+"""Statistics of readings (..., m) at slips (m,)."""

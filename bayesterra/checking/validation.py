@@ -1,0 +1,255 @@
+"""Validation of a fit: how well the model explains its readings, and what is asked of every fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import SeedSequence
+from scipy.special import chdtrc
+from threadpoolctl import threadpool_limits
+
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.loo import CrossValidation, leave_one_out
+from bayesterra.checking.predictive import RowPredictions, curve_forward
+from bayesterra.checking.predictive_checks import (
+    ALARM,
+    CONFLICT,
+    Check,
+    PredictiveChecks,
+    PriorCheck,
+    PriorChecks,
+    predictive_checks,
+    prior_checks,
+)
+from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.parameters import MODEL_PARAMETERS, SIZES
+from bayesterra.report.failures import Failures
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study
+
+DOUBTFUL = 0.05
+"""p value below which a channel is not explained."""
+
+OVERSTATED = 0.99
+"""p value above which the stated noise looks larger than the scatter."""
+
+DRAWS = 2000
+
+METHODS = ("IM1", "IM2", "IM3", "joint")
+"""Least-squares methods, in the order of reports."""
+
+
+@dataclass(frozen=True)
+class FitCheck:
+    """Posterior predictive check of one channel.
+
+    Attributes
+    ----------
+    channel : its name.
+    readings : number of readings in the fit.
+    p : probability that replicated readings lie as far from the model as the measured ones, or farther.
+    estimated : whether the noise was estimated from the same readings, which makes the check lenient.
+    """
+
+    channel: str
+    readings: int
+    p: float
+    estimated: bool
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the readings are no surprise to the model."""
+        return self.p >= DOUBTFUL
+
+    @property
+    def overstated(self) -> bool:
+        """Whether the readings scatter less than the stated noise says."""
+        return self.p > OVERSTATED
+
+
+def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
+    """At most ``most`` posterior draws (n, d), evenly spaced over all ensembles; SI."""
+    draws = result.values()
+    return draws[:: max(1, -(-len(draws) // most))]
+
+
+def standardised(target: Posterior, x: FloatArray) -> FloatArray:
+    """Residuals (reading − model) / σ of parameter sets (n, d).
+
+    Shape (n, rows in the fit, channels), NaN where there is no reading. A latent load is drawn for each.
+    """
+    outcomes = target.explained(x, np.random.default_rng(0))
+    predicted = target.likelihood.predicted(outcomes)
+    scales = target.likelihood.scales(predicted, target.noise_values(x))
+    return np.asarray((target.likelihood.measured - predicted) / scales)
+
+
+def residuals(result: Result, most: int = DRAWS) -> FloatArray:
+    """Standardised residuals of posterior draws, (n, rows in the fit, channels)."""
+    return standardised(posterior(result.study), spread_draws(result, most))
+
+
+def fit_checks(result: Result) -> tuple[FitCheck, ...]:
+    """Check every channel by T(y, θ) = Σ ((y − μ(θ)) / σ(θ))², Gelman, Meng and Stern 1996.
+
+    Given θ, T of replicated Gaussian readings follows χ² with as many degrees of freedom as there are
+    readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any. Residuals
+    under Student-t noise are first turned into the normal scores that they have under that law.
+    """
+    z = residuals(result)
+    for i, noise in enumerate(result.study.noise.values()):
+        z[:, :, i] = noise.normal_score(z[:, :, i])
+    counts = (~np.isnan(z[0])).sum(axis=0)
+    distances = np.nansum(z**2, axis=1)
+    return tuple(
+        FitCheck(name, int(n), _p_value(int(n), distance), noise.law is not None)
+        for (name, noise), n, distance in zip(result.study.noise.items(), counts, distances.T, strict=True)
+    )
+
+
+def _p_value(readings: int, distances: FloatArray) -> float:
+    return float(np.mean(chdtrc(readings, distances))) if readings else float("nan")
+
+
+def estimates(result: Result) -> dict[str, dict[str, float]]:
+    """Soil parameters of least squares, published and true ones by name, SI, as far as each gives them.
+
+    What a record fills in to place an estimate in the posterior is left out.
+    """
+    fits, standings = result.record["fits"], result.record["standings"]
+    found = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
+    references = {"published": result.study.published, "truth": result.study.truth}
+    return found | {name: dict(known.values) for name, known in references.items() if known is not None}
+
+
+def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if name not in fit["missing"]}
+
+
+def complete(result: Result) -> tuple[str, ...]:
+    """Those of :func:`estimates` that give every free soil parameter; only they can be judged by density."""
+    free = [name for name in result.names if name in MODEL_PARAMETERS]
+    return tuple(method for method, values in estimates(result).items() if all(n in values for n in free))
+
+
+def held(result: Result, method: str) -> tuple[str, ...]:
+    """Free parameters of the study that a least-squares method held at a value."""
+    named = result.record.get("fits", {}).get(method, {}).get("held", ())
+    return tuple(name for name in named if name in result.names)
+
+
+def complete_soils(result: Result) -> dict[str, FloatArray]:
+    """Soils (1, 9 or 13) of the least-squares methods that leave no parameter open, SI."""
+    soils = {
+        name: _soil(result.study, values) for name, values in estimates(result).items() if name in METHODS
+    }
+    return {name: soil for name, soil in soils.items() if np.isfinite(soil).all()}
+
+
+def _soil(study: Study, values: Mapping[str, float]) -> FloatArray:
+    held = study.prior.fixed
+    return np.array([[values.get(name, held.get(name, np.nan)) for name in study.model.parameters]])
+
+
+def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:
+    """Modelled outcomes (g, outcomes) of the least-squares estimates on the slip grid of the result's curves.
+
+    All are run by the study's own model and drive; NaN where an estimate has no answer.
+    """
+    forward = curve_forward(result.study, wheel)
+    return {name: forward(soil, every_row=True).values[0] for name, soil in complete_soils(result).items()}
+
+
+def method_residuals(result: Result) -> dict[str, FloatArray]:
+    """Standardised residuals (rows in the fit, channels) of the least-squares estimates.
+
+    Estimated noise stands at its posterior median.
+    """
+    target = posterior(result.study)
+    medians = dict(zip(target.names, np.median(result.values(), axis=0), strict=True))
+    noise = np.array([[medians[name] for name in target.names if name.startswith(SIZES)]])
+    likelihood = target.likelihood
+    found = {}
+    for name, soil in complete_soils(result).items():
+        outcomes = likelihood.forward(soil, every_row=True)
+        predicted = likelihood.predicted(outcomes)
+        found[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
+    return found
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Predictive checks under the posterior and the prior, and leave-one-out cross-validation.
+
+    None stands for one that could not be computed.
+    """
+
+    checks: PredictiveChecks | None
+    prior: PriorChecks | None
+    loo: CrossValidation | None
+
+    def record(self) -> dict[str, Any]:
+        """Everything, for ``run.json``."""
+        record: dict[str, Any] = {}
+        if self.checks is not None:
+            alarm = {"threshold": ALARM, "alarm": self.checks.alarm}
+            record["predictive_checks"] = {**asdict(self.checks), **alarm}
+        if self.prior is not None:
+            conflict = {"threshold": CONFLICT, "conflict": self.prior.conflict}
+            record["prior_checks"] = {**asdict(self.prior), **conflict}
+        if self.loo is not None:
+            record["loo"] = {
+                "elpd": self.loo.elpd,
+                "se": self.loo.se,
+                "effective_parameters": self.loo.effective_parameters,
+                **asdict(self.loo),
+            }
+        return record
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Validation:
+        """Read back from the content of a ``run.json``."""
+        checks, prior, loo = (record.get(name) for name in ("predictive_checks", "prior_checks", "loo"))
+        return cls(
+            checks
+            and PredictiveChecks(
+                tuple(Check(**check) for check in checks["checks"]),
+                checks["overall"],
+                checks["replicates"],
+                (checks["effective"][0], checks["effective"][1]),
+            ),
+            prior and PriorChecks(tuple(PriorCheck(**check) for check in prior["checks"]), prior["overall"]),
+            loo and CrossValidation.from_record(loo),
+        )
+
+
+def validate(
+    study: Study,
+    posterior: Posterior,
+    draws: FloatArray,
+    before: RowPredictions,
+    seed: SeedSequence,
+    failures: Failures,
+) -> Validation:
+    """Validate a study's posterior.
+
+    Parameters
+    ----------
+    draws : near-independent posterior draws (n, d).
+    before : readings of all rows that the cut prior predicts, at known or read loads.
+    failures : takes note of checks that cannot be computed.
+    """
+    checking, leaving = seed.spawn(2)
+    with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
+        return Validation(
+            failures.attempt(
+                "predictive_checks", lambda: predictive_checks(posterior, draws, checking), lambda: None
+            ),
+            None
+            if "prior_predictive" in failures
+            else failures.attempt("prior_checks", lambda: prior_checks(study, before), lambda: None),
+            failures.attempt("loo", lambda: leave_one_out(posterior, draws, leaving), lambda: None),
+        )

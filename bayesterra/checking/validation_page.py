@@ -1,0 +1,319 @@
+"""Predictive checks and cross-validation as blocks and figures of a report."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.checking import validation
+from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation, LeftOut
+from bayesterra.checking.predictive_checks import (
+    ALARM,
+    CONFLICT,
+    DISCREPANCIES,
+    Check,
+    PredictiveChecks,
+    PriorCheck,
+)
+from bayesterra.checking.validation import Validation
+from bayesterra.likelihood.page import estimated_noise
+from bayesterra.parameters import CHANNELS, field_values
+from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.failures import failed
+from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
+from bayesterra.report.numbers import NOTHING, interval, plain, probability, resolution, rounded, share
+from bayesterra.report.symbols import listed, symbol, symbols, unit
+from bayesterra.stats.diagnostics import calibrated, ecdf_band, pareto_limit
+from bayesterra.study.result import Result
+
+PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}
+
+
+def posterior_checks(result: Result) -> tuple[Block, ...]:
+    """The alarm, and every statistic of every channel."""
+    checks = Validation.from_record(result.record).checks
+    if checks is None:
+        return (Text(failed(result.record, "predictive_checks"), "poor"),)
+    return Text(alarm_sentence(checks), "poor" if checks.alarm else ""), _statistics(result, checks)
+
+
+def alarm_sentence(checks: PredictiveChecks) -> Markup:
+    """What all statistics together say."""
+    if not checks.alarm:
+        text = Markup("{} of the tables that the model itself makes look as strange (alarm below {}).")
+        return text.format(share(checks.overall), share(ALARM))
+    parts = (Markup("{} {}").format(symbol(check.channel), check.finding) for check in alarming(checks))
+    return Markup("{} (overall <i>p</i> {}).").format(listed(parts), probability(checks.overall))
+
+
+def misfit_warning(
+    found: Markup,
+    check: str = "units, loads and priors",
+    then: str = "another model, or a [discrepancy]",
+) -> Markup:
+    """What a page opens with where the model cannot make readings like these."""
+    return Markup(
+        "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
+        "did. What to do: check {}; then {}."
+    ).format(found, check, then)
+
+
+def misfit_text(found: str, check: str = "units, loads and priors") -> str:
+    """The same in one line for a terminal."""
+    return f"warning: the model does not fit these readings: {found}; check {check} before you use any figure"
+
+
+def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
+    """The strangest statistic of each channel that has a strange one, ``most`` channels at most."""
+    found: dict[str, Check] = {}
+    for check in checks.checks:
+        if check.calibrated < ALARM or not found:
+            found.setdefault(check.channel, check)
+    return tuple(found.values())[:most]
+
+
+def _statistics(result: Result, checks: PredictiveChecks) -> Table:
+    cells = {(check.channel, check.statistic): check for check in checks.checks}
+    channels = list(result.study.noise)
+    names = [name for name in DISCREPANCIES if any((channel, name) in cells for channel in channels)]
+    rows = tuple(
+        (DISCREPANCIES[name].words, *(_cell(cells.get((channel, name))) for channel in channels))
+        for name in names
+    )
+    caption = Markup(
+        "Posterior-predictive checks. First figure: share of {} replicated tables, each with a posterior of "
+        "its own, that are as strange in this statistic; in brackets: <i>p</i>, the posterior-predictive "
+        "probability of a larger value, which alone is too lenient. Residuals are in standard deviations of "
+        "the noise. Single figures below {:g} are bold; with so many of them some are to be expected. What "
+        "decides is the overall <i>p</i>, the share of replicated tables whose strangest statistic is as "
+        "strange as the strangest here.{}"
+    ).format(checks.replicates, ALARM, estimated_noise(result.study))
+    return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)
+
+
+def _cell(check: Check | None) -> Cell:
+    if check is None:
+        return NOTHING
+    text = Markup("<b>{}</b>") if check.calibrated < ALARM else Markup("{}")
+    return Markup("{} ({})").format(text.format(probability(check.calibrated)), probability(check.p))
+
+
+def prior_predictive(result: Result) -> Block:
+    """The readings under the prior alone."""
+    checks = Validation.from_record(result.record).prior
+    if checks is None:
+        return Text(failed(result.record, "prior_checks", "prior_predictive"), "poor")
+    word = (
+        "The readings contradict the prior: they lie where it predicts next to nothing."
+        if checks.conflict
+        else "The prior can predict such readings."
+        if checks.checks
+        else "There is nothing to judge."
+    )
+    if result.study.drive == "both" and all(check.channel != "normal_force" for check in checks.checks):
+        word += (
+            " Loads are taken as the normal force of each row tells them: the range of loads is one to"
+            " integrate over and no belief, so the normal force itself and rows without one are not judged."
+        )
+    caption = Markup(
+        "Prior-predictive check: statistics of the readings beside what draws of the prior predict. {} "
+        "Overall <i>p</i> {} (smallest <i>p</i> times the number of statistics; conflict below {:g})."
+    ).format(word, probability(checks.overall), CONFLICT)
+    header = ("channel", "statistic", "unit", "readings", "90 % of the prior", Markup("<i>p</i>"))
+    return Table(caption, "lllrrr", header, tuple(map(_prior_row, checks.checks)))
+
+
+def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
+    scale = CHANNELS[check.channel].scale
+    low, high, value = check.low / scale, check.high / scale, check.value / scale
+    step = resolution(low, high)
+    per = Markup("{}{}").format(unit(check.channel), " per unit slip" if check.statistic == "slope" else "")
+    ends = interval(low, high, step)
+    return (symbol(check.channel), PRIOR_WORDS[check.statistic], per, rounded(value, step / 10), ends,
+            probability(check.p))  # fmt: skip
+
+
+def cross_validation_section(result: Result) -> Section:
+    """Every row predicted by the others."""
+    loo = CrossValidation.from_record(result.record["loo"])
+    blocks: list[Block] = [Text(_sum(loo)), _rows(result, loo)]
+    return Section("loo", "Cross-validation", (*blocks, *_pit(result, loo)))
+
+
+def _sum(loo: CrossValidation) -> Markup:
+    return Markup(
+        "Sum of the log densities with which every row is predicted by all others: elpd {} ± {} (standard "
+        "error from the spread between {} rows). Only differences between models for the same readings mean "
+        "something, and those below {:g} or below two of their own standard errors do not distinguish them. "
+        "The fit uses {} effective parameters."
+    ).format(rounded(loo.elpd, 0.1), rounded(loo.se, 0.1), len(loo.rows), INDISTINCT,
+             rounded(loo.effective_parameters, 0.1))  # fmt: skip
+
+
+def _rows(result: Result, loo: CrossValidation) -> Table:
+    slips = dict(zip(result.study.observations.rows, result.study.observations.slip, strict=True))
+    rows = tuple(
+        (str(row.row), f"{slips[row.row]:.4g}", rounded(row.elpd, 0.01), plain(row.error, 1),
+         rounded(before - row.elpd, 0.01), f"{row.k:.2f}", _way(row))
+        for row, before in zip(loo.rows, loo.full, strict=True)
+    )  # fmt: skip
+    caption = Markup(
+        "Rows left out one at a time, with all their readings; slip and load stay known. Loss: how much "
+        "worse a row is predicted than fitted; large values mark rows that the others do not foresee. Pareto "
+        "k̂: above {:.2f} weights from the full posterior cannot be relied on. Rows with a greater k̂, and all "
+        "rows of tables with fewer than {}, are left out by a new sampling."
+    ).format(pareto_limit(4000), FEW_ROWS)
+    header = ("row", symbol("slip"), "elpd", "Monte Carlo error", "loss", "k̂", "left out by")
+    return Table(caption, "lrrrrrl", header, rows)
+
+
+def _way(row: LeftOut) -> str:
+    return "new sampling" if row.refitted else "weights"
+
+
+def _pit(result: Result, loo: CrossValidation) -> tuple[Block, ...]:
+    if not loo.pit:
+        return ()
+    pictures = tuple(
+        drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit
+    )
+    outside = [name for name, values in loo.pit.items() if not calibrated(values)]
+    found = (
+        Markup("{} leaves the band.").format(symbols(outside)) if outside else "No channel leaves the band."
+    )
+    caption = Markup(
+        "LOO-PIT: where each reading lies in what the other rows predict for it. Drawn is the share of "
+        "values below, less the uniform one; grey: simultaneous 95 % band. An arch means an offset, an S "
+        "that the noise is over- or understated. {}"
+    ).format(found)
+    return (Gallery("small", pictures, caption),)
+
+
+@styled
+def loo_pit(result: Result, channel: str, ax: Axes | None = None) -> Axes:
+    """Draw the distribution of one channel's LOO-PIT values less the uniform one.
+
+    A LOO-PIT value is the probability of a reading below the measured one, predicted by the other rows. Grey:
+    where the whole curve lies with probability 0.95 if the predictions are right.
+    """
+    ax = own_axes(ax)
+    pit = CrossValidation.from_record(result.record["loo"]).pit[channel]
+    values = np.sort([p for p in pit if np.isfinite(p)])
+    points = np.arange(1, len(values) + 1) / len(values)
+    low, high = ecdf_band(len(values))
+    share = np.searchsorted(values, points, side="right") / len(values)
+    ax.fill_between(points, low - points, high - points, color=PRIOR, alpha=0.25, linewidth=0, step="mid")
+    ax.axhline(0, color=INK, linewidth=0.7)
+    ax.plot(points, share - points, color=POSTERIOR, drawstyle="steps-mid")
+    ax.set(xlabel=f"LOO-PIT of ${CHANNELS[channel].latex}$", ylabel="share below − uniform")
+    return ax
+
+
+@styled
+def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: str | None = None) -> Axes:
+    """Draw one channel of one wheel over slip: readings, predictive bands, least-squares curves.
+
+    Parameters
+    ----------
+    channel : an outcome of the study's drive, measured or not.
+    wheel : its name; the study's first one by default.
+
+    Bands hold 50 and 90 % of new readings (noise included), or of the modelled values where the channel was
+    not measured; line: median. Error bars: one standard deviation of noise; hollow rows are not in the fit.
+    """
+    ax = own_axes(ax)
+    wheel = one_of("wheel", wheel or next(iter(result.study.wheels)), result.study.wheels)
+    one_of("channel", channel, result.draws["curves"]["outcome"].to_numpy().tolist())
+    curves = result.draws["curves"].sel(wheel=wheel)
+    slip = curves["slip"].to_numpy()
+    kind = "readings" if channel in result.study.noise else "modelled"
+    bands = field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
+    for low, high, alpha in ((0, 4, 0.18), (1, 3, 0.32)):
+        ax.fill_between(slip, bands[low], bands[high], color=POSTERIOR, alpha=alpha, linewidth=0)
+    ax.plot(slip, bands[2], color=POSTERIOR)
+    at = result.draws["curves"]["outcome"].to_numpy().tolist().index(channel)
+    for method, values in validation.method_curves(result, wheel).items():
+        mark = MARKS[method]
+        ax.plot(
+            slip, field_values(channel, values[:, at]), color=mark.colour, dashes=mark.dashes, linewidth=1.2
+        )
+    shown = _readings(ax, result, channel, wheel)
+    _limit(ax, np.concatenate([bands[[0, 4]].ravel(), shown]))
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(CHANNELS[channel]))
+    return ax
+
+
+def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
+    """Draw the readings of a wheel; returns all values that must stay in view."""
+    if channel not in result.study.noise:
+        return np.empty(0)
+    rows = result.study.observations
+    mine = np.array([name == wheel for name in rows.wheel])
+    values, sd = field_values(channel, rows.values[channel]), field_values(channel, _noise(result, channel))
+    for use, face in ((True, DATA), (False, "white")):
+        chosen: BoolArray = mine & (rows.use == use)
+        ax.errorbar(
+            rows.slip[chosen], values[chosen], yerr=sd[chosen], fmt="o", color=DATA, markerfacecolor=face,
+            markersize=4, elinewidth=0.9, zorder=6,
+        )  # fmt: skip
+    return np.concatenate([(values - sd)[mine], (values + sd)[mine]])
+
+
+def _noise(result: Result, channel: str) -> FloatArray:
+    """Standard deviation of every row's reading, SI; of estimated noise the posterior median."""
+    rows, noise = result.study.observations, result.study.noise[channel]
+    given = rows.given_sd.get(channel, np.full(len(rows), np.nan))
+    estimated = None
+    if noise.parameter:
+        estimated = np.full(1, np.median(result.values()[:, result.names.index(noise.parameter)]))
+    return np.asarray(noise.scale(rows.values[channel][None], estimated, given)[0])
+
+
+def _limit(ax: Axes, values: FloatArray) -> None:
+    """Keep bands and readings in view; curves of estimates far away may leave it."""
+    known = values[np.isfinite(values)]
+    low, high = known.min(), known.max()
+    ax.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
+
+
+@styled
+def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
+    """Draw the standardised residuals of one channel over slip: (reading − model) / noise.
+
+    Bars: 90 % of the posterior draws, dot: their mean. Marks: least-squares estimates, hollow at the edge
+    where they are farther out, beside their row's slip. Grey: ± 2.
+    """
+    ax = own_axes(ax)
+    column = list(result.study.noise).index(one_of("channel", channel, result.study.noise))
+    slip = result.study.observations.used().slip
+    z = validation.residuals(result)[:, :, column]
+    methods = {name: values[:, column] for name, values in validation.method_residuals(result).items()}
+    low, high = np.quantile(z, [0.05, 0.95], axis=0)
+    reach = _reach([low, high, *methods.values()])
+    ax.axhspan(-2, 2, color=PRIOR, alpha=0.15, linewidth=0)
+    ax.axhline(0, color=INK, linewidth=0.7)
+    ax.vlines(slip, low, high, color=POSTERIOR, linewidth=4, alpha=0.45)
+    ax.plot(slip, z.mean(axis=0), "o", color=POSTERIOR, markersize=5)
+    step = 0.014 * float(np.ptp(slip) or 1.0)
+    for place, (name, values) in enumerate(methods.items(), start=1):
+        _marks(ax, name, slip + place * step, values, reach)
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=f"residual of ${CHANNELS[channel].latex}$ [sd]")
+    ax.set_ylim(-1.06 * reach, 1.06 * reach)
+    return ax
+
+
+def _reach(values: list[FloatArray]) -> float:
+    """Half-height of the plot: everything up to eight standard deviations."""
+    return float(np.clip(np.nanmax(np.abs(values)) + 0.3, 3.2, 8.0))
+
+
+def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float) -> None:
+    mark, far = MARKS[method], np.abs(values) > reach
+    for chosen, face in ((~far, mark.colour), (far, "none")):
+        held = np.clip(values[chosen], -reach, reach)
+        ax.plot(
+            slip[chosen], held, mark.marker, color=mark.colour, markerfacecolor=face, markersize=4.5,
+            zorder=4, clip_on=False,
+        )  # fmt: skip

@@ -1,0 +1,594 @@
+"""The command line: options and printing only; the work is done in the rooms that each command imports."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bayesterra.errors import printable
+
+if TYPE_CHECKING:
+    from bayesterra.study.result import Result
+
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Posterior distributions of the mechanical parameters of planetary soil, from wheel tests.",
+    epilog="Start with [bold]bayesterra init study.toml[/bold]. Exit codes: 0 done, 2 bad input,"
+    " 3 not converged, 130 interrupted, 1 a bug.",
+)
+
+StudyPath = Annotated[
+    Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
+]
+
+Workers = Annotated[
+    int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
+]
+
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute."),
+]
+
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
+
+Wheels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--wheel", metavar="NAME|FILE", help="A wheel of the study, or a file of one; may be repeated."
+    ),
+]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"bayesterra {version('bayesterra')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options that need no command."""
+
+
+def hushed(quiet: bool) -> bool:
+    """Value of --quiet, which keeps back the notes of the package, too."""
+    logging.getLogger("bayesterra").setLevel(logging.ERROR if quiet else logging.NOTSET)
+    return quiet
+
+
+def beside(study: Path, what: str) -> Path:
+    """Default folder for what is made from a study, in the working directory."""
+    folder = study if study.is_dir() else study.parent
+    return Path(f"{folder.resolve().name}-{what}")
+
+
+@app.command()
+def run(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Result folder; by default <study folder>-result.")
+    ] = None,
+    seed: Seed = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a result folder, once the new one is complete.")
+    ] = False,
+    prior_only: Annotated[
+        bool, typer.Option("--prior-only", help="Report on the prior alone; needs no readings.")
+    ] = False,
+    crosscheck: Annotated[
+        bool,
+        typer.Option("--crosscheck", help="Repeat it by nested sampling at two settings (needs dynesty)."),
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
+    ] = False,
+) -> None:
+    """Sample the posterior, compare with least squares, and write a report."""
+    from bayesterra.study.study import load_study
+
+    if resume and prior_only:
+        raise typer.BadParameter("goes on with sampling, and --prior-only does none", param_hint="--resume")
+    # mistakes in the study are reported before the sampler's libraries are loaded
+    loaded = load_study(study, prior_only=prior_only)
+    from bayesterra.analysis.run import run_prior_study, run_study
+    from bayesterra.analysis.terminal import print_pooled, print_prior, print_result
+
+    folder = out or beside(study, "result")
+    if prior_only:
+        prior = run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite)
+        return print_prior(prior, folder / "report.html")
+    how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
+    result = run_study(loaded, out=folder, seed=seed, **how)
+    if loaded.pooling is not None:
+        print_pooled(result.record, folder / "report.html")
+    else:
+        print_result(result, folder / "report.html")
+    raise typer.Exit(0 if result.converged else 3)
+
+
+@app.command()
+def check(study: StudyPath) -> None:
+    """Read a study and its measurements, and show what was understood."""
+    from bayesterra.analysis.terminal import print_overview
+    from bayesterra.study.study import load_study
+
+    print_overview(load_study(study))
+
+
+@app.command()
+def fit(
+    study: StudyPath,
+    method: Annotated[
+        list[str] | None, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
+    ] = None,
+) -> None:
+    """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly."""
+    from bayesterra.least_squares.fit import fit as fit_study
+    from bayesterra.least_squares.results import print_fits
+    from bayesterra.study.study import load_study
+
+    loaded = load_study(study)
+    fits = fit_study(loaded, method or None)
+    print_fits(fits, loaded)
+    raise typer.Exit(0 if all(one.converged for one in fits.values() if one.path) else 3)
+
+
+@app.command()
+def simulate(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-simulated.")
+    ] = None,
+    seed: Seed = 1,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='A true value, e.g. phi="30 deg"; may be repeated.'),
+    ] = None,
+) -> None:
+    """Make measurements with known parameters, under the conditions and noise of a study."""
+    from bayesterra.analysis.simulation import write_simulated
+    from bayesterra.analysis.terminal import print_truth
+    from bayesterra.study.study import load_study
+
+    folder = out or beside(study, "simulated")
+    given = dict(_assignment(text) for text in set_ or ())
+    print_truth(write_simulated(load_study(study), folder, seed=seed, truth=given))
+    typer.echo(printable(f"Written: {folder} (seed {seed})"))
+
+
+@app.command()
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
+) -> None:
+    """Write a commented template of a study file."""
+    from bayesterra.study.template import write_template
+
+    write_template(file)
+    typer.echo(printable(f"Written: {file}"))
+    typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
+    typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        message = f'must be NAME=VALUE, e.g. phi="30 deg" (got {text!r})'
+        raise typer.BadParameter(message, param_hint="--set")
+    return name.strip(), value.strip()
+
+
+@app.command()
+def predict(
+    result: Annotated[Path, typer.Argument(metavar="DIR", help="A result folder that 'run' wrote.")],
+    slip: Annotated[
+        list[str] | None, typer.Option(metavar="S,S", help="Slips, e.g. 0.1,0.3; by default the driven ones.")
+    ] = None,
+    load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="W", help='Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.'
+        ),
+    ] = None,
+    wheel: Wheels = None,
+    slip_reference: Annotated[
+        str, typer.Option(metavar="RADIUS", help="Radius behind the slips: rim, tip or shearing.")
+    ] = "shearing",
+    rover: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A file of a four-wheeled rover, driven instead.")
+    ] = None,
+    slope: Annotated[
+        list[str] | None,
+        typer.Option(metavar="A,A", help="With --rover: slopes in degrees; by default 0,5,10,15."),
+    ] = None,
+    tow: Annotated[
+        list[str] | None,
+        typer.Option(metavar="T,T", help='With --rover: tow forces, e.g. "0 N,35 N"; by default none.'),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <result>-prediction.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older prediction of that name.")
+    ] = False,
+) -> None:
+    """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
+    from bayesterra.analysis.run import load_single
+
+    check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
+    loaded = load_single(result)
+    if rover is not None:
+        _drive(loaded, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
+        return
+    from bayesterra.prediction import forecast
+    from bayesterra.prediction.page import print_forecast
+
+    cases = forecast.forecast(
+        loaded,
+        slips=forecast.slips_of(slip or ()),
+        loads=load or (),
+        wheels=wheel or (),
+        slip_reference=slip_reference,
+    )
+    folder = out or _default(result, "prediction")
+    forecast.predict_into(folder, cases, overwrite=overwrite)
+    print_forecast([at or curve for curve, at in cases], folder)
+
+
+def _default(result: Path, what: str) -> Path:
+    return Path(f"{result.resolve().name.removesuffix('-result')}-{what}")
+
+
+def _drive(
+    loaded: Result, rover: Path, slope: Sequence[str], tow: Sequence[str], folder: Path, overwrite: bool
+) -> None:
+    """Drive a rover and write what comes of it."""
+    from bayesterra.prediction import outlook
+    from bayesterra.prediction.page import print_outlook
+
+    sheet = outlook.predict_rover(loaded, rover, slopes=outlook.slopes_of(slope), tows=outlook.tows_of(tow))
+    sheet.save(folder, overwrite=overwrite)
+    print_outlook(sheet, folder)
+
+
+def check_options(
+    rover: Path | None, of_wheels: Mapping[str, object], of_rovers: Mapping[str, object]
+) -> None:
+    """Refuse options of wheels beside those of a rover."""
+    from bayesterra.errors import StudyError
+
+    wrong = [name for name, value in (of_wheels if rover else of_rovers).items() if value]
+    if wrong and rover:
+        raise StudyError(
+            f"'{wrong[0]}' does not go with '--rover': a rover's loads and slips follow from its slope"
+        )
+    if wrong:
+        raise StudyError(f"'{wrong[0]}' needs '--rover FILE'")
+
+
+@app.command()
+def compare(
+    results: Annotated[list[Path], typer.Argument(metavar="DIR DIR...", help="Two to six result folders.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="New folder for the page and its tables.")
+    ] = Path("comparison"),
+    load: Annotated[
+        str | None, typer.Option(metavar="W", help="Load that all predict; by default the first result's.")
+    ] = None,
+    wheel: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="Wheel that all drive; by default each its own.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older comparison of that name.")
+    ] = False,
+) -> None:
+    """Set results side by side: two models, two priors, two drives."""
+    from bayesterra.analysis.comparison import compare_folders
+    from bayesterra.analysis.comparison_page import print_comparison
+
+    comparison = compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite)
+    print_comparison(comparison, out)
+
+
+@app.command()
+def calibrate(
+    study: StudyPath,
+    number: Annotated[
+        int,
+        typer.Option("-n", "--number", metavar="N", help="Replications; 200 or more are worth their time."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-calibration.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what an interrupted calibration left in DIR.part.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older calibration of that name, and begin anew.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdict.")
+    ] = False,
+) -> None:
+    """Simulate a study many times over and check that its posterior is right."""
+    from bayesterra.study.study import load_study
+
+    loaded = load_study(study)
+    from bayesterra.checking.calibration import Job, calibrate_study
+    from bayesterra.checking.calibration_page import print_calibration
+    from bayesterra.runtime.parallel import chosen
+
+    folder = out or beside(study, "calibration")
+    with chosen(workers, scheduler) as engine:
+        job = Job(loaded, number, seed, engine)
+        found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
+    print_calibration(found, folder / "report.html")
+    raise typer.Exit(0 if found.calibrated else 3)
+
+
+@app.command()
+def identify(
+    what: Annotated[
+        Path, typer.Argument(metavar="STUDY|DIR", help="A study, which is sampled first, or a result folder.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-identifiability.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    prior_only: Annotated[
+        bool, typer.Option("--prior-only", help="What the design could determine; needs no readings.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older analysis of that name.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdicts.")
+    ] = False,
+) -> None:
+    """Say what these data determine, what is coupled, and what only repeats its prior."""
+    from bayesterra.study.study import load_study
+
+    if prior_only:
+        if out is not None:
+            raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
+        loaded = load_study(what, prior_only=True)
+        from bayesterra.identifiability.identify import foresee
+        from bayesterra.identifiability.page import print_foreseen
+
+        return print_foreseen(foresee(loaded, seed=seed))
+    from bayesterra.analysis.run import opened
+    from bayesterra.identifiability.identify import identify_into
+    from bayesterra.identifiability.page import print_identified
+    from bayesterra.runtime.parallel import chosen
+
+    folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
+    with chosen(workers, scheduler) as engine:
+        study_or_result = opened(what)
+        found = identify_into(
+            study_or_result, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet
+        )
+    print_identified(found, folder / "report.html")
+    raise typer.Exit(0 if found.record["converged"] else 3)
+
+
+@app.command()
+def design(
+    known: Annotated[
+        Path,
+        typer.Argument(metavar="STUDY|DIR", help="A result folder, whose posterior is built on, or a study."),
+    ],
+    about: Annotated[
+        list[str] | None,
+        typer.Option(metavar="P,P", help="Parameters of interest, e.g. c,phi; by default all that are free."),
+    ] = None,
+    slip: Annotated[
+        list[str] | None,
+        typer.Option(metavar="S,S", help="Candidate slips; by default the driven range and some beyond."),
+    ] = None,
+    load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="W", help='Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.'
+        ),
+    ] = None,
+    wheel: Wheels = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=SD", help='A sensor to add, e.g. "resistance_moment=0.15 N m".'),
+    ] = None,
+    number: Annotated[
+        int, typer.Option("-n", "--number", metavar="N", help="Drives to choose together.")
+    ] = 1,
+    by: Annotated[
+        str, typer.Option(metavar="WHAT", help="information (about all of them together) or sd (of each).")
+    ] = "information",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-design.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what an interrupted design left in FOLDER.part.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older design of that name, and begin anew.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the ranking.")
+    ] = False,
+) -> None:
+    """Rank the drives that could come next by what they are expected to tell."""
+    from bayesterra.analysis.run import opened_for_design
+    from bayesterra.design.page import print_design
+    from bayesterra.design.recommendation import design_into
+    from bayesterra.prediction.forecast import slips_of
+    from bayesterra.runtime.parallel import chosen
+
+    names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
+    folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
+    asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
+    asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
+    with chosen(workers, scheduler) as engine:
+        found = design_into(
+            opened_for_design(known),
+            folder,
+            engine=engine,
+            resume=resume,
+            overwrite=overwrite,
+            quiet=quiet,
+            **asked,
+        )
+    print_design(found, folder)
+
+
+@app.command()
+def holdout(
+    what: Annotated[
+        Path, typer.Argument(metavar="STUDY|DIR", help="A study, or a result folder with its study.")
+    ],
+    by: Annotated[
+        str, typer.Option(metavar="WHAT", help="What is left out at a time: a level of slip, a wheel, a row.")
+    ] = "slip",
+    tolerance: Annotated[
+        float, typer.Option(metavar="D", help="Slips nearer than this are one level.")
+    ] = 0.03,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-holdout.")
+    ] = None,
+    seed: Seed = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older check of that name.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the scores.")
+    ] = False,
+) -> None:
+    """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
+    from bayesterra.checking.holdout import leave_out_into
+    from bayesterra.checking.holdout_page import print_holdout
+    from bayesterra.runtime.parallel import chosen
+
+    folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
+    asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
+    with chosen(workers, scheduler) as engine:
+        found = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
+    print_holdout(found, folder)
+    raise typer.Exit(0 if found.converged else 3)
+
+
+@app.command()
+def soiltest(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A soil-test file, or a folder that holds soiltest.toml.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-result.")
+    ] = None,
+    seed: Seed = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older result of that name.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
+    ] = False,
+) -> None:
+    """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
+    from bayesterra.soiltests.page import print_soil_test
+    from bayesterra.soiltests.run import soil_test_into
+
+    name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
+    folder = out or Path(f"{name.removesuffix('.toml')}-result")
+    found = soil_test_into(file, folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    print_soil_test(found, folder / "report.html")
+    raise typer.Exit(0 if found.converged else 3)
+
+
+@app.command()
+def follow(
+    what: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY|DIR",
+            help="A study (its own measurements are not used), a result folder to go on from, or a stream.",
+        ),
+    ],
+    data: Annotated[
+        Path, typer.Option(metavar="FILE", help="CSV of rows, read one by one; - is standard input.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder for tables, figure and state; else none.")
+    ] = None,
+    seed: Seed = 1,
+    particles: Annotated[
+        int | None, typer.Option(metavar="N", help="Parameter sets that stand for the posterior.")
+    ] = None,
+    false_alarms: Annotated[
+        float | None,
+        typer.Option(
+            metavar="P",
+            help="False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001.",
+        ),
+    ] = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="After an alarm begin anew where the soil changed.")
+    ] = False,
+    slip_reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RADIUS", help="Radius behind the slips: rim, tip or shearing; else the study's."
+        ),
+    ] = None,
+    sinkage_reference: Annotated[
+        str | None, typer.Option(metavar="PART", help="Zero of the sinkages: rim or tip; else the study's.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an older stream of that name.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", callback=hushed, help="No line per row, only alarms and the end.")
+    ] = False,
+) -> None:
+    """Update a posterior row by row as a rover drives, and say when the soil has changed."""
+    from bayesterra.analysis.run import opened_for_stream
+    from bayesterra.follow import session
+    from bayesterra.follow.page import print_end, print_row
+
+    found = session.follow(
+        opened_for_stream(what),
+        sys.stdin if str(data) == "-" else data,
+        out=out,
+        restart=restart,
+        overwrite=overwrite,
+        show=lambda seen: print_row(seen, quiet=quiet),
+        seed=seed,
+        particles=particles,
+        false_alarms=false_alarms,
+        slip_reference=slip_reference,
+        sinkage_reference=sinkage_reference,
+    )
+    print_end(found, out)

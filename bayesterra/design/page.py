@@ -1,0 +1,389 @@
+"""Design as a page, a figure and a terminal table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.design.candidates import Candidate
+from bayesterra.design.choosing import BIT, UNANSWERED, Design
+from bayesterra.design.choosing import UNANSWERED as LOST
+from bayesterra.design.choosing import Progress as DesignProgress
+from bayesterra.design.gain import Estimate
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import (
+    Cell,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    render,
+)
+from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
+from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
+from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
+from bayesterra.report.terminal import PlainConsole, task_bar
+
+SHOWN = 15
+"""Rows of the ranking on the page; the table in the folder has all."""
+
+
+def design_page(design: Design, version: str) -> VerdictPage:
+    """Put the page together."""
+    study = design.situation.study
+    plan = (_plan_section(design),) if len(design.picks) > 1 else ()
+    return VerdictPage(
+        title=study.title or "Soil parameters from wheel tests",
+        facts=(
+            study.model.name,
+            f"drive {study.drive}",
+            f"{len(design.candidates)} candidates",
+            Markup("about {}").format(symbols(design.about)),
+            f"from {len(design.situation.draws)} draws of the {design.situation.source}",
+        ),
+        warning=_warning(design),
+        verdicts=(_next(design), _promise(design), _certainty(design)),
+        sections=(_ranking_section(design), *plan, _method_section(design)),
+        version=version,
+    )
+
+
+def _warning(design: Design) -> Markup:
+    lost = 1 - design.together[-1].answered
+    if lost <= UNANSWERED:
+        return Markup("")
+    return Markup(
+        "The model has <b>no answer</b> for {} % of the draws at what is recommended: figures hold for the "
+        "others only, and the wheel may not get through."
+    ).format(f"{100 * lost:.0f}")
+
+
+def words(candidate: Candidate) -> str:
+    """Where a candidate drives, in short."""
+    return "all rows again" if candidate.repeats else f"slip {candidate.slip[0]:.3g}"
+
+
+def _next(design: Design) -> Verdict:
+    distinct = dict.fromkeys(one.where for one in design.chosen)
+    many = len(design.picks) > 1
+    word = f"{len(design.picks)} drives" if many else words(design.chosen[0])
+    counted = [_times(design, where) for where in distinct]
+    channels = listed(symbol(name) for name in design.chosen[0].channels)
+    sentence = Markup("{}; read: {}.").format(listed(counted), channels)
+    return Verdict("Next", word, "good", sentence)
+
+
+def _times(design: Design, where: str) -> str:
+    times = sum(one.where == where for one in design.chosen)
+    return f"{times} × {where}" if times > 1 else where
+
+
+def _promise(design: Design) -> Verdict:
+    """What is expected of the spread of the parameters of interest."""
+    last = design.together[-1]
+    parts = [_change(design, i, last) for i in range(min(len(design.about), 4))]
+    bits = last.values[0] / BIT
+    grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
+    sentence = Markup("Standard deviation of {}.").format(listed(parts))
+    return Verdict("Expected", f"{plain(bits, 2)} bit", grade, sentence)
+
+
+def _change(design: Design, column: int, one: Estimate) -> Markup:
+    name = design.about[column]
+    before, after, _ = figures_of(design, column, one)
+    return Markup("{} from {} to {}").format(symbol(name), before, amount(name, after))
+
+
+def figures_of(design: Design, column: int, one: Estimate) -> tuple[str, str, str]:
+    """Standard deviation before, after, and the error of the latter, in field units."""
+    scale = PARAMETERS[design.about[column]].scale
+    before, after, error = design.before[column], one.values[2 + column], one.errors[2 + column]
+    if not np.isfinite(after):
+        return plain(before / scale, 2), NOTHING, NOTHING
+    step = resolution(0.0, before / scale)
+    return rounded(before / scale, step), rounded(after / scale, step), plain(error / scale, 1)
+
+
+def _certainty(design: Design) -> Verdict:
+    """Whether the recommended row is better than the next one by more than chance."""
+    order = design.ranking.order
+    if len(order) < 2 or not np.isfinite(design.ranking.scores[order[1], 0]):
+        return Verdict("Ranking", "one candidate", "fair", Markup("There is nothing to compare with."))
+    lag, error = (value / BIT for value in design.ranking.behind(order[1]))
+    second = design.candidates[order[1]].where
+    text = Markup("As a single addition {} comes second, {} ± {} bit behind.")
+    sentence = text.format(second, *with_error(lag, error))
+    clear = lag > 2 * error
+    return Verdict("Ranking", "clear" if clear else "a tie", "good" if clear else "fair", sentence)
+
+
+def _ranking_section(design: Design) -> Section:
+    picture = drawing(gain_over_slip(design), "Expected information against slip")
+    caption = Markup(
+        "Expected information of one more drive about {}, with a band of two Monte Carlo errors. Rings: "
+        "recommended. Grey ground: slips that were not driven. One bit halves what is plausible."
+    ).format(symbols(design.about))
+    header: tuple[Cell, ...] = (
+        "", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ",
+        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
+    )  # fmt: skip
+    rows = tuple(_row(design, rank, i) for rank, i in enumerate(design.ranking.order[:SHOWN], start=1))
+    more = len(design.candidates) - SHOWN
+    below = Markup(
+        "The best candidates as single additions{}. Now the standard deviations are {}. “!”: no answer for "
+        "over {} % of the draws."
+    ).format(
+        f"; {more} more in design.csv" if more > 0 else "",
+        listed(_now(design, i) for i in range(min(len(design.about), 4))),
+        f"{100 * UNANSWERED:g}",
+    )
+    table = Table(below, "rllrrrr" + "r" * len(design.about[:4]), header, rows)
+    return Section("ranking", "Ranking", (Gallery("whole", (picture,), caption), table))
+
+
+def _now(design: Design, column: int) -> Markup:
+    name = design.about[column]
+    before = figures_of(design, column, design.ranking.estimates[design.ranking.best])[0]
+    return Markup("{} of {}").format(amount(name, before), symbol(name))
+
+
+def _row(design: Design, rank: int, index: int) -> tuple[Cell, ...]:
+    candidate, one = design.candidates[index], design.ranking.estimates[index]
+    lag, lag_error = (value / BIT for value in design.ranking.behind(index))
+    mark = " !" if 1 - one.answered > UNANSWERED else ""
+    known = np.isfinite(one.values[0])
+    gain = with_error(one.values[0] / BIT, one.errors[0] / BIT) if known else (NOTHING, NOTHING)
+    behind = with_error(lag, lag_error) if known and lag > 0 else (NOTHING, NOTHING)
+    after = (figures_of(design, i, one)[1] for i in range(min(len(design.about), 4)))
+    return (
+        str(rank), candidate.where + mark, symbols(candidate.channels), *gain, *behind, *after,
+    )  # fmt: skip
+
+
+def _plan_section(design: Design) -> Section:
+    header: tuple[Cell, ...] = (
+        "", "drive", "together [bit]", "± ",
+        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
+    )  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for number, (index, one) in enumerate(zip(design.picks, design.together, strict=True), start=1):
+        gain = with_error(one.values[0] / BIT, one.errors[0] / BIT)
+        after = (figures_of(design, i, one)[1] for i in range(min(len(design.about), 4)))
+        rows.append((str(number), design.candidates[index].where, *gain, *after))
+    bound = " Too few draws remain effective: gains are lower bounds, by regression."
+    caption = Markup("All recommended drives; each line with those above it.{}").format(
+        bound if design.method == "regression" else ""
+    )
+    table = Table(caption, "rlrr" + "r" * len(design.about[:4]), header, tuple(rows))
+    return Section("plan", "Plan", (table,))
+
+
+def _method_section(design: Design) -> Section:
+    by = {
+        "information": "the information about the parameters of interest together",
+        "sd": "the mean log shrinking of the standard deviation of each parameter of interest",
+    }[design.by]
+    known = {
+        "posterior": "Everything is averaged over the posterior as it stands",
+        "prior": "Everything is averaged over the prior, cut to what physics allows; no readings are used",
+    }[design.situation.source]
+    how = {
+        "mixture": "p(y) is the mean density of a reading over all draws, without the bias of its logarithm",
+        "regression": "a reading leaves too few effective draws, so gains are lower bounds, from a "
+        "regression of the parameters’ normal scores on readings, their squares and products",
+    }[design.ranking.method]
+    text = Markup(
+        "{}. The expected information is the mutual information between a reading y and the parameters "
+        "(Lindley 1956); {}. For some of the parameters, the information that y has about the others once "
+        "these are known is taken off. What is maximised is {}. Several drives are chosen one after the "
+        "other and then exchanged one at a time. Errors come from leaving out {} groups of draws in turn. A "
+        "gain trusts the model: it does not see what the model has wrong at slips that nobody drove."
+    ).format(known, how, by, design.ranking.estimates[0].replicates.shape[0] - 1)
+    rows: tuple[tuple[Cell, ...], ...] = (
+        ("draws", given(len(design.situation.draws))),
+        ("seed", given(design.seed)),
+        ("parameters of interest", symbols(design.about)),
+    )
+    return Section("method", "Method", (Text(text), Table("", "lr", ("", ""), rows)))
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+DASHES: tuple[tuple[float, ...], ...] = ((), (5.0, 2.0), (1.5, 1.5))
+
+
+@styled
+def gain_over_slip(design: Design, ax: Axes | None = None) -> Axes:
+    """Draw the gain about the parameters of interest, bits, with a band of two Monte Carlo errors.
+
+    One line for every wheel, load and set of channels; level, the study's rows driven again with new sensors.
+    Rings: the rows that are recommended. Grey ground: slips that were not driven.
+    """
+    ax = own_axes(ax, 6.4, 3.4)
+    lines: dict[str, list[int]] = {}
+    for index, candidate in enumerate(design.candidates):
+        lines.setdefault(_line(design, candidate), []).append(index)
+    for number, (label, members) in enumerate(lines.items()):
+        style: dict[str, Any] = {"color": COLOURS[number % 6], "dashes": DASHES[number // 6 % 3]}
+        _draw(ax, design, members, label, style)
+    _ground(ax, design)
+    _rings(ax, design)
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel="expected information [bit]", ylim=(0, None))
+    if len(lines) > 1:
+        figure_of(ax).legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return ax
+
+
+@styled
+def gain_over_slip_png(design: Design, dpi: float = 200) -> bytes:
+    """The drawing of :func:`gain_over_slip` as PNG on white, the same bytes each time."""
+    buffer = BytesIO()
+    figure = figure_of(gain_over_slip(design))
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _line(design: Design, candidate: Candidate) -> str:
+    """What tells a line from the others."""
+    if candidate.repeats:
+        return f"all rows again, only {_channels(candidate)}"
+    others = [one for one in design.candidates if not one.repeats]
+    parts = [f"wheel {literal(candidate.wheel[0])}"] if len({one.wheel for one in others}) > 1 else []
+    parts += [f"{candidate.load[0]:.4g} N"] if len({float(one.load[0]) for one in others}) > 1 else []
+    parts += [_channels(candidate)] if len({one.channels for one in others}) > 1 else []
+    return ", ".join(parts)
+
+
+def _channels(candidate: Candidate) -> str:
+    return ", ".join(name.replace("_", " ") for name in candidate.channels)
+
+
+def _draw(ax: Axes, design: Design, members: list[int], label: str, style: dict[str, Any]) -> None:
+    gain = np.array([design.ranking.estimates[i].values[0] for i in members]) / BIT
+    error = 2 * np.array([design.ranking.estimates[i].errors[0] for i in members]) / BIT
+    slip = np.array([design.candidates[i].slip[0] for i in members])
+    if design.candidates[members[0]].repeats:
+        ends = np.array([float(one.slip[0]) for one in design.candidates if not one.repeats])
+        slip, gain, error = np.array([ends.min(), ends.max()]), np.repeat(gain, 2), np.repeat(error, 2)
+    marker = "o" if len(slip) < 3 or np.isnan(gain).any() else ""
+    ax.fill_between(slip, gain - error, gain + error, color=style["color"], alpha=0.2, linewidth=0)
+    ax.plot(slip, gain, label=label, marker=marker, markersize=3.5, **style)
+
+
+def _ground(ax: Axes, design: Design) -> None:
+    driven = design.situation.study.observations.used().slip
+    low, high = ax.get_xlim()
+    for first, last in ((low, driven.min()), (driven.max(), high)):
+        if last > first:
+            ax.axvspan(first, last, color=GRID, alpha=0.45, linewidth=0, zorder=0)
+    ax.set_xlim(low, high)
+
+
+def _rings(ax: Axes, design: Design) -> None:
+    for index in dict.fromkeys(design.picks):
+        candidate = design.candidates[index]
+        if candidate.repeats:
+            continue
+        height = design.ranking.estimates[index].values[0] / BIT
+        ax.plot(
+            candidate.slip[0], height, "o", markersize=9, fillstyle="none", color=DATA, zorder=5,
+            clip_on=False,
+        )  # fmt: skip
+        times = design.picks.count(index)
+        if times > 1:
+            ax.annotate(f"{times} ×", (candidate.slip[0], height), (-8, 2), textcoords="offset points",
+                        ha="right", fontsize=8)  # fmt: skip
+
+
+PRINTED = 15
+"""Candidates in the table on a terminal; design.csv has all."""
+
+
+def print_design(design: Design, folder: Path, console: Console | None = None) -> None:
+    """Print the ranking with its Monte Carlo errors, what is recommended, and where the files are."""
+    console = console or PlainConsole()
+    console.print(_ranking(design))
+    for line in design_lines(design):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(
+        f"Page: {folder / 'report.html'}   Plot: {folder / 'design.png'}", highlight=False, soft_wrap=True
+    )
+
+
+def _ranking(design: Design) -> RichTable:
+    about = design.about[:3]
+    table = RichTable(
+        title=f"one more drive, about {', '.join(design.about)}", box=SIMPLE_HEAD, padding=(0, 1)
+    )
+    for header in ("", "drive", "channels"):
+        table.add_column(header)
+    deviations = [f"sd {PARAMETERS[name].symbol} [{PARAMETERS[name].unit}]" for name in about]
+    for header in ("gain [bit]", "behind the best", *deviations):
+        table.add_column(header, justify="right", no_wrap=True)
+    for rank, index in enumerate(design.ranking.order[:PRINTED], start=1):
+        table.add_row(str(rank), *_candidate(design, index, len(about)))
+    return table
+
+
+def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
+    candidate, one = design.candidates[index], design.ranking.estimates[index]
+    lag, lag_error = (value / BIT for value in design.ranking.behind(index))
+    symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
+    mark = " !" if 1 - one.answered > LOST else ""
+    known = with_error(one.values[0] / BIT, one.errors[0] / BIT) if np.isfinite(one.values[0]) else (NOTHING,)
+    behind = " ± ".join(with_error(lag, lag_error)) if lag > 0 else ""
+    changes = (" → ".join(figures_of(design, i, one)[:2]) for i in range(deviations))
+    return (candidate.where + mark, symbols, " ± ".join(known), behind, *changes)
+
+
+def design_lines(design: Design) -> list[str]:
+    """What is recommended and expected, and what to keep in mind."""
+    last = design.together[-1]
+    gain, error = with_error(last.values[0] / BIT, last.errors[0] / BIT)
+    drives = "; ".join(one.where for one in design.chosen)
+    lines = [f"Recommended: {drives}: {gain} ± {error} bit about {', '.join(design.about)}."]
+    for i, name in enumerate(design.about):
+        before, after, off = figures_of(design, i, last)
+        unit = "" if PARAMETERS[name].unit == "-" else f" {PARAMETERS[name].unit}"
+        lines.append(f"  sd of {PARAMETERS[name].symbol} from {before} to {after} ± {off}{unit}")
+    if "regression" in (design.method, design.ranking.method):
+        lines.append("Few draws remain effective after such readings: gains are lower bounds, by regression.")
+    if design.situation.source == "prior":
+        lines.append(
+            "From the prior alone, no readings used; a result folder in place of the study builds on them."
+        )
+    marked = sum(1 - one.answered > LOST for one in design.ranking.estimates)
+    if marked:
+        lines.append(f"! At {marked} candidates the model has no answer for over {LOST:.0%} of the draws.")
+    return lines
+
+
+@contextmanager
+def design_bar(*, show: bool) -> Iterator[Callable[[DesignProgress], None]]:
+    """A bar of judged candidates, from drive to drive; see :func:`task_bar`."""
+    with task_bar("judging", "candidates", show=show) as bar:
+
+        def update(progress: DesignProgress) -> None:
+            stage = f"judging for drive {progress.drive}"
+            bar(stage, progress.done, progress.of, progress.seconds_left, "")
+
+        yield update
+
+
+def design_html(design: Design) -> str:
+    """Which drive next, as a self-contained HTML page."""
+    return render(design_page(design, version("bayesterra")), "design.html")

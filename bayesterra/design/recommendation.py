@@ -1,0 +1,281 @@
+"""The job ``design``: which drive to command next, as a resumable folder."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+from numpy.random import default_rng
+
+from bayesterra.design.candidates import Candidate, Situation, Wishes, candidates, parameters_of_interest
+from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
+from bayesterra.design.gain import Estimate
+from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.models import Wheel
+from bayesterra.runtime.engines import Engine
+from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.runtime.tasks import task_folder
+from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.study import Study
+from bayesterra.study.wheels import wheel_named
+
+MARK = "design.json"
+"""File by which folders of this kind are known."""
+
+DRAWS = 2000
+"""Draws, at most, that candidates are judged by: all pairs of them are looked at."""
+
+MOST = 12
+"""Rows, at most, to choose together."""
+
+
+class Recommendation(Design):
+    """A design that can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, design: Design) -> Self:
+        """The same design, with a page to write."""
+        return cls(**{field.name: getattr(design, field.name) for field in fields(Design)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write page, plot, tables and a record into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            self._write(part)
+        return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
+        from bayesterra.design.page import design_html, gain_over_slip_png
+
+        write_text(part / "design.csv", csv_text(self.table, "%.6g"))
+        write_text(part / "plan.csv", csv_text(self.plan, "%.6g"))
+        write_bytes(part / "design.png", gain_over_slip_png(self))
+        write_text(part / "report.html", design_html(self))
+        write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
+
+    def _record(self) -> dict[str, Any]:
+        study = self.situation.study
+        return {
+            "kind": "design",
+            "title": study.title,
+            "bayesterra": version("bayesterra"),
+            "source": self.situation.source,
+            "fingerprints": study.fingerprint,
+            "draws": len(self.situation.draws),
+            "seed": self.seed,
+            "about": list(self.about),
+            "by": self.by,
+            "candidates": len(self.candidates),
+            "method": self.ranking.method,
+            "recommended": [one.where for one in self.chosen],
+            "channels": [list(one.channels) for one in self.chosen],
+        }
+
+
+def situation_of(known: Result | Study, seed: int = 1) -> Situation:
+    """What is known before the drive: the posterior of a result, or the cut prior of a study."""
+    if isinstance(known, Result):
+        draws = known.values()
+        chosen = np.linspace(0, len(draws) - 1, min(len(draws), DRAWS)).astype(np.int64)
+        return Situation(known.study, posterior(known.study), draws[chosen], "posterior")
+    density = posterior(known)
+    return Situation(known, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a design is asked, complete.
+
+    Attributes
+    ----------
+    situation, found : what is known before, and the candidates.
+    about, number, by, seed : see :func:`recommend`.
+    """
+
+    situation: Situation
+    found: tuple[Candidate, ...]
+    about: tuple[str, ...]
+    number: int
+    by: str
+    seed: int
+
+    def answered(
+        self,
+        engine: Engine | None,
+        report: Report,
+        finished: Mapping[int, Estimate] = MappingProxyType({}),
+    ) -> Recommendation:
+        """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
+        design = choose(
+            self.situation, self.found, self.about, number=self.number, by=self.by, seed=self.seed,
+            engine=engine, finished=finished, report=report,
+        )  # fmt: skip
+        return Recommendation.of(design)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What must be the same for judged candidates to belong together, by names fit for a message."""
+        study, prints = self.situation.study, self.situation.study.fingerprint
+        candidates = [
+            (one.wheel, one.wheels, one.slip.tolist(), one.load.tolist(), one.noise) for one in self.found
+        ]
+        return {
+            "seed": self.seed,
+            "about": list(self.about),
+            "number": self.number,
+            "by": self.by,
+            "source": self.situation.source,
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+            "study": prints["study"],
+            "table of measurements": prints["data"],
+            "set of draws": sha256(np.ascontiguousarray(self.situation.draws).tobytes()).hexdigest(),
+            "list of candidates": sha256(repr((candidates, study.drive)).encode()).hexdigest(),
+        }
+
+
+def asked(
+    known: Result | Study,
+    *,
+    about: Sequence[str] = (),
+    slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (),
+    wheels: Sequence[str | Wheel] = (),
+    channels: Sequence[str] = (),
+    number: int = 1,
+    by: str = "information",
+    seed: int = 1,
+) -> Question:
+    """Put a question together, and find mistakes before any work; see :func:`recommend`."""
+    if by not in CRITERIA:
+        raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
+    if not 1 <= number <= MOST:
+        raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
+    study = known.study if isinstance(known, Result) else known
+    study.errors.refuse("'design'")
+    names = parameters_of_interest(study, about)
+    wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
+    found = candidates(study, wishes)
+    return Question(situation_of(known, seed), tuple(found), tuple(names), number, by, seed)
+
+
+def recommend(
+    known: Result | Study,
+    *,
+    about: Sequence[str] = (),
+    slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (),
+    wheels: Sequence[str | Wheel] = (),
+    channels: Sequence[str] = (),
+    number: int = 1,
+    by: str = "information",
+    seed: int = 1,
+    engine: Engine | None = None,
+    progress: Callable[[Progress], None] = lambda update: None,
+) -> Recommendation:
+    """Rank drives by the information that their readings are expected to give.
+
+    Parameters
+    ----------
+    known : a result, whose posterior is built on, or a study, of which only the prior is used.
+    about : parameters of interest; by default all that are free.
+    slips : candidates, on the shearing radius; by default the driven range and a quarter of it beyond.
+    loads : N or texts with a unit; by default the study's.
+    wheels : of the study by name, files, or other wheels; by default the study's.
+    channels : sensors to add, with their noise: ``"resistance_moment=0.15 N m"``.
+    number : drives to choose together.
+    by : ``information`` about the parameters of interest together, or the ``sd`` of each.
+    seed : same seed, same ranking, whatever the engine.
+    engine : judges the candidates: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
+    progress : called as candidates are judged.
+
+    Raises
+    ------
+    StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
+    """
+    check_kind("bt.recommend", known, Study, Result)
+    check_seed(seed)
+    question = asked(
+        known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
+        seed=seed,
+    )  # fmt: skip
+    return question.answered(engine, lambda found, update: progress(update))
+
+
+def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
+    return ("other wheel", given) if isinstance(given, Wheel) else wheel_named(study, given)
+
+
+def design_into(
+    known: Result | Study,
+    out: Path,
+    *,
+    engine: Engine | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    quiet: bool = False,
+    watch: Callable[[Progress], None] = lambda update: None,
+    **wishes: Any,
+) -> Recommendation:
+    """Recommend the next drive for a result or a study, and write the folder ``out``.
+
+    Every judged candidate is saved at once in ``<out>.part``; ``resume`` goes on from there. ``wishes``:
+    keywords of :func:`asked`. ``watch`` is called as candidates are judged.
+
+    Raises
+    ------
+    ResultError : ``out`` exists (and ``overwrite`` is not given) or cannot be written; or there is an
+        unfinished design, of something else or without ``resume``.
+    StudyError : as :func:`recommend`.
+    """
+    from bayesterra.design.page import design_bar
+    from bayesterra.report.terminal import note
+
+    check_free(out, overwrite=overwrite, mark=MARK)
+    if isinstance(known, Result) and not known.converged:
+        note("the sampling of this result has not converged: gains from its draws may be wrong")
+    question = asked(known, **wishes)
+    opened = task_folder(
+        out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite
+    )
+    with opened as (part, store, status):
+        with design_bar(show=not quiet) as show:
+
+            def update(found: Mapping[int, Estimate], progress: Progress) -> None:
+                store.add({task: as_content(one) for task, one in found.items()})
+                status.note(_status(progress))
+                show(progress)
+                watch(progress)
+
+            finished = {task: from_content(content) for task, content in store.tasks().items()}
+            made = question.answered(engine, update, finished)
+        made._write(part)
+    return made
+
+
+def _status(progress: Progress) -> dict[str, object]:
+    """What a poller of ``status.json`` sees."""
+    return {
+        "stage": f"judging for drive {progress.drive}",
+        "done": progress.done / progress.of,
+        "steps": progress.done,
+        "candidates": progress.done,
+        "of": progress.of,
+        "judged": progress.judged,
+        "seconds_left": progress.seconds_left,
+    }

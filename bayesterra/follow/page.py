@@ -1,0 +1,171 @@
+"""A followed stream as a figure and as lines on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from bayesterra.arrays import FloatArray
+from bayesterra.follow.session import FIGURE, Following, Seen
+from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
+from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled
+from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.terminal import PlainConsole, note
+
+ALARM = "#D55E00"
+
+COLUMNS = 4
+
+
+@styled
+def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = None) -> FloatArray:
+    """Draw median and 90 % band of every parameter after each row; returns the array of axes.
+
+    Of long streams the first fiftieth does not count for the limits of the axes.
+
+    Dashed: the row at which the soil seems to have changed, where there was an alarm. Dotted: true values of
+    simulated data.
+
+    Parameters
+    ----------
+    updates : a table as ``updates.csv``; a column ``soil`` counts the soils of a stream that began anew.
+    truth : SI values by parameter.
+    """
+    names = [name for name in PARAMETERS if _column(PARAMETERS[name], "q50") in updates.columns]
+    lines = -(-len(names) // COLUMNS)
+    figure = new_figure(8.0, 1.75 * lines + 0.35)
+    axes = np.asarray(figure.subplots(lines, COLUMNS, sharex=True, squeeze=False))
+    for ax, name in zip(axes.ravel(), names, strict=False):
+        _band(ax, updates, PARAMETERS[name])
+        if truth and name in truth:
+            ax.axhline(truth[name] / PARAMETERS[name].scale, color=DATA, linewidth=1.0, linestyle=":")
+        _alarms(ax, updates)
+    for ax in axes.ravel()[len(names) :]:
+        ax.set_visible(False)
+    for index in range(len(names)):
+        if index + COLUMNS >= len(names):
+            axes.ravel()[index].set_xlabel("row")
+            axes.ravel()[index].tick_params(labelbottom=True)
+    _legend(axes, updates, with_truth=bool(truth))
+    return axes
+
+
+@styled
+def bands_over_rows_png(
+    updates: pd.DataFrame, truth: Mapping[str, float] | None = None, dpi: float = 150
+) -> bytes:
+    """The drawing of :func:`bands_over_rows` as PNG on white, the same bytes each time."""
+    buffer = BytesIO()
+    figure = figure_of(bands_over_rows(updates, truth))
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _column(parameter: Parameter, key: str) -> str:
+    unit = "" if parameter.unit == "-" else f" [{parameter.unit}]"
+    return f"{parameter.name}_{key}{unit}"
+
+
+def _band(ax: Axes, updates: pd.DataFrame, parameter: Parameter) -> None:
+    low, middle, high = (_column(parameter, key) for key in ("q05", "q50", "q95"))
+    soils = updates["soil"] if "soil" in updates.columns else pd.Series(1, index=updates.index)
+    for _, part in updates.groupby(soils.to_numpy()):
+        ax.fill_between(part["row"], part[low], part[high], color=POSTERIOR, alpha=0.25, linewidth=0)
+        ax.plot(part["row"], part[middle], color=POSTERIOR, marker="" if len(part) > 1 else ".")
+    # the first rows of a long stream know so little that nothing later could be seen beside them
+    settled = updates.iloc[len(updates) // 50 :]
+    bottom, top = float(settled[low].min()), float(settled[high].max())
+    margin = 0.05 * (top - bottom) or 1e-12
+    ax.set_ylim(bottom - margin, top + margin)
+    ax.set_ylabel(label(parameter))
+    ax.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+    ax.grid(color=GRID, linewidth=0.4, alpha=0.6)
+
+
+def _alarms(ax: Axes, updates: pd.DataFrame) -> None:
+    for since in updates["alarm"].dropna() if "alarm" in updates.columns else ():
+        ax.axvline(float(since), color=ALARM, linewidth=1.0, linestyle="--")
+
+
+def _legend(axes: FloatArray, updates: pd.DataFrame, *, with_truth: bool) -> None:
+    entries: list[Patch | Line2D] = [
+        Line2D([], [], color=POSTERIOR, label="median"),
+        Patch(color=POSTERIOR, alpha=0.25, label="90 % interval"),
+    ]
+    if with_truth:
+        entries.append(Line2D([], [], color=DATA, linewidth=1.0, linestyle=":", label="true value"))
+    if "alarm" in updates.columns and updates["alarm"].notna().any():
+        entries.append(Line2D([], [], color=ALARM, linewidth=1.0, linestyle="--", label="soil changed"))
+    figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=len(entries))
+
+
+def print_row(seen: Seen, *, quiet: bool) -> None:
+    """One line: slip, every reading beside what was expected of it, particles, time; alarms in their own."""
+    if seen.update is None or seen.row is None:
+        note(f"left out: {seen.problem}")
+        return
+    update = seen.update
+    if not quiet:
+        readings = "  ".join(filter(None, (_reading(one) for one in update.predictive.to_dict("records"))))
+        moved = (
+            f", moved {sum(event.sweeps for event in update.rejuvenations)}×" if update.rejuvenated else ""
+        )
+        PlainConsole().print(
+            f"{update.row:>4}  slip {seen.row.slip[0]:.3f}  {readings}"
+            f"  ({update.effective:.0f} effective{moved}, {1e3 * update.seconds:.0f} ms)",
+            highlight=False,
+            soft_wrap=True,
+        )
+    if update.alarm:
+        anew = "; begun anew there" if seen.begun_anew is not None else ""
+        PlainConsole().print(f"! {update.alarm.sentence}{anew}", highlight=False, soft_wrap=True)
+
+
+def _reading(one: dict[object, object]) -> str:
+    """A reading and the 90 % interval that was expected; what was not measured says nothing."""
+    observed, low, high = (float(str(one[key])) for key in ("observed", "q05", "q95"))
+    if np.isnan(observed):
+        return ""
+    symbol, unit = CHANNELS[str(one["channel"])].symbol, str(one["unit"])
+    if np.isnan(low):
+        return f"{symbol} {observed:.4g} {unit} (nothing was expected)"
+    step = resolution(low, high)
+    outside = "" if low <= observed <= high else " *"
+    return f"{symbol} {rounded(observed, step)} {unit} {interval(low, high)}{outside}"
+
+
+def print_end(found: Following, out: Path | None) -> None:
+    """Print the parameters, the evidence, the alarms and where the files are."""
+    console, stream = PlainConsole(), found.stream
+    soil = f", soil {found.soil} since row {stream.offset + 1}" if found.soil > 1 else ""
+    table = Table(title=f"{stream.study.title or 'stream'}{soil}", box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("parameter", "unit", "median", "90 % interval"):
+        table.add_column(header, justify="left" if header in ("parameter", "unit") else "right", no_wrap=True)
+    for one in stream.summary.to_dict("records"):
+        low, high = float(one["q05"]), float(one["q95"])
+        middle = rounded(float(one["median"]), resolution(low, high))
+        table.add_row(PARAMETERS[one["parameter"]].symbol, one["unit"], middle, interval(low, high))
+    console.print(table)
+    left = f", {found.left_out} left out" if found.left_out else ""
+    evidence = f"log evidence {stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
+    console.print(f"{len(stream)} rows{left}; {evidence}.", highlight=False)
+    if stream.watch.rate is None:
+        console.print("Changes of soil were not looked for.", highlight=False)
+    elif not found.alarms and stream.alarm is None:
+        console.print(
+            f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
+            " over the prior).",
+            highlight=False,
+        )
+    if out is not None:
+        console.print(f"Written: {out}   Plot: {out / FIGURE}", highlight=False, soft_wrap=True)

@@ -1,0 +1,429 @@
+"""Weighted particles: reweighting by a row, and moves that spread a resampled cloud again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.errors import SupportError
+from bayesterra.follow.rows import Rows
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, likelihood_of
+from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.sampling.importance import systematic
+from bayesterra.stats.transport import Proposal, fit_proposal
+from bayesterra.study.study import Study
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Particles and their weights.
+
+    Attributes
+    ----------
+    x : parameter sets (n, d), SI and radians.
+    log_likelihood : log likelihood (n,) of all rows so far.
+    log_weights : (n,), summing to one as weights.
+    """
+
+    x: FloatArray
+    log_likelihood: FloatArray
+    log_weights: FloatArray
+
+    @classmethod
+    def even(cls, x: FloatArray, log_likelihood: FloatArray) -> Cloud:
+        """Particles of equal weight."""
+        return cls(x, log_likelihood, np.full(len(x), -np.log(len(x))))
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weights (n,)."""
+        return np.asarray(np.exp(self.log_weights))
+
+    @property
+    def effective(self) -> float:
+        """Effective number of particles (Kong 1992)."""
+        return effective_number(self.log_weights)
+
+    def weighed(self, log_terms: FloatArray) -> tuple[Cloud, float]:
+        """The cloud with log factors (n,) taken into its weights, and the log of their weighted mean."""
+        log_weights = self.log_weights + log_terms
+        total = float(logsumexp(log_weights))
+        return replace(self, log_weights=log_weights - total), total
+
+    def take(self, keep: BoolArray) -> Cloud:
+        """Some of the particles, weights as they stand."""
+        return Cloud(self.x[keep], self.log_likelihood[keep], self.log_weights[keep])
+
+    def log_share(self, chosen: BoolArray) -> float:
+        """Log of the weight that some of the particles hold together."""
+        return float(logsumexp(self.log_weights[chosen]))
+
+    def quantiles(self, probabilities: Sequence[float]) -> FloatArray:
+        """Quantiles (k, d) of every parameter."""
+        return weighted_quantiles(self.x, self.weights, probabilities)
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (d,) of every parameter."""
+        mean = self.weights @ self.x
+        return mean, np.sqrt(self.weights @ (self.x - mean) ** 2)
+
+
+def effective_number(log_weights: FloatArray) -> float:
+    """Effective number of log weights (n,) of any scale; 0 where all are −inf."""
+    top = log_weights.max()
+    if not np.isfinite(top):
+        return 0.0
+    weights = np.exp(log_weights - top)
+    return float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: Sequence[float]) -> FloatArray:
+    """Quantiles (k, d) of weighted values (n, d); every value stands at the middle of its share."""
+    order = np.argsort(values, axis=0, kind="stable")
+    found = np.empty((len(probabilities), values.shape[1]))
+    for column, ranks in enumerate(order.T):
+        share = weights[ranks]
+        below = np.cumsum(share) - 0.5 * share
+        found[:, column] = np.interp(probabilities, below / share.sum(), values[ranks, column])
+    return found
+
+
+KEEP = 0.5
+"""Effective share of the particles below which they are resampled and moved."""
+
+FLOOR = 0.2
+"""Share that a row may leave at once; where it would leave less, it is taken in by steps."""
+
+STEP_KEEP = 0.4
+"""Share of the effective particles that such a step leaves."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A cloud after one more row.
+
+    Attributes
+    ----------
+    cloud : particles of the posterior of all rows.
+    log_predictive : log density of the row's readings given the earlier rows; all constants included.
+    variance : Monte Carlo variance of the log evidence that the resamplings of this row settled.
+    rejuvenations : one for every resampling.
+    """
+
+    cloud: Cloud
+    log_predictive: float
+    variance: float
+    rejuvenations: tuple[Rejuvenation, ...]
+
+
+def learn(
+    cloud: Cloud, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
+) -> Learned:
+    """Take a row into a cloud (iterated batch importance sampling, Chopin 2002, with tempering).
+
+    Parameters
+    ----------
+    cloud : of the earlier rows.
+    levels : makes the densities of all rows, which are needed only where particles have to move.
+    newest : log likelihood (n,) of the row for the particles of the cloud.
+    before : draws of the prior (k, d).
+
+    Raises
+    ------
+    SupportError : the row has no density for any particle.
+    """
+    n, done, total, variance = len(cloud), 0.0, 0.0, 0.0
+    events: list[Rejuvenation] = []
+    if not (newest > -np.inf).any():
+        raise SupportError("the model has no answer in this row for any soil that the earlier rows leave")
+    while True:
+        step = _step(cloud.log_weights, newest, 1.0 - done)
+        done = 1.0 if step >= 1.0 - done else done + step
+        cloud, gained = cloud.weighed(step * newest)
+        total += gained
+        if done == 1.0 and cloud.effective >= KEEP * n:
+            break
+        variance += settled(cloud)
+        cloud, newest, event = rejuvenate(cloud, levels(), done, before, rng)
+        events.append(event)
+        if done == 1.0:
+            break
+    cloud = replace(cloud, log_likelihood=cloud.log_likelihood + newest)
+    return Learned(cloud, total, variance, tuple(events))
+
+
+def settled(cloud: Cloud) -> float:
+    """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
+    return 1.0 / cloud.effective - 1.0 / len(cloud)
+
+
+def _step(log_weights: FloatArray, newest: FloatArray, rest: float) -> float:
+    """Power of the row's likelihood to take in next: the rest of it, if enough particles are left."""
+    if effective_number(log_weights + rest * newest) >= FLOOR * len(log_weights):
+        return rest
+    alive = newest > -np.inf
+    log_weights, newest = log_weights[alive], newest[alive]
+    wanted = STEP_KEEP * effective_number(log_weights)
+
+    def excess(step: float) -> float:
+        return effective_number(log_weights + step * newest) - wanted
+
+    if excess(rest) >= 0:
+        return rest
+    return float(brentq(excess, 0.0, rest, xtol=1e-300, rtol=1e-6, maxiter=1000))
+
+
+PAIRS = 100_000
+"""Parameter sets times rows, at most, that are modelled at once: memory must not grow with the rows."""
+
+PER_COMPONENT = 150
+"""Particles for each component of the mixture that is proposed from."""
+
+MOST_COMPONENTS = 12
+
+DEFENCE = 0.1
+
+FORGOTTEN = 0.1
+"""Largest correlation with where they came from at which particles count as moved."""
+
+TAIL = 0.1
+"""Share of the particles in either tail, whose whereabouts must be forgotten too."""
+
+FEWEST, MOST = 2, 40
+"""Sweeps of one rejuvenation."""
+
+
+@dataclass(frozen=True)
+class Rejuvenation:
+    """What it took to spread the particles again.
+
+    Attributes
+    ----------
+    sweeps : moves of every particle.
+    acceptance : share of accepted independence proposals.
+    correlation : largest correlation of where particles and their tails were with where they are.
+    limit : at which they count as moved; ``FORGOTTEN``, or more where particles are too few to see that.
+    temperature : power of the newest row's likelihood, 1 where it was taken in at once.
+    """
+
+    sweeps: int
+    acceptance: float
+    correlation: float
+    limit: float
+    temperature: float
+
+    @property
+    def moved(self) -> bool:
+        """Whether the particles have forgotten where they came from."""
+        return self.correlation <= self.limit
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Log densities of a parameter set: prior, earlier rows, newest row.
+
+    Attributes
+    ----------
+    known : posterior of all rows, the newest one too.
+    earlier : likelihood of the rows before it, None where there are none.
+    newest : likelihood of the newest row.
+    """
+
+    known: Posterior
+    earlier: Likelihood | None
+    newest: Likelihood
+
+    @classmethod
+    def of(cls, study: Study, rows: Rows) -> Levels:
+        """Of all rows, of which the last is the newest."""
+        last = len(rows) - 1
+        earlier = likelihood_of(study, rows.first(last)) if last else None
+        known = Posterior(study.prior, likelihood_of(study, rows.first()))
+        return cls(known, earlier, likelihood_of(study, rows.between(last, last + 1)))
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Sampling coordinates that suit these rows."""
+        return coordinates(self.known)
+
+    def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log prior, and log likelihood of the earlier rows and of the newest, (n,) each; −inf outside."""
+        prior, earlier, newest = self.known.log_prior(x), np.full(len(x), -np.inf), np.full(len(x), -np.inf)
+        inside = np.flatnonzero(prior > -np.inf)
+        newest[inside] = self._in_parts(self.newest, x[inside])
+        inside = np.flatnonzero(newest > -np.inf)
+        earlier[inside] = 0.0 if self.earlier is None else self._in_parts(self.earlier, x[inside])
+        return prior, earlier, newest
+
+    def _in_parts(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+        return log_likelihoods(self.known, likelihood, x)
+
+
+def log_likelihoods(known: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+    """Log likelihood (n,) of parameter sets (n, d), a part of them at a time."""
+    size = max(16, PAIRS // max(1, len(likelihood.observations)))
+    soil, noise = known.prior.soil_values(x), known.noise_values(x)
+    parts = [
+        likelihood.log_likelihood(soil[start : start + size], noise[start : start + size])
+        for start in range(0, len(x), size)
+    ]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+@dataclass
+class _Points:
+    """Particles in straight coordinates v and physical ones x; log prior there, Jacobians included; rows."""
+
+    v: FloatArray
+    x: FloatArray
+    prior: FloatArray
+    earlier: FloatArray
+    newest: FloatArray
+
+    def level(self, temperature: float) -> FloatArray:
+        """Log density (n,) with the newest row's likelihood to a power."""
+        inside = (self.prior > -np.inf) & (self.earlier > -np.inf) & (self.newest > -np.inf)
+        total = np.full(len(self.v), -np.inf)
+        total[inside] = self.prior[inside] + self.earlier[inside] + temperature * self.newest[inside]
+        return total
+
+    def replace_where(self, taken: BoolArray, new: _Points) -> None:
+        """Take new points where ``taken`` (n,) holds."""
+        for name in ("v", "x", "prior", "earlier", "newest"):
+            getattr(self, name)[taken] = getattr(new, name)[taken]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A target in straight coordinates."""
+
+    levels: Levels
+    coordinates: Coordinates
+    proposal: Proposal
+
+    def points(self, v: FloatArray) -> _Points:
+        u, bent = self.proposal.unbending.bend(v)
+        x, log_jacobian = self.coordinates.to_physical(u)
+        log_jacobian = log_jacobian + bent
+        safe = np.isfinite(log_jacobian) & np.isfinite(x).all(axis=1)
+        prior, earlier, newest = self.levels(np.where(safe[:, None], x, np.nan))
+        prior = np.where(safe & (prior > -np.inf), prior + np.where(safe, log_jacobian, 0.0), -np.inf)
+        return _Points(v, x, prior, earlier, newest)
+
+
+def rejuvenate(
+    cloud: Cloud, levels: Levels, temperature: float, before: FloatArray, rng: Generator
+) -> tuple[Cloud, FloatArray, Rejuvenation]:
+    """Resample a weighted cloud and move its particles until they have forgotten where they came from.
+
+    Parameters
+    ----------
+    cloud : weighted for the earlier rows and the newest one to the power ``temperature``.
+    before : draws of the prior (k, d); they say which coordinates the data have narrowed.
+
+    Returns
+    -------
+    The cloud, evenly weighted, its likelihood that of the earlier rows; the newest row's log likelihood (n,);
+    and what it took.
+    """
+    n = len(cloud)
+    place, u, alive = _fitted(cloud, levels, before, rng)
+    chosen = systematic(cloud.weights[alive], n, rng)
+    points = place.points(place.proposal.unbending.straighten(u)[0][chosen])
+    memory = _Memory.of(points)
+    accepted = tried = sweeps = 0
+    correlation, limit = 1.0, max(FORGOTTEN, 3.0 / np.sqrt(n))
+    while sweeps < FEWEST or (sweeps < MOST and correlation > limit):
+        independent = sweeps % 3 < 2
+        v, log_ratio = _proposed(points.v, place.proposal, independent, rng)
+        new = place.points(v)
+        with np.errstate(invalid="ignore"):
+            log_ratio = log_ratio + new.level(temperature) - points.level(temperature)
+        taken = np.log(rng.random(n)) < log_ratio
+        points.replace_where(taken, new)
+        sweeps += 1
+        if independent:
+            accepted, tried = accepted + int(taken.sum()), tried + n
+        correlation = memory.correlation(points)
+    moved = Cloud.even(points.x, points.earlier)
+    return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, limit, temperature)
+
+
+def _fitted(
+    cloud: Cloud, levels: Levels, before: FloatArray, rng: Generator
+) -> tuple[_Place, FloatArray, IntArray]:
+    """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
+    chosen = levels.coordinates
+    alive = np.flatnonzero(cloud.log_weights > -np.inf)
+    with np.errstate(all="ignore"):
+        u = chosen.from_physical(cloud.x[alive])
+        widths = _spread(chosen.from_physical(before))
+    sound = np.isfinite(u).all(axis=1)
+    u, alive = u[sound], alive[sound]
+    components = max(1, min(MOST_COMPONENTS, int(cloud.effective) // PER_COMPONENT))
+    proposal = fit_proposal(u, cloud.weights[alive], widths, components, DEFENCE, rng)
+    return _Place(levels, chosen, proposal), u, alive
+
+
+def _spread(u: FloatArray) -> FloatArray:
+    """Standard deviation of every coordinate over the prior's draws (k, d) that have one."""
+    found = np.array(
+        [column[np.isfinite(column)].std() if np.isfinite(column).any() else 0 for column in u.T]
+    )
+    return np.where(found > 0, found, 1.0)
+
+
+def _proposed(
+    v: FloatArray, proposal: Proposal, independent: bool, rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Proposals (n, d), and log of the ratio of their proposal densities, old to new."""
+    mixture = proposal.mixture
+    if independent:
+        new = mixture.sample(len(v), rng)
+        return new, mixture.log_density(v) - mixture.log_density(new)
+    n, d = v.shape
+    first = rng.integers(n, size=n)
+    second = (first + 1 + rng.integers(n - 1, size=n)) % n
+    # steps along differences of random pairs (ter Braak 2006)
+    step = 2.38 / np.sqrt(2 * d) * rng.uniform(0.3, 1.0, size=(n, 1)) * (v[first] - v[second])
+    return v + step, np.zeros(n)
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """Where particles were: parameters and straight coordinates, and who was in which tail of them.
+
+    Tails are looked at by themselves: they may be left long after the middle has mixed.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    features: FloatArray
+
+    @classmethod
+    def of(cls, points: _Points) -> _Memory:
+        values = np.column_stack([points.x, points.v])
+        low, high = np.quantile(values, (TAIL, 1.0 - TAIL), axis=0)
+        return cls(low, high, _features(values, low, high))
+
+    def correlation(self, points: _Points) -> float:
+        """Largest correlation of what was with what is."""
+        now = _features(np.column_stack([points.x, points.v]), self.low, self.high)
+        norm = np.sqrt((self.features**2).sum(axis=0) * (now**2).sum(axis=0))
+        return float(np.max((self.features * now).sum(axis=0) / np.maximum(norm, 1e-300)))
+
+
+def _features(values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Centred values and indicators of both tails, (n, 3 k)."""
+    features = np.column_stack([values, values < low, values > high])
+    return np.asarray(features - features.mean(axis=0), dtype=np.float64)

@@ -1,0 +1,210 @@
+"""The job ``follow``: rows from a file or standard input, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+import pandas as pd
+
+from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
+from bayesterra.follow.rows import read_row
+from bayesterra.follow.stream import MARK, STATE, Stream, load_stream
+from bayesterra.follow.updates import Alarm, Update, cells
+from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.reading import check_sums, damage
+from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
+from bayesterra.study import schema
+from bayesterra.study.observations import Observations
+from bayesterra.study.result import Result
+from bayesterra.study.study import STUDY_FILE, load_study
+
+UPDATES = "updates.csv"
+
+FIGURE = "rows.png"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A row and what it did, or why it was left out."""
+
+    number: int
+    row: Observations | None = None
+    update: Update | None = None
+    problem: str = ""
+    begun_anew: int | None = None
+
+
+@dataclass
+class Following:
+    """A stream that is being followed.
+
+    Attributes
+    ----------
+    stream : as it stands.
+    table : one entry per row as in ``updates.csv``.
+    soil : number of the soil that the rover is on, by the alarms so far.
+    alarms : all of them.
+    left_out : number of rows that could not be used.
+    """
+
+    stream: Stream
+    table: list[dict[str, object]] = field(default_factory=list)
+    soil: int = 1
+    alarms: list[Alarm] = field(default_factory=list)
+    left_out: int = 0
+
+    def take(self, table: pd.DataFrame, *, restart: bool) -> Seen:
+        """Add a row; one that cannot be used is left out, unless it is the very first."""
+        stream = self.stream
+        number = stream.offset + len(stream) + 1
+        try:
+            row = read_row(stream.study, table, number, stream.references)
+            update = stream.learn(row)
+        except BayesterraError as error:
+            if not self.table and not len(stream):
+                raise
+            self.left_out += 1
+            return Seen(number, problem=str(error))
+        self.table.append({"soil": self.soil, **cells(update, row)})
+        anew = None
+        if update.alarm:
+            self.alarms.append(update.alarm)
+            if restart:
+                anew = update.alarm.since
+                self.stream, self.soil = stream.restarted(anew), self.soil + 1
+        return Seen(number, row, update, begun_anew=anew)
+
+    def write(self, folder: Path) -> None:
+        """Write state, table and figure into an existing folder."""
+        from bayesterra.follow.page import bands_over_rows_png
+
+        self.stream.write(folder)
+        updates = pd.DataFrame(self.table)
+        write_text(folder / UPDATES, csv_text(updates, "%.7g"))
+        study = self.stream.study
+        truth = dict(study.truth.values) if study.truth else None
+        write_bytes(folder / FIGURE, bands_over_rows_png(updates, truth))
+
+
+def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Following:
+    """A stream on a study file, on a finished result, or on a stream that was put down.
+
+    Parameters
+    ----------
+    what : a finished result, or the path of a study or of a stream.
+    first : table of the first row, which takes the place of the study's measurements.
+    **settings : of :class:`bayesterra.follow.stream.Stream`; None for what the study file says. A stream
+        that was put down has its own.
+
+    Raises
+    ------
+    StudyError, ResultError : what is there cannot be used.
+    """
+    given = {name: value for name, value in settings.items() if value is not None}
+    if isinstance(what, Result):
+        return Following(Stream(what, **given))
+    if (what / MARK).exists() or (what / STATE).exists():
+        stream = load_stream(what)
+        check_sums(what, UPDATES)
+        return _gone_on(stream, what / UPDATES)
+    study = load_study(what, prior_only=True, table=first)
+    path = what / STUDY_FILE if what.is_dir() else what
+    with errors_in(path):
+        described = schema.checked(schema.read_toml(path), bare=False).data
+    stated = {
+        "slip_reference": described.slip_reference,
+        "sinkage_reference": described.sinkage_reference,
+    }
+    return Following(Stream(study, **{**stated, **given}))
+
+
+def _gone_on(stream: Stream, updates: Path) -> Following:
+    """A stream that was put down, with the table of its rows."""
+    if not updates.is_file():
+        return Following(stream)
+    with damage(ResultError, updates):
+        before = read_csv(updates)
+        table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
+        soil = int(before["soil"].iloc[-1]) if len(before) else 1
+        return Following(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
+
+
+def _begun_anew(stream: Stream, before: pd.DataFrame) -> int:
+    """1 where the stream was put down just after it had begun anew, else 0."""
+    return int(pd.notna(before["alarm"].iloc[-1]) and stream.alarm is None)
+
+
+def follow(
+    what: Path | Result,
+    data: Path | TextIO,
+    *,
+    out: Path | None = None,
+    restart: bool = False,
+    overwrite: bool = False,
+    show: Callable[[Seen], None] = lambda seen: None,
+    **settings: Any,
+) -> Following:
+    """Follow rows of a CSV one by one; with ``out`` write tables, a figure and the state at their end.
+
+    An interruption (Ctrl-C) counts as the end of the rows: what was learned is written, then it goes on up.
+
+    Parameters
+    ----------
+    what, settings : see :func:`begin`.
+    data : a CSV file, or an open one that may grow while it is read.
+    restart : after an alarm begin anew, from the prior and the row at which the soil changed.
+    show : called after every row.
+
+    Raises
+    ------
+    StudyError, ResultError : the study or the first row cannot be used, or ``out`` cannot be written.
+    """
+    if out is not None:
+        check_free(out, overwrite=overwrite, mark=MARK)
+    with ExitStack() as stack:
+        rows = rows_of(data, stack)
+        first = next(rows, None)
+        if first is None:
+            raise StudyError(f"{_named(data)}: must hold a header and at least one row")
+        following = begin(what, first, **settings)
+        try:
+            with errors_in(_named(data)):
+                show(following.take(first, restart=restart))
+            for table in rows:
+                show(following.take(table, restart=restart))
+        finally:
+            if out is not None and following.table:
+                with whole_folder(out, overwrite=overwrite, mark=MARK) as part:
+                    following.write(part)
+    return following
+
+
+def rows_of(data: Path | TextIO, stack: ExitStack) -> Iterator[pd.DataFrame]:
+    """Tables of one row each, as they come; blank lines do not count, rows with ``use`` 0 are passed over."""
+    name = _named(data)
+    if isinstance(data, Path):
+        try:
+            data = stack.enter_context(data.open(newline="", encoding="utf-8"))
+        except OSError as error:
+            raise StudyError(f"{data}: cannot be read ({error.strerror})") from error
+    with errors_in(name):
+        yield from _one_by_one(rows_of_cells(data))
+
+
+def _one_by_one(lines: Iterator[list[str]]) -> Iterator[pd.DataFrame]:
+    header = next(lines, None)
+    for number, line in enumerate(lines, start=1):
+        if header is None or len(line) != len(header):
+            expected = len(header or ())
+            raise StudyError(f"every row must have {expected} cells (got {len(line)}, row {number})")
+        cell = dict(zip((name.strip() for name in header), line, strict=True))
+        if cell.get("use", "1").strip() not in ("0", "0.0"):
+            yield pd.DataFrame([line], columns=pd.Index(header), dtype=str)
+
+
+def _named(data: Path | TextIO) -> str:
+    return str(data) if isinstance(data, Path) else "standard input"

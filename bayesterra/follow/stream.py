@@ -1,0 +1,406 @@
+"""Stream: a study or an earlier result, then row after row; and its state on disk."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator, SeedSequence, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
+from bayesterra.follow.changepoint import Candidates, Watch
+from bayesterra.follow.particles import Cloud, Levels, learn, log_likelihoods, settled
+from bayesterra.follow.rows import References, Rows, read_row, table_of
+from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
+from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
+from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
+from bayesterra.runtime.folders import whole_folder, write_text
+from bayesterra.runtime.ownership import SEGMENT
+from bayesterra.runtime.reading import check_sums, damage, read_json
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.canonical import write_study
+from bayesterra.study.observations import Observations
+from bayesterra.study.result import Result
+from bayesterra.study.study import STUDY_FILE, Study, load_study
+
+PARTICLES = 2000
+
+FEWEST = 100
+
+FALSE_ALARMS = 1e-4
+"""Per row, at most: one in ten thousand rows."""
+
+BEFORE = 500
+"""Draws of the prior that are kept, to know how much the rows have narrowed each coordinate."""
+
+
+class Stream:
+    """A posterior that learns row by row.
+
+    Parameters
+    ----------
+    known : a study, of which wheels, model, noise and prior count but not its rows; or a result, whose draws
+        are the posterior of its rows, and whose rows stay in.
+    seed : same seed, same rows: same particles on one machine.
+    particles : number of parameter sets that stand for the posterior.
+    false_alarms : of a change of soil, per row, at most, on average over the prior; None does not look for
+        changes. With the drive ``both`` none are looked for.
+    slip_reference, sinkage_reference : of the rows that are added; see :class:`bayesterra.study.study.Study`.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed, or too few particles.
+    """
+
+    def __init__(
+        self,
+        known: Study | Result,
+        *,
+        seed: int = 1,
+        particles: int = PARTICLES,
+        false_alarms: float | None = FALSE_ALARMS,
+        slip_reference: str = "shearing",
+        sinkage_reference: str = "rim",
+    ) -> None:
+        check_kind("bt.Stream", known, Study, Result)
+        check_seed(seed)
+        study = known.study if isinstance(known, Result) else known
+        study.errors.refuse("following row by row")
+        if not study.prior.names:
+            raise StudyError("every parameter is fixed: there is nothing to learn")
+        if particles < FEWEST:
+            raise StudyError(f"'particles' must be at least {FEWEST} (got {particles})")
+        if false_alarms is not None and not 0 < false_alarms < 1:
+            raise StudyError(f"'false_alarms' must lie between 0 and 1 (got {false_alarms:g})")
+        self.study, self.seed, self.particles = study, seed, particles
+        self.false_alarms = None if study.drive == "both" else false_alarms
+        self.references = References(slip_reference, sinkage_reference)
+        self.offset = 0
+        self.rows = Rows.of(study)
+        self.watch = Watch(self.false_alarms, len(study.prior.names), self._known)
+        self.log_evidence, self._variance = 0.0, 0.0
+        self._before = np.empty((0, len(study.prior.names)))
+        self._cloud: Cloud | None = None
+        if isinstance(known, Result):
+            self._begin_from(known)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters, the columns of ``draws``."""
+        return self.study.prior.names
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        """Name the stream in a line."""
+        return f"<Stream {self.study.title!r}: {len(self)} rows, {self.particles} particles>"
+
+    @property
+    def cloud(self) -> Cloud:
+        """The weighted particles; before the first row those of the stated prior."""
+        if self._cloud is None:
+            x = self.study.prior.sample(self.particles, self._rng(0))
+            return Cloud.even(x, np.zeros(len(x)))
+        return self._cloud
+
+    @property
+    def draws(self) -> pd.DataFrame:
+        """Particles, one row each, SI and radians, and the weight of each."""
+        return pd.DataFrame(self.cloud.x, columns=pd.Index(self.names)).assign(weight=self.cloud.weights)
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """Median and 90 % interval of every parameter given all rows so far, in field units."""
+        return summary_of(self.names, self.cloud.quantiles(BAND))
+
+    @property
+    def alarm(self) -> Alarm | None:
+        """The alarm that was raised, if any; none are looked for after it."""
+        return self.watch.alarm
+
+    @property
+    def log_evidence_error(self) -> float:
+        """Monte Carlo standard error of ``log_evidence``."""
+        return float(np.sqrt(self._variance + (settled(self._cloud) if self._cloud else 0.0)))
+
+    def add(
+        self, row: Mapping[str, object] | pd.Series | pd.DataFrame | None = None, **values: object
+    ) -> Update:
+        """Learn from one more row.
+
+        Parameters
+        ----------
+        row : a row of a table, with units in its names, e.g. ``sinkage [mm]``.
+        **values : in place of that, or beside it: ``slip``, ``load``, ``sinkage``, ``drawbar_pull``,
+            ``resistance_moment``, ``normal_force``, each also with ``_sd``, and ``wheel``; SI numbers or text
+            with a unit. What is left out was not measured.
+
+        Raises
+        ------
+        StudyError : the row cannot be used as it stands.
+        SupportError : no soil that the earlier rows leave has an answer in it.
+
+        After an error the stream is as it was before the row.
+        """
+        number = self.offset + len(self) + 1
+        given = dict(row.iloc[0]) if isinstance(row, pd.DataFrame) and len(row) == 1 else row
+        if isinstance(given, pd.DataFrame):
+            raise StudyError(f"one row is added at a time (got {len(given)} rows)")
+        table = table_of({**(dict(given) if given is not None else {}), **values})
+        return self.learn(read_row(self.study, table, number, self.references))
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the state into a new folder, whole or not at all; :func:`load_stream` goes on from there.
+
+        Raises
+        ------
+        ResultError : there is no row yet; the folder exists (and ``overwrite`` is not given) or cannot be
+            written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            self.write(part)
+        return Path(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write the state into an existing folder: study and rows, particles, a record, the summary."""
+        if self._cloud is None:
+            raise ResultError(f"'{folder}' is not written: the stream has no row yet")
+        state = State(
+            self._cloud,
+            self._before,
+            self.watch.candidates,
+            self.watch.basis,
+            self.log_evidence,
+            self._variance,
+            self.alarm,
+        )
+        study = self.study.with_rows(self.rows.first())
+        write_state(folder, study, state, self._identity(), self._record())
+        write_text(folder / "summary.csv", csv_text(self.summary, "%.6g"))
+
+    def _identity(self) -> dict[str, Any]:
+        """What the particles belong to."""
+        return {"study": self.study.fingerprint["study"], "rows": self.rows.digest}
+
+    def _record(self) -> dict[str, Any]:
+        return {
+            "kind": "stream",
+            "title": self.study.title,
+            "bayesterra": version("bayesterra"),
+            "seed": self.seed,
+            "particles": self.particles,
+            "false_alarms": self.false_alarms,
+            "slip_reference": self.references.slip,
+            "sinkage_reference": self.references.sinkage,
+            "offset": self.offset,
+            "rows": len(self),
+            "log_evidence": _finite(self.log_evidence),
+            "log_evidence_error": _finite(self.log_evidence_error),
+            "alarm": self.alarm.sentence if self.alarm else None,
+        }
+
+    def _go_on(self, rows: Observations, folder: Path, offset: int) -> None:
+        """Stand where a saved stream stood."""
+        self.offset = offset
+        self.rows.append(rows)
+        state = read_state(folder, self._identity())
+        self._cloud, self._before = state.cloud, state.before
+        self.log_evidence, self._variance = state.log_evidence, state.variance
+        self.watch.go_on(state.candidates, state.basis, state.alarm)
+
+    def learn(self, row: Observations) -> Update:
+        """Learn from a row that is checked already; see :meth:`add`."""
+        started, number = time.perf_counter(), self.offset + len(self) + 1
+        rng = self._rng(number)
+        newest = likelihood_of(self.study, row)
+        known = Posterior(self.study.prior, newest)
+        if self._cloud is None:
+            self._begin(known, rng)
+        cloud = self.cloud
+        expected = forecast(cloud, known, newest, rng)
+        terms = log_likelihoods(known, newest, cloud.x)
+        self.rows.append(row)
+        try:
+            learned = learn(cloud, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
+            # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
+            said = learned.log_predictive - cloud.log_share(terms > -np.inf)
+            alarm = self.watch.see(number, len(self), cloud, newest, said)
+        except BaseException as error:  # an interruption too must not leave half a row
+            self.rows.drop_last()
+            if isinstance(error, SupportError):
+                raise SupportError(f"row {number}: {error}") from error
+            raise
+        self._cloud = learned.cloud
+        self.log_evidence += learned.log_predictive
+        self._variance += learned.variance
+        return Update(
+            row=number,
+            forecast=expected,
+            log_predictive=learned.log_predictive,
+            log_evidence=self.log_evidence,
+            log_evidence_error=self.log_evidence_error,
+            names=self.names,
+            quantiles=learned.cloud.quantiles(BAND),
+            effective=learned.cloud.effective,
+            rejuvenations=learned.rejuvenations,
+            log_statistic=self.watch.candidates.log_statistic,
+            alarm=alarm,
+            seconds=time.perf_counter() - started,
+        )
+
+    def restarted(self, since: int) -> Stream:
+        """A stream on another soil, from the prior: the rows from number ``since`` on belong to it already.
+
+        Raises
+        ------
+        StudyError : ``since`` is no row of this stream.
+        """
+        first = since - self.offset - 1
+        if not 0 <= first < len(self):
+            rows = f"{self.offset + 1} to {self.offset + len(self)}"
+            raise StudyError(f"'since' must be one of the rows {rows} (got {since})")
+        other = Stream(
+            self.study,
+            seed=self.seed,
+            particles=self.particles,
+            false_alarms=self.false_alarms,
+            slip_reference=self.references.slip,
+            sinkage_reference=self.references.sinkage,
+        )
+        other.offset = since - 1
+        for index in range(first, len(self)):
+            other.learn(self.rows.between(index, index + 1))
+        return other
+
+    def _known(self, rows: int) -> Posterior:
+        """Posterior of the first rows."""
+        return Posterior(self.study.prior, likelihood_of(self.study, self.rows.first(rows)))
+
+    def _rng(self, number: int) -> Generator:
+        """Random numbers of a row, the same however the stream came to it."""
+        return default_rng(SeedSequence(self.seed, spawn_key=(number,)))
+
+    def _begin(self, known: Posterior, rng: Generator) -> None:
+        """Draw particles from the prior, cut to where the first row has an answer."""
+        drawn = draw_cut_prior(known, self.particles, rng)
+        share = drawn.shares[REASONS[INSIDE]]
+        self.log_evidence = float(np.log(share))
+        self._variance = (1.0 - share) / (share * drawn.tried)
+        self._before = drawn.x[:BEFORE]
+        self._cloud = Cloud.even(drawn.x, np.zeros(len(drawn.x)))
+
+    def _begin_from(self, result: Result) -> None:
+        """Take the draws of a result, and keep its rows."""
+        rows, rng = result.study.observations.used(), self._rng(0)
+        self.rows.append(rows)
+        draws, prior = result.values(), result.values("prior")
+        enough = len(draws) >= self.particles
+        chosen = rng.choice(len(draws), size=self.particles, replace=not enough)
+        known = Posterior(self.study.prior, likelihood_of(self.study, rows))
+        x = draws[chosen]
+        self._cloud = Cloud.even(x, log_likelihoods(known, known.likelihood, x))
+        self._before = prior[:BEFORE]
+        found: Mapping[str, Any] = result.record.get("evidence") or {}
+        self.log_evidence = float(found.get("log_z", np.nan))
+        self._variance = float(found.get("error", np.nan)) ** 2
+
+
+def load_stream(folder: str | Path) -> Stream:
+    """Read a stream that was saved; rows can be added as if it had never been put down.
+
+    Raises
+    ------
+    ResultError : the folder is missing, incomplete or damaged.
+    """
+    folder = checked_path("bt.load_stream", folder, "the folder of a stream")
+    record = read_record(folder)
+    study = load_study(folder, prior_only=True)
+    settings = ("seed", "particles", "false_alarms", "slip_reference", "sinkage_reference")
+    with damage(ResultError, folder):
+        stream = Stream(study, **{name: record[name] for name in settings})
+        stream._go_on(study.observations, folder, int(record["offset"]))
+    return stream
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+MARK = "stream.json"
+"""File by which folders of this kind are known."""
+
+STATE = "state"
+
+
+@dataclass(frozen=True)
+class State:
+    """All that a stream holds besides its study and its rows; its size does not grow with the rows.
+
+    Attributes
+    ----------
+    cloud : the particles.
+    before : draws of the prior (k, d).
+    candidates : rows at which the soil may have changed.
+    basis : number of rows behind the coordinates of the candidates; 0 before there are any.
+    log_evidence, variance : of all rows; variance settled at resamplings.
+    alarm : if there was one.
+    """
+
+    cloud: Cloud
+    before: FloatArray
+    candidates: Candidates
+    basis: int
+    log_evidence: float
+    variance: float
+    alarm: Alarm | None
+
+
+def write_state(
+    folder: Path, study: Study, state: State, identity: Identity, record: Mapping[str, Any]
+) -> None:
+    """Write study, state and record into an existing folder."""
+    write_study(study, folder)
+    (folder / STATE).mkdir()
+    Checkpoints.opened(folder / STATE, identity).save(STATE, pack(state))
+    write_text(folder / MARK, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The record of a saved stream.
+
+    Raises
+    ------
+    ResultError : there is none, or it is damaged.
+    """
+    if not (folder / MARK).is_file():
+        raise ResultError(f"'{folder}' is not the folder of a stream: it has no {MARK}")
+    check_sums(folder, MARK, STUDY_FILE, "measurements.csv")
+    with damage(ResultError, folder / MARK):
+        return dict(read_json(folder / MARK))
+
+
+def read_state(folder: Path, identity: Identity) -> State:
+    """The state of a saved stream.
+
+    Raises
+    ------
+    ResultError : it is missing or damaged, or belongs to another study or other rows.
+    """
+    try:
+        segment = Checkpoints(folder / STATE, digest(identity)).load(STATE)
+    except ResultError as error:
+        text = f"'{folder}' is damaged: its particles belong to another study or other rows"
+        raise ResultError(text) from error
+    if segment is None:
+        raise ResultError(f"'{folder}' is damaged: the particles cannot be read ({STATE}/{STATE}{SEGMENT})")
+    with damage(ResultError, folder):
+        return unpack(State, segment)

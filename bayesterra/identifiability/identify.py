@@ -1,0 +1,297 @@
+"""The job ``identify``: what the data of a study or a result determine, as a folder."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+from numpy.random import SeedSequence, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, in_a_sentence, outlook
+from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.parameters import PARAMETERS, field_values
+from bayesterra.runtime.engines import Engine
+from bayesterra.runtime.folders import check_free, whole_folder, write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, keep, sample
+from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.study import Study
+
+LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
+
+ENDS = ("lower_95", "lower_68", "best", "upper_68", "upper_95")
+
+SPREADS = ("prior_sd", "cramer_rao", "with_prior", "local_sd", "posterior_sd")
+"""Columns that have the unit of their parameter, of verdicts, profiles and local analysis."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The identifiability of a study's parameters.
+
+    Attributes
+    ----------
+    study : what was analysed.
+    found : everything that was measured, SI.
+    record : versions, seed, draws, whether they converged, and times.
+    """
+
+    study: Study
+    found: Analysis
+    record: dict[str, Any]
+
+    @property
+    def verdicts(self) -> pd.DataFrame:
+        """The table of verdicts in field units, with a column ``unit``."""
+        return in_field_units(self.found.verdicts, LENGTHS)
+
+    @property
+    def sentence(self) -> str:
+        """The finding in a sentence, parameters by their plain symbols."""
+        return self.in_words(lambda name: PARAMETERS[name].symbol)
+
+    def in_words(self, symbol: Callable[[str], str]) -> str:
+        """The finding in a sentence, parameters written as ``symbol`` says."""
+        rows = [
+            {str(key): value for key, value in row.items()} for row in self.found.counts.to_dict("records")
+        ]
+        words = self.found.verdicts.set_index("parameter")["verdict"].to_dict()
+        return in_a_sentence(rows, {str(name): word for name, word in words.items()}, symbol)
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What a design lets expect before its readings; see :class:`Identified`."""
+
+    study: Study
+    found: Outlook
+    record: dict[str, Any]
+
+
+def identify_result(
+    result: Result,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    report: Callable[[str], None] = lambda part: None,
+) -> Identified:
+    """Analyse a finished result; its draws are used as they are."""
+    prior, draws = result.values("prior"), result.values()
+    mode = result.summary.set_index("parameter")["mode"]
+    scaled = np.array([mode[name] * PARAMETERS[name].scale for name in result.names])
+    found = analyse(
+        posterior(result.study), prior, draws, SeedSequence(seed), mode=scaled, engine=engine, report=report
+    )
+    source = {"draws_from": "the result", "draws": len(draws), "converged": result.converged}
+    return Identified(result.study, found, _record(result.study, seed, found.seconds, source))
+
+
+def identify_study(
+    study: Study,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    report: Callable[[str], None] = lambda part: None,
+) -> Identified:
+    """Sample a study and analyse it, without the other parts of a run.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    target = posterior(study)
+    analysing, sampling, drawing = SeedSequence(seed).spawn(3)
+    prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(drawing)).x
+
+    def update(progress: Progress) -> None:
+        report(progress.stage)
+
+    samples = sample(target, study.sampling, sampling, update)
+    draws = keep(samples.chains).flat
+    found = analyse(target, prior, draws, analysing, engine=engine, report=report)
+    source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
+    return Identified(study, found, _record(study, seed, {**samples.seconds, **found.seconds}, source))
+
+
+def foresee(study: Study, *, seed: int = 1) -> Foreseen:
+    """What the design of a study could determine; its readings, where there are any, do not count.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
+    SupportError : the prior leaves no parameter set that fits the conditions of the table.
+    """
+    check_kind("bt.foresee", study, Study)
+    check_seed(seed)
+    target = posterior(study)
+    if not target.names:
+        raise StudyError("every parameter is fixed: there is nothing to determine")
+    prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(SeedSequence(seed))).x
+    return Foreseen(study, outlook(target, prior), _record(study, seed, {}, {"draws_from": "the prior"}))
+
+
+def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "title": study.title,
+        "kind": study.kind,
+        "model": study.model.name,
+        "drive": study.drive,
+        "seed": seed,
+        **source,
+        "seconds": seconds,
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "fingerprints": study.fingerprint,
+    }
+
+
+def tables(made: Identified) -> dict[str, pd.DataFrame]:
+    """Everything that was measured, by file name; field units, named in a column ``unit`` or a header."""
+    found, drawn = made.found, made.found.drawn
+    return {
+        "verdicts": made.verdicts,
+        "combinations": found.combinations,
+        "groups": drawn.information.counts,
+        "directions": drawn.information.directions,
+        "information": drawn.information.parameters,
+        "coupling": drawn.coupling.pairs,
+        "coupling_of_groups": drawn.coupling.between,
+        "profiles": in_field_units(found.profiles.table, ENDS),
+        "profile_points": _points(found),
+        "compensation": found.profiles.compensation().rename_axis("profile").reset_index(),
+        "local": in_field_units(found.spread.table, SPREADS),
+        "local_at_best": in_field_units(found.best.table, SPREADS),
+        "spectrum": pd.DataFrame(found.spread.spectra, columns=_numbered(len(found.names))),
+        "collinearity": found.collinearity.table,
+        "importance": found.collinearity.importance,
+        "structure": found.structure.table,
+        "cloning": drawn.cloned.parameters,
+        "cloning_directions": drawn.cloned.directions,
+        "power_scaling": drawn.scaling.table,
+    }
+
+
+def in_field_units(table: pd.DataFrame, columns: Sequence[str], name: str = "parameter") -> pd.DataFrame:
+    """A table whose ``columns`` are in the field unit of their row's parameter, with a column ``unit``."""
+    parameters = [PARAMETERS[parameter] for parameter in table[name]]
+    scale = np.array([parameter.scale for parameter in parameters])[:, None]
+    converted = table.assign(**dict(zip(columns, (table[list(columns)].to_numpy() / scale).T, strict=True)))
+    converted.insert(list(table).index(name) + 1, "unit", [parameter.unit for parameter in parameters])
+    return converted
+
+
+def _numbered(count: int) -> list[str]:
+    return [f"eigenvalue_{i + 1}" for i in range(count)]
+
+
+def _points(found: Analysis) -> pd.DataFrame:
+    """Every point of every profile, with the path of all parameters."""
+    parts, names = [], found.names
+    for kind, profiles in found.profiles.found.items():
+        for profile in profiles:
+            path = pd.DataFrame(
+                {_headed(n): field_values(n, x) for n, x in zip(names, profile.path.T, strict=True)}
+            )
+            values = {"value": field_values(profile.name, profile.values), "rise": profile.rise}
+            head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit, **values}
+            parts.append(pd.DataFrame(head).join(path))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _headed(name: str) -> str:
+    """A column of a table, such as ``phi [deg]``."""
+    unit = PARAMETERS[name].unit
+    return name if unit == "-" else f"{name} [{unit}]"
+
+
+def expected_contraction(made: Foreseen) -> FloatArray:
+    """Contraction (d,) to expect of each parameter, from the information averaged over the cut prior."""
+    return np.asarray(np.clip(made.found.spread.table["expected"], 0.0, 1.0))
+
+
+MARK = "identifiability.json"
+"""File by which folders of this kind are known."""
+
+
+class IdentifyResult(Identified):
+    """An identifiability analysis that can be saved as a folder with its page."""
+
+    @classmethod
+    def of(cls, made: Identified) -> Self:
+        """The same analysis, with a page to write."""
+        return cls(**{field.name: getattr(made, field.name) for field in fields(Identified)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write page, tables and record into a new folder; returns the path of the page.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        from bayesterra.identifiability.page import identifiability_html
+
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            for name, table in tables(self).items():
+                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
+            record = {"sentence": self.sentence, **self.record}
+            text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False)
+            write_text(part / MARK, text + "\n")
+            write_text(part / "report.html", identifiability_html(self))
+        return Path(folder) / "report.html"
+
+
+def identify(
+    what: Study | Result,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    progress: Callable[[str], None] = lambda part: None,
+) -> IdentifyResult:
+    """Find out what the data of a study determine, and what only repeats the prior.
+
+    Parameters
+    ----------
+    what : a result, whose draws are used, or a study, which is sampled first.
+    seed : same seed, same answer, whatever the engine.
+    engine : traces the profiles: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
+        process.
+    progress : called with the name of each part as it begins.
+
+    Raises
+    ------
+    StudyError : every parameter is fixed.
+    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    """
+    check_seed(seed)
+    if isinstance(what, Result):
+        return IdentifyResult.of(identify_result(what, seed=seed, engine=engine, report=progress))
+    check_kind("bt.identify", what, Study, Result)
+    return IdentifyResult.of(identify_study(what, seed=seed, engine=engine, report=progress))
+
+
+def identify_into(
+    what: Study | Result,
+    out: Path,
+    *,
+    seed: int = 1,
+    engine: Engine | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> IdentifyResult:
+    """Analyse a result or a study into a new folder, with a word on each part on a terminal."""
+    from bayesterra.report.terminal import stages
+
+    check_free(out, overwrite=overwrite, mark=MARK)
+    with stages(show=not quiet) as show:
+        found = identify(what, seed=seed, engine=engine, progress=show)
+    found.save(out, overwrite=overwrite)
+    return found

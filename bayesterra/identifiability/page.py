@@ -1,0 +1,443 @@
+"""Identifiability analysis as a page, figures of its profiles and a terminal table."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, JustifyMethod
+from rich.table import Table as RichTable
+
+from bayesterra.arrays import FloatArray
+from bayesterra.identifiability.determined_page import signed
+from bayesterra.identifiability.evidence_page import (
+    coupling_section,
+    further_section,
+    information_section,
+    local_section,
+    method_section,
+)
+from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
+from bayesterra.identifiability.information import ALL
+from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles
+from bayesterra.identifiability.verdicts import (
+    COUPLED_TO_ALL,
+    DETERMINED,
+    EXCLUDED,
+    MOVED,
+    SHIFT,
+    WEAK,
+    WORDS,
+)
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report.blocks import (
+    Block,
+    Cell,
+    Gallery,
+    Record,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    records,
+    render,
+)
+from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
+from bayesterra.report.numbers import NOTHING, interval, number, plain
+from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
+from bayesterra.report.terminal import PlainConsole
+from bayesterra.study.result import COUPLED
+
+FEW = 2
+"""Objections that find room on a card."""
+
+
+def identifiability_page(made: Identified) -> VerdictPage:
+    """Put the page together."""
+    study = made.study
+    drawn = f"{made.record['draws']} draws"
+    return VerdictPage(
+        title=study.title or "Soil parameters from wheel tests",
+        facts=(f"{study.kind} data", f"model {study.model.name}, {study.drive}-driven", drawn),
+        warning=_warning(made),
+        verdicts=(_directions_card(made), _parameters_card(made), _agreement_card(made)),
+        sections=(
+            _verdict_section(made),
+            _profile_section(made),
+            coupling_section(made.found.drawn.coupling),
+            information_section(made.found.drawn.information),
+            local_section(made.found),
+            further_section(made.found),
+            method_section(made),
+        ),
+        version=made.record["versions"]["bayesterra"],
+    )
+
+
+def _warning(made: Identified) -> Markup:
+    if made.record["converged"]:
+        return Markup("")
+    return Markup(
+        "The draws behind this page come from sampling that did <b>not converge</b>: what rests on draws "
+        "(contraction, coupling, cloning) may be wrong. Profiles and structure do not depend on them."
+    )
+
+
+def _directions_card(made: Identified) -> Verdict:
+    counts = made.found.counts.set_index("scope")
+    determined, of = (int(counts[name].to_dict()[ALL]) for name in ("determined", "directions"))
+    grade = "good" if determined == of else "fair" if determined else "poor"
+    sentence = Markup(made.in_words(lambda name: str(symbol(name))))  # noqa: S704 (constants)
+    return Verdict("Independent directions", f"{determined} of {of} fixed", grade, sentence)
+
+
+def _parameters_card(made: Identified) -> Verdict:
+    words = made.found.verdicts.groupby("verdict")["parameter"].agg(list).to_dict()
+    known = words.get("determined", [])
+    others = [word for word in WORDS if word in words and word != "determined"]
+    parts = [Markup("{}: {}").format(word, symbols(words[word])) for word in others]
+    first = Markup("{} on {} own").format(symbols(known), "its" if len(known) == 1 else "their")
+    sentence = Markup("; ").join([first if known else Markup("None on its own"), *parts])
+    grade = "good" if len(known) == len(made.found.names) else "fair" if known else "poor"
+    word = f"{len(known)} of {len(made.found.names)} determined"
+    return Verdict("Parameters", word, grade, Markup("{}.").format(sentence))
+
+
+def _agreement_card(made: Identified) -> Verdict:
+    table = made.found.verdicts
+    against = table[table["against"] != ""]
+    if against.empty:
+        sentence = Markup("Profiles, cloned data and divergences say nothing against any verdict.")
+        return Verdict("Methods", "agree", "good", sentence)
+    said = [Markup("{}: {}").format(symbol(row["parameter"]), row["against"]) for row in records(against)]
+    sentence = Markup("Against the word for {}.").format(Markup("; ").join(said))
+    if len(said) > FEW:
+        sentence = Markup("Against the words for {}: see below.").format(symbols(against["parameter"]))
+    count = f"{len(said)} objection{'s' if len(said) > 1 else ''}"
+    return Verdict("Methods", count, "fair", sentence)
+
+
+def _verdict_section(made: Identified) -> Section:
+    text = Markup(
+        "<b>Determined</b>: variance at most {:.0f} % of the prior’s after the physical cut. "
+        "<b>One-sided</b>: so, but one end is the prior’s bound; or the likelihood’s profile excludes "
+        "{:.0f} % or more of the prior, on one side only. <b>Coupled</b>: neither, and the data tie it to "
+        "others that are not determined either, one of them (correlation {:g} or stronger) or all together "
+        "(<i>R</i> {:g} or more). <b>Weakly</b>: contraction {:g} or more. <b>Moved</b>: less, but the mean "
+        "shifted by {:g} sd of the prior or more, or its law is {:.3f} nats or more from it: prior and data "
+        "disagree. <b>Repeats its prior</b>: none of these. "
+        "<b>Structurally not determined</b>: no data of this design can tell it, however many."
+    ).format(100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
+    return Section(
+        "verdicts", "Verdicts", (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
+    )
+
+
+def _verdict_table(made: Identified) -> Table:
+    rows = tuple(_verdict_row(row) for row in records(made.verdicts))
+    header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"))
+    last = (Markup("<i>R</i>"), "cloned 16 times")
+    caption = Markup(
+        "Contraction: 1 − variance over that of the prior after the cut, of the logarithm under log laws. "
+        "Profile: of the likelihood over the "
+        "prior’s range. Tied to: strongest correlation <i>r</i> with a parameter that is not determined; "
+        "<i>R</i>: multiple correlation with all of those. Cloned: whether the same readings sixteen times "
+        "would narrow it."
+    )
+    return Table(caption, "llrllrrl", (*header, *last), rows)
+
+
+def _verdict_row(row: Record) -> tuple[Cell, ...]:
+    name = row["parameter"]
+    tied = row["tied_to"] != name
+    return (
+        symbol(name),
+        Markup("<b>{}</b>").format(row["verdict"]),
+        number(max(row["contraction"], 0.0), 2),
+        Markup("{}{}").format(row["profile"], _ends(row)),
+        symbol(row["tied_to"]) if tied else NOTHING,
+        signed(row["tie"]) if tied else NOTHING,
+        number(row["multiple"], 2) if tied else NOTHING,
+        {"estimable": "narrows", "not estimable": "stays"}.get(row["cloned"], "undecided"),
+    )
+
+
+def _ends(row: Record) -> Cell:
+    """The profile's interval in the parameter's unit; what bounds no side says nothing."""
+    name, low, high = row["parameter"], row["lower_95"], row["upper_95"]
+    if low == low and high == high:
+        return Markup(", {}").format(amount(name, interval(low, high)))
+    if low == low:
+        return Markup(", above {}").format(amount(name, plain(low)))
+    return Markup(", below {}").format(amount(name, plain(high))) if high == high else ""
+
+
+def _objections(made: Identified) -> tuple[Block, ...]:
+    said = tuple(
+        Markup("<b>{}</b> ({}): {}").format(symbol(row["parameter"]), row["verdict"], row["against"])
+        for row in records(made.verdicts)
+        if row["against"]
+    )
+    return (Text(Markup("What speaks against a word. {}.").format(Markup(". ").join(said))),) if said else ()
+
+
+def _combinations(made: Identified) -> Table:
+    rows = tuple(
+        (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
+        for row in records(made.found.combinations)
+    )
+    caption = (
+        "Independent combinations of the parameters, best determined first; weights in standard deviations "
+        "of the prior after the cut (of normal scores, so that the scale of a parameter does not matter)."
+    )
+    return Table(caption, "lrl", ("verdict", "contraction", "combination"), rows)
+
+
+def _profile_section(made: Identified) -> Section:
+    panels = drawing(profile_panels(made.found.profiles), profiles_in_words(made.found.profiles))
+    caption = (
+        "The best that all other parameters can do at each value of one. Where a curve crosses the 95 % line "
+        "on both sides the readings bound the parameter; where it stays below, only the prior’s range does."
+    )
+    table = made.found.profiles.table
+    rows = tuple(
+        (
+            symbol(row["parameter"]),
+            row["class"],
+            f"{100 * row['trust']:.0f} %{_lost(row['failed'])}",
+            _moves(row["compensated_by"]),
+        )
+        for row in records(table[table["kind"] == "likelihood"])
+    )
+    moves = Table(
+        "What compensates what: how far the others move along the 95 % interval, in standard deviations of "
+        "their prior. Trust: points that two or more descents agree on; points not solved are marked by a "
+        "cross in the figure, and nothing is read off them.",
+        "llrl",
+        ("", "class", "trust", "others move by"),
+        rows,
+    )
+    return Section("profiles", "Profiles", (Gallery("whole", (panels,), caption), moves))
+
+
+def _lost(failed: int) -> str:
+    """How many points of a profile were not solved; nothing where all were."""
+    return f", {failed} not solved" if failed else ""
+
+
+def _moves(text: str) -> Cell:
+    """Such as ``n0 −0.4, c1 +0.3``, with symbols."""
+    parts = [part.rsplit(" ", 1) for part in text.split(", ") if part]
+    return listed(Markup("{} {}").format(symbol(name), move) for name, move in parts) if parts else NOTHING
+
+
+HIGHEST = 6.0
+"""Upper end of the axis of 2 Δ log density."""
+
+COLUMNS = 4
+
+NARROW = 0.12
+"""Share of the prior's range; intervals narrower than that are drawn on a part of it."""
+
+LINES: dict[str, tuple[str, tuple[float, ...], float]] = {
+    "likelihood": (INK, (5.0, 3.0), 1.2),
+    "posterior": (POSTERIOR, (), 1.9),
+}
+"""Colour, dashes and width of the curves; the broken one lies on top, so that both show where they agree."""
+
+
+@styled
+def profile_panels(found: Profiles) -> FloatArray:
+    """Draw one panel per parameter over its prior's range; returns the array of axes (d,).
+
+    Blue: 2 Δ log posterior; broken: 2 Δ log likelihood; 0 is the best point of all. Dots: interval ends,
+    where a curve crosses the 68 or 95 % line. Crosses: points that no descent solved. Grey bars: ends of the
+    prior's range; grey areas: nothing is possible there. The title of a panel says its class, the
+    likelihood's first where the two differ.
+    """
+    count = len(found.names)
+    columns = min(COLUMNS, count)
+    rows = -(-count // columns)
+    figure = new_figure(2.35 * columns + 0.3, 2.15 * rows + 0.4)
+    axes = np.atleast_1d(np.asarray(figure.subplots(rows, columns))).ravel()
+    for i, name in enumerate(found.names):
+        _panel(axes[i], found, name)
+        axes[i].tick_params(labelleft=i % columns == 0)
+        if i % columns == 0:
+            axes[i].set_ylabel(r"2 $\Delta$ log density")
+    for spare in axes[count:]:
+        spare.remove()
+    _legend(figure, found)
+    return np.asarray(axes[:count])
+
+
+def _panel(ax: Axes, found: Profiles, name: str) -> None:
+    scale = PARAMETERS[name].scale
+    ends = found.ranges[found.names.index(name)] / scale
+    for percent, level in LEVELS.items():
+        ax.axhline(level, color=GRID, linewidth=0.9)
+        ax.annotate(
+            f"{percent} %", (1.0, level), xycoords=("axes fraction", "data"), fontsize=6.5,
+            ha="right", va="bottom", color=PRIOR,
+        )  # fmt: skip
+    for kind in found.found:
+        _curve(ax, found.profile(name, kind), scale)
+    window = _window(found, name) / scale
+    margin = 0.03 * (window[1] - window[0])
+    _bounds(ax, found.profile(name), ends, scale)
+    part = (window[1] - window[0]) / (ends[1] - ends[0])
+    note = "" if part > 0.99 else f", {100 * part:.2g} % of the range"
+    ax.set(xlim=(window[0] - margin, window[1] + margin), ylim=(-0.15, HIGHEST))
+    ax.set_xlabel(label(PARAMETERS[name]) + note, labelpad=2)
+    ax.set_title(_title(found, name), fontsize=8.5)
+
+
+def _curve(ax: Axes, profile: Profile, scale: float) -> None:
+    colour, dashes, width = LINES[profile.kind]
+    grid, height = _smooth(profile)
+    style = (0, dashes) if dashes else "-"
+    ax.plot(grid / scale, height, color=colour, linewidth=width, linestyle=style, zorder=3 if dashes else 2)
+    lost = profile.values[profile.failed] / scale
+    height = np.minimum(profile.rise[profile.failed], HIGHEST - 0.2)
+    ax.plot(lost, height, "x", color=colour, markersize=4.0)
+    for percent, level in LEVELS.items():
+        ends = np.array(profile.crossings(percent)) / scale
+        ax.plot(ends, [level, level], "o", color=colour, markersize=3.2)
+
+
+def _smooth(profile: Profile) -> tuple[FloatArray, FloatArray]:
+    """The curve between its points: the signed root of the rise is close to straight there."""
+    usable = np.isfinite(profile.rise) & ~profile.failed
+    values, root = profile.values[usable], np.sqrt(np.maximum(profile.rise[usable], 0.0))
+    root = np.where(values < profile.best, -root, root)
+    grid = np.unique(np.concatenate([values, np.linspace(values[0], values[-1], 400)]))
+    return grid, np.interp(grid, values, root) ** 2
+
+
+def _bounds(ax: Axes, profile: Profile, ends: FloatArray, scale: float) -> None:
+    """Mark the ends of the prior's range, and what of it is impossible."""
+    possible = profile.values[np.isfinite(profile.rise)][[0, -1]] / scale
+    for end, reached in zip(ends, possible, strict=True):
+        ax.axvline(end, color=PRIOR, linewidth=2.2, alpha=0.7)
+        if abs(end - reached) > 1e-6 * (ends[1] - ends[0]):
+            ax.axvspan(*sorted((end, reached)), color=PRIOR, alpha=0.18, linewidth=0)
+
+
+def _window(found: Profiles, name: str) -> FloatArray:
+    """The part of the axis that is drawn: the prior's range, or three intervals' widths if that is less."""
+    ends = found.ranges[found.names.index(name)]
+    intervals = np.array([found.profile(name, kind).interval(95) for kind in found.found])
+    low, high = intervals[:, 0].min(), intervals[:, 1].max()
+    if high - low > NARROW * (ends[1] - ends[0]):
+        return np.asarray(ends)
+    return np.asarray(np.clip([low - (high - low), high + (high - low)], *ends))
+
+
+def _title(found: Profiles, name: str) -> str:
+    shapes = dict.fromkeys(found.profile(name, kind).shape for kind in found.found)
+    text = " / ".join(shapes)
+    return text if len(text) < 28 else text.replace(" / ", " /\n")
+
+
+def _legend(figure: Figure, found: Profiles) -> None:
+    entries: list[Line2D | Patch] = []
+    for kind in found.found:
+        colour, dashes, width = LINES[kind]
+        entries.append(
+            Line2D(
+                [], [], color=colour, linestyle=(0, dashes) if dashes else "-", linewidth=width, label=kind
+            )
+        )
+    entries += [
+        Line2D([], [], color=INK, marker="o", markersize=3.2, linestyle="none", label="end of an interval"),
+        *_lost_range(found),
+        Line2D([], [], color=PRIOR, linewidth=2.2, alpha=0.7, label="end of the prior's range"),
+        Patch(color=PRIOR, alpha=0.18, linewidth=0, label="impossible"),
+    ]
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
+
+
+def _lost_range(found: Profiles) -> list[Line2D]:
+    """The cross of points that failed, where there are any."""
+    if not any(profile.failed.any() for each in found.found.values() for profile in each):
+        return []
+    return [Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="none", label="not solved")]
+
+
+def profiles_in_words(found: Profiles) -> str:
+    """What the panels show, for those who do not see them."""
+    said = []
+    for profile in found.found["likelihood"]:
+        parameter = PARAMETERS[profile.name]
+        low, high = (f"{end / parameter.scale:.3g}" for end in profile.interval(95))
+        unit = "" if parameter.unit == "-" else f" {parameter.unit}"
+        said.append(f"{parameter.symbol} {profile.shape}, 95 % from {low} to {high}{unit}")
+    return "Likelihood profiles: " + "; ".join(said) + "."
+
+
+def print_identified(made: Identified, report: Path, console: Console | None = None) -> None:
+    """Print the finding, the verdict on every parameter with its figures, and the name of the page."""
+    console = console or PlainConsole()
+    table = RichTable(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in IDENTIFIED:
+        side: JustifyMethod = "right" if header == "contraction" else "left"
+        table.add_column(header, justify=side, no_wrap=header != "verdict")
+    for row in made.found.verdicts.to_dict("records"):
+        table.add_row(*_identified(row))
+    console.print(table)
+    for row in made.found.verdicts.to_dict("records"):
+        if row["against"]:
+            symbol = PARAMETERS[row["parameter"]].symbol
+            console.print(f"! {symbol}: {row['against']}.", highlight=False, soft_wrap=True)
+    if not made.record["converged"]:
+        console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
+    console.print(made.sentence, highlight=False, soft_wrap=True)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+IDENTIFIED = ("", "verdict", "contraction", "tied to", "profile")
+
+PROFILES = {"bounded only by the prior": "prior-bound"}
+"""Classes of profiles in fewer letters, so that no row of the table breaks on 80 columns."""
+
+
+def _identified(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    tied = row["tied_to"] != row["parameter"]
+    tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
+    profile = PROFILES.get(row["profile"], row["profile"])
+    return (PARAMETERS[row["parameter"]].symbol, row["verdict"], _share(row["contraction"]), tie, profile)
+
+
+def _share(contraction: float) -> str:
+    return f"{max(contraction, 0.0):.2f}"
+
+
+def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
+    """Print what a design could determine, and what contraction to expect."""
+    console = console or PlainConsole()
+    table = RichTable(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("", "the design could", "contraction to expect"):
+        table.add_column(header, justify="right" if header.startswith("contraction") else "left")
+    seen = made.found.structure.determined
+    for name, expected in zip(made.found.names, expected_contraction(made), strict=True):
+        word = "determine it" if name in seen else "NOT determine it"
+        table.add_row(PARAMETERS[name].symbol, word, _share(expected))
+    console.print(table)
+    for null in made.found.structure.nulls:
+        console.print(f"{null.words[:1].upper()}{null.words[1:]}.", highlight=False, soft_wrap=True)
+    console.print("Expected over the prior after the physical cut, were the readings made.", highlight=False)
+
+
+def identifiability_html(made: Identified) -> str:
+    """An identifiability analysis as a self-contained HTML page."""
+    return render(identifiability_page(made), "identifiability.html")

@@ -1,0 +1,244 @@
+"""``fit``: a study in, one :class:`Fit` per method out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from time import perf_counter
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, SupportError, check_kind
+from bayesterra.least_squares.groupwise import (
+    Passes,
+    Plan,
+    decoupled_steps,
+    integral_steps,
+    iterate,
+    one_pass,
+    plan,
+)
+from bayesterra.least_squares.joint import JointFit, fit_joint
+from bayesterra.least_squares.results import FORCES, METHODS, Fit, soil_of
+from bayesterra.least_squares.settings import (
+    Overrides,
+    Readings,
+    Settings,
+    iteration_settings,
+    joint_settings,
+    known_offset,
+    readings,
+    weighted_target,
+)
+from bayesterra.least_squares.solver import MARGIN, Clip, clip
+from bayesterra.likelihood.forward import Forward
+from bayesterra.models import M1, WheelSoilModel
+from bayesterra.parameters import CHANNELS, OFFSET, SOIL_PARAMETERS
+from bayesterra.study.study import Study
+
+
+def fit(
+    study: Study,
+    methods: Sequence[str] | None = None,
+    *,
+    hold: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    lower: Mapping[str, float] | None = None,
+    upper: Mapping[str, float] | None = None,
+    delta: float | None = None,
+) -> dict[str, Fit]:
+    """Identify the soil by least squares.
+
+    Parameters
+    ----------
+    study : measurements, model, priors and noise. IM1, IM2 and IM3 take the measured sinkage as given and run
+        on M1, M2 and M3 with the options of the study's model; joint uses its own model and drive.
+    methods : any of ``IM1``, ``IM2``, ``IM3``, ``joint``; None: those that the study names, by default all.
+    hold : parameters held at a value; those that the priors fix are held anyway. An empty mapping frees what
+        the study holds.
+    start, lower, upper : start values and bounds of IM1, IM2 and IM3 in place of Table 17's. joint is bounded
+        by the priors' ranges, and takes ``start`` as one of its starts.
+    delta : IM1 stops when c1 and c2 change by less.
+
+    ``hold`` to ``delta`` are SI and radians, and replace the table of that name in the study where given.
+
+    Raises
+    ------
+    StudyError : an unknown method or parameter, fewer readings than parameters, or nothing to be fitted.
+    SupportError : joint finds no start value for which the model has an answer.
+    """
+    check_kind("bt.fit", study, Study)
+    overrides = Overrides(hold, start, lower, upper, delta)
+    methods = _known_methods(study) if methods is None else methods
+    if not methods:
+        raise StudyError(f"nothing can be fitted: with the model {study.model.name} only joint fits")
+    unknown = [method for method in methods if method not in METHODS]
+    if unknown:
+        raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
+    fits: dict[str, Fit] = {}
+    for method in sorted(methods, key=METHODS.index):
+        fits[method] = _RUN[method](method, study, overrides, fits)
+    if fits and all(not one.path for one in fits.values()):
+        reasons = dict.fromkeys(note for one in fits.values() for note in one.notes)
+        raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
+    return {method: fits[method] for method in methods}
+
+
+def _known_methods(study: Study) -> tuple[str, ...]:
+    """The methods that the study names, without those that do not know its model."""
+    methods: tuple[str, ...] = study.least_squares.methods
+    return tuple(method for method in methods if method == "joint" or not _has_load_effect(study))
+
+
+def _has_load_effect(study: Study) -> bool:
+    return study.model.parameters != SOIL_PARAMETERS
+
+
+def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
+    """Every method that the study names and its data allow, and one line on each that they do not."""
+    fits: dict[str, Fit] = {}
+    refused = []
+    for method in _known_methods(study):
+        try:
+            fits |= fit(study, (method,))
+        except (StudyError, SupportError) as error:
+            refused.append(str(error))
+    return fits, tuple(refused)
+
+
+def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str, Fit]) -> Fit:
+    """IM1, IM2 or IM3."""
+    if _has_load_effect(study):
+        raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
+    began = perf_counter()
+    settings, rows = iteration_settings(study, overrides), readings(study)
+    integral = method == "IM1"
+    steps = integral_steps(rows, _m1(study)) if integral else decoupled_steps(method, rows, study.model)
+    todo = plan(method, steps, settings)
+    passes = _passes(method, todo, settings)
+    theta = passes.path[-1] if passes.path else settings.start
+    return Fit(
+        method=method,
+        soil=soil_of(theta),
+        errors=_errors(todo, theta),
+        converged=passes.converged,
+        passes=len(passes.path),
+        path=tuple(soil_of(one) for one in passes.path),
+        held=settings.held,
+        at_bound=settings.at_bound(theta, todo.columns(settings)),
+        missing=todo.missing,
+        clipped=_clipped(method, theta, rows.conditions.slip),
+        notes=(*_notes(method, todo, passes, rows, theta), *_offset_note(study)),
+        seconds=perf_counter() - began,
+        noise={},
+    )
+
+
+def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
+    if not todo.steps:  # all held, so that the values are only judged, or nothing measured to fit them to
+        held = bool(todo.judged) and not todo.missing
+        return Passes((settings.start,) if held else (), converged=held, rested=True)
+    if method == "IM1":
+        return iterate(todo, settings)
+    theta, converged = one_pass(todo, settings.start, settings, first=False)
+    return Passes((theta,), converged, rested=True)
+
+
+def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> Fit:
+    began = perf_counter()
+    settings, density = joint_settings(study, overrides), weighted_target(study)
+    found = fit_joint(density, settings, _other_results(study, overrides, known))
+    theta = found.best.theta
+    drive = density.likelihood.forward
+    return Fit(
+        method=method,
+        soil=soil_of(theta),
+        errors={name: found.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
+        converged=found.best.converged,
+        passes=len(found.path),
+        path=tuple(soil_of(one) for one in found.path),
+        held=settings.held,
+        at_bound=settings.at_bound(theta, settings.free(settings.names)),
+        missing=(),
+        clipped=_edge(theta, drive).any,
+        notes=(*_joint_notes(found, drive, theta), *_stand_ins(study)),
+        seconds=perf_counter() - began,
+        noise=found.sd,
+    )
+
+
+def _edge(theta: FloatArray, drive: Forward) -> Clip:
+    """Which rows are at the edge of the model's range, where a search is stopped a margin inside."""
+    return clip(theta, drive.conditions.slip, 2 * MARGIN)
+
+
+def _joint_notes(found: JointFit, drive: Forward, theta: FloatArray) -> tuple[str, ...]:
+    edge = _edge(theta, drive)
+    return (
+        f"{found.reached} of {found.started} starts ended at the best fit",
+        *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in found.errors),
+        *(["θm/θ1 = c1 + c2 s is at the edge of (c3, 1) at some slip"] if np.any(edge.angle) else []),
+        *(["N = n0 + n1 s is at its edge, 0, at some slip"] if np.any(edge.exponent) else []),
+    )
+
+
+def _stand_ins(study: Study) -> tuple[str, ...]:
+    """What stands for quantities that least squares does not estimate."""
+    load = ("the measured normal force stands for the load",) if study.drive == "both" else ()
+    alone = ("IM1, IM2 and IM3 know no load effect",) if _has_load_effect(study) else ()
+    return (*load, *_offset_note(study), *alone)
+
+
+def _offset_note(study: Study) -> tuple[str, ...]:
+    offset = known_offset(study)
+    known = OFFSET in study.prior.entries
+    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if known else ()
+
+
+_RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {
+    "IM1": _fit_groups,
+    "IM2": _fit_groups,
+    "IM3": _fit_groups,
+    "joint": _fit_joint,
+}
+
+
+def _other_results(study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> list[FloatArray]:
+    """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
+    found = []
+    for method in ("IM1", "IM2", "IM3"):
+        try:
+            one = known.get(method) or _fit_groups(method, study, overrides, known)
+        except StudyError:
+            continue  # the method needs more readings than joint
+        found.append(one.soil.as_array())
+    return found
+
+
+def _m1(study: Study) -> M1:
+    """M1 with the options of the study's model."""
+    model: WheelSoilModel = study.model
+    return M1(**{field.name: getattr(model, field.name) for field in fields(M1)})
+
+
+def _errors(todo: Plan, theta: FloatArray) -> dict[str, float]:
+    judged = {step.channel: step.error(theta) for step in todo.judged}
+    return {name: judged.get(name, np.nan) for name in FORCES}
+
+
+def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:
+    found = clip(theta, slip)
+    return found.any if method == "IM1" else bool(np.any(found.angle))
+
+
+def _notes(method: str, todo: Plan, passes: Passes, rows: Readings, theta: FloatArray) -> tuple[str, ...]:
+    notes = list(todo.notes)
+    if rows.left_out:
+        notes.append(f"{rows.left_out} row(s) without a sinkage between 0 and the radius are left out")
+    if _clipped(method, theta, rows.conditions.slip):
+        notes.append("θm/θ1 = c1 + c2 s leaves (c3, 1) at some slip and was clipped there")
+    if passes.path and not passes.converged:
+        restless = f"the parameters did not come to rest in {len(passes.path)} passes"
+        notes.append("an inner fit did not reach a minimum" if passes.rested else restless)
+    return tuple(notes)

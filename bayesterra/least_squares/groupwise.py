@@ -1,0 +1,417 @@
+"""IM1, IM2 and IM3: parameter groups fitted in turn (Ding et al. 2015, Section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.errors import StudyError
+from bayesterra.least_squares.results import FORCES, error_figure
+from bayesterra.least_squares.settings import GROUPS, Readings, Settings
+from bayesterra.least_squares.solver import MARGIN, Box, ClippedModel, Curve, Formula, Minimum, minimise
+from bayesterra.likelihood.forward import Forward
+from bayesterra.models import M1, WheelSoilModel
+from bayesterra.models.geometry import entrance_angle, shear_start_radius
+from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+
+EVALUATIONS = 100
+"""Evaluations per parameter of an inner fit, the limit of ``lsqcurvefit``. A fit whose θm/θ1 is clipped may
+need them all, for its sum of squares has a kink there."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """Fit of one parameter group to one channel.
+
+    Parameters
+    ----------
+    group : ``P_I``, ``P_II`` or ``P_III``.
+    channel : the channel fitted.
+    curve : its values (m,) at all rows.
+    measured : its readings (m,), NaN where not measured.
+    known : (m,) rows in which everything that the curve needs was measured too.
+    needs : the channels behind ``known``.
+    """
+
+    group: str
+    channel: str
+    curve: Curve
+    measured: FloatArray
+    known: BoolArray
+    needs: tuple[str, ...]
+
+    def columns(self, settings: Settings) -> list[int]:
+        """Columns of the free parameters."""
+        return settings.free(GROUPS[self.group])
+
+    def run(self, theta: FloatArray, settings: Settings) -> Minimum:
+        """Fit the group from its start values, the other parameters as in ``theta`` (9,)."""
+        start, columns = theta.copy(), self.columns(settings)
+        start[columns] = settings.start[columns]
+        residual = Misfit(self.curve, self.measured, self.known)
+        box = Box(settings.lower, settings.upper, columns)
+        return minimise(residual, start, box, evaluations=EVALUATIONS * len(columns))
+
+    def error(self, theta: FloatArray) -> float:
+        """Error figure (16) in percent, NaN without readings."""
+        return error_figure(np.where(self.known, self.measured, np.nan), self.curve.values(theta))
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residual of one channel relative to its largest reading."""
+
+    curve: Curve
+    measured: FloatArray
+    known: BoolArray
+
+    @property
+    def _scale(self) -> float:
+        return float(np.max(np.abs(self.measured[self.known]))) or 1.0
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Residuals (k,) of the known rows."""
+        return (self.curve.values(theta) - self.measured)[self.known] / self._scale
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives (k, 9)."""
+        return self.curve.jacobian(theta)[self.known] / self._scale
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The steps of a method that the data allow, and what that leaves out.
+
+    Attributes
+    ----------
+    steps : to be fitted, in order.
+    judged : all steps with readings, for the error figures.
+    missing : parameters that no step can identify.
+    notes : why.
+    """
+
+    steps: tuple[Step, ...]
+    judged: tuple[Step, ...]
+    missing: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def columns(self, settings: Settings) -> list[int]:
+        """Columns of all parameters that the steps fit."""
+        return sorted(column for step in self.steps for column in step.columns(settings))
+
+
+def plan(method: str, steps: Sequence[Step], settings: Settings) -> Plan:
+    """Sort out which steps the data allow.
+
+    Raises
+    ------
+    StudyError : a step has readings, but fewer than free parameters.
+    """
+    wanted = [step for step in steps if step.columns(settings)]
+    blind = [step for step in wanted if not step.known.any()]
+    for step in wanted:
+        if step.known.any():
+            _check_count(method, step, len(step.columns(settings)))
+    missing = {SOIL_PARAMETERS[i] for step in blind for i in step.columns(settings)}
+    return Plan(
+        tuple(step for step in wanted if step.known.any()),
+        tuple(step for step in steps if step.known.any()),
+        tuple(name for name in SOIL_PARAMETERS if name in missing),
+        tuple(_reason(step, settings) for step in blind),
+    )
+
+
+def _check_count(method: str, step: Step, free: int) -> None:
+    count = int(step.known.sum())
+    if count < free:
+        raise StudyError(
+            f"too few observations for {method}: {CHANNELS[step.channel].symbol} has"
+            f" {_counted(count, 'reading')}, {_counted(free, 'parameter')}"
+        )
+
+
+def _reason(step: Step, settings: Settings) -> str:
+    symbols = ", ".join(PARAMETERS[SOIL_PARAMETERS[i]].symbol for i in step.columns(settings))
+    needs = " and ".join(CHANNELS[name].description for name in step.needs)
+    return f"{step.group} ({symbols}) was not identified: no row has {needs}"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+MAX_PASSES = 100
+
+STALL = 10
+"""Passes without a new smallest change after which the passes are given up."""
+
+_SHEAR = [SOIL_PARAMETERS.index(name) for name in ("c", "phi")]
+
+_ANGLE = {SOIL_PARAMETERS.index(name) for name in ("c1", "c2")}
+
+
+@dataclass(frozen=True)
+class ForceCurve:
+    """One force of M1 at all rows, sinkage-driven.
+
+    Parameters
+    ----------
+    model : M1 at the rows.
+    column : index of the force in ``FORCES``.
+    shearless : with τ = 0: F_N is then F_Nσ alone, which the first pass fits.
+    """
+
+    model: ClippedModel
+    column: int
+    shearless: bool = False
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Force (m,)."""
+        return self.model.values(self._seen(theta))[:, self.column]
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives (m, 9)."""
+        return self.model.jacobian(self._seen(theta))[:, self.column]
+
+    def _seen(self, theta: FloatArray) -> FloatArray:
+        if not self.shearless:
+            return theta
+        theta = theta.copy()
+        theta[_SHEAR] = 0.0
+        return theta
+
+
+def integral_steps(readings: Readings, model: M1) -> list[Step]:
+    """The three inner fits of IM1, in the order of Table 17."""
+    clipped = ClippedModel(Forward(model, "sinkage", readings.conditions, readings.sinkage))
+
+    def step(group: str, channel: str) -> Step:
+        measured = readings.forces[channel]
+        curve = ForceCurve(clipped, FORCES.index(channel))
+        return Step(group, channel, curve, measured, ~np.isnan(measured), (channel,))
+
+    return [step("P_I", "normal_force"), step("P_II", "resistance_moment"), step("P_III", "drawbar_pull")]
+
+
+@dataclass(frozen=True)
+class Passes:
+    """Parameters (9,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
+
+    path: tuple[FloatArray, ...]
+    converged: bool
+    rested: bool
+
+
+def iterate(plan: Plan, settings: Settings) -> Passes:
+    """Pass over the steps until c1 and c2 change by less than delta.
+
+    Where c1 and c2 are not both fitted, the other parameters are judged, by their change in widths of their
+    bounds. At least two passes are made, because the first one leaves the shear stress out of F_N.
+    """
+    path = [one_pass(plan, settings.start, settings, first=True)]
+    changes: list[float] = []
+    while len(path) < MAX_PASSES and len(changes) - _smallest(changes) <= STALL:
+        path.append(one_pass(plan, path[-1][0], settings, first=False))
+        changes.append(_change(path[-1][0] - path[-2][0], plan, settings))
+        if changes[-1] < settings.delta:
+            return Passes(tuple(theta for theta, _ in path), path[-1][1], rested=True)
+    return Passes(tuple(theta for theta, _ in path), converged=False, rested=False)
+
+
+def _smallest(changes: list[float]) -> int:
+    return int(np.argmin(changes)) if changes else 0
+
+
+def one_pass(plan: Plan, theta: FloatArray, settings: Settings, *, first: bool) -> tuple[FloatArray, bool]:
+    """Parameters after fitting every step once, and whether all of them ended at a minimum."""
+    converged = True
+    for step in plan.steps:
+        minimum = (_shearless(step) if first else step).run(theta, settings)
+        theta, converged = minimum.theta, converged and minimum.converged
+    return theta, converged
+
+
+def _shearless(step: Step) -> Step:
+    """The step as the first pass makes it: F_N without the shear stress, which is not known yet."""
+    if step.group == "P_I" and isinstance(step.curve, ForceCurve):
+        return replace(step, curve=replace(step.curve, shearless=True))
+    return step
+
+
+def _change(difference: FloatArray, plan: Plan, settings: Settings) -> float:
+    columns = plan.columns(settings)
+    if _ANGLE.issubset(columns):
+        return float(np.max(np.abs(difference[sorted(_ANGLE)])))
+    width = settings.upper - settings.lower
+    return float(np.max(np.abs(difference[columns] / width[columns]), initial=0.0))
+
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What is measured or known in every row, (m,) each, SI.
+
+    Attributes
+    ----------
+    entrance : θ1 (6).
+    shear_start : θ1' (12).
+    normal, moment : measured F_N and M_DR, NaN where not measured.
+    """
+
+    slip: FloatArray
+    radius: FloatArray
+    width: FloatArray
+    shearing_radius: FloatArray
+    entrance: FloatArray
+    shear_start: FloatArray
+    normal: FloatArray
+    moment: FloatArray
+
+
+def contact(readings: Readings, model: WheelSoilModel) -> Contact:
+    """Contact of every row, with the transition slips and the shear start of ``model``."""
+    rows = readings.conditions
+    start_radius = shear_start_radius(
+        rows.radius,
+        rows.lug_height,
+        rows.slip,
+        transition_slips=model.transition_slips,
+        shear_start=model.shear_start,
+    )
+    return Contact(
+        rows.slip,
+        rows.radius,
+        rows.width,
+        rows.shearing_radius,
+        np.asarray(entrance_angle(readings.sinkage, rows.radius)),
+        np.arccos((rows.radius - readings.sinkage) / start_radius),
+        readings.forces["normal_force"],
+        readings.forces["resistance_moment"],
+    )
+
+
+class Shape(NamedTuple):
+    """Angles and their combinations A, B, C below (24), (m,) each."""
+
+    leaving: Complex
+    middle: Complex
+    A: Complex
+    B: Complex
+    C: Complex
+
+
+def shape(theta: Complex, at: Contact) -> Shape:
+    """Shape of the contact for parameters (9,), with θm/θ1 clipped into (c3, 1)."""
+    _, _, _, _, _, _, c1, c2, c3 = theta
+    t1, t2 = at.entrance, c3 * at.entrance
+    tm = _inside(c1 + c2 * at.slip, c3) * t1
+    front, rear = t1 - tm, tm - t2
+    A = (np.cos(tm) - np.cos(t2)) / rear + (np.cos(tm) - np.cos(t1)) / front
+    B = (np.sin(tm) - np.sin(t2)) / rear + (np.sin(tm) - np.sin(t1)) / front
+    return Shape(t2, tm, A, B, (t1 - t2) / 2)
+
+
+def _inside(ratio: Complex, c3: np.complex128) -> Complex:
+    low, high = c3 + MARGIN, 1 - MARGIN
+    return np.where(ratio.real < low.real, low, np.where(ratio.real > high, high, ratio))
+
+
+def largest_stress(theta: Complex, middle: Complex, at: Contact) -> Complex:
+    """σ_m (18), Pa."""
+    Ks, n0, n1, *_ = theta
+    half_sum, half_difference = (at.entrance + middle) / 2, (at.entrance - middle) / 2
+    depth = 2 * at.radius * np.sin(half_sum) * np.sin(half_difference)
+    stress: Complex = Ks * np.exp((n0 + n1 * at.slip) * np.log(depth))
+    return stress
+
+
+def mobilised(theta: Complex, middle: Complex, at: Contact) -> Complex:
+    """E of (19): the share of the shear strength that is mobilised at θm."""
+    K = theta[5]
+    path = (at.shear_start - middle) - (1 - at.slip) * (np.sin(at.shear_start) - np.sin(middle))
+    share: Complex = -np.expm1(-at.shearing_radius * path / K)
+    return share
+
+
+def drawbar_pull_2(theta: Complex, at: Contact) -> Complex:
+    """F_DP of M2, (29), N."""
+    _, _, A, B, C = shape(theta, at)
+    return (A**2 + B**2) / (A * C) * at.moment / at.shearing_radius - B / A * at.normal
+
+
+def normal_force_2(theta: Complex, at: Contact) -> Complex:
+    """F_N of M2, (38), N."""
+    _, middle, A, B, C = shape(theta, at)
+    stress = largest_stress(theta, middle, at)
+    return at.radius * at.width * A * stress + B * at.moment / (at.shearing_radius * C)
+
+
+def resistance_moment_2(theta: Complex, at: Contact) -> Complex:
+    """M_DR of M2, (40), N m."""
+    _, middle, A, B, C = shape(theta, at)
+    E, friction, r_s = mobilised(theta, middle, at), np.tan(theta[4]) / (at.radius * A), at.shearing_radius
+    strength = at.width * theta[3] + at.normal * friction
+    moment: Complex = r_s**2 * C * E * strength / (1 + r_s * B * E * friction)
+    return moment
+
+
+def drawbar_pull_3(theta: Complex, at: Contact) -> Complex:
+    """F_DP of M3, (36), N."""
+    leaving, middle, _, B, _ = shape(theta, at)
+    cos = np.cos(middle)
+    return at.moment * cos / at.shearing_radius - 2 * B * at.normal / ((at.entrance - leaving) * cos)
+
+
+def normal_force_3(theta: Complex, at: Contact) -> Complex:
+    """F_N of M3, (39), N."""
+    leaving, middle, *_ = shape(theta, at)
+    stress = largest_stress(theta, middle, at)
+    return at.radius * at.width * (at.entrance - leaving) * stress * np.cos(middle) / 2
+
+
+def resistance_moment_3(theta: Complex, at: Contact) -> Complex:
+    """M_DR of M3, (41), N m."""
+    leaving, middle, *_ = shape(theta, at)
+    cohesion = at.width * theta[3] * (at.entrance - leaving) / 2
+    friction = at.normal * np.tan(theta[4]) / (at.radius * np.cos(middle))
+    moment: Complex = mobilised(theta, middle, at) * at.shearing_radius**2 * (cohesion + friction)
+    return moment
+
+
+BOTH = ("normal_force", "resistance_moment")
+
+EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex], tuple[str, ...]], ...]] = {
+    "IM2": (
+        ("P_III", "drawbar_pull", drawbar_pull_2, ("drawbar_pull", *BOTH)),
+        ("P_I", "normal_force", normal_force_2, BOTH),
+        ("P_II", "resistance_moment", resistance_moment_2, BOTH),
+    ),
+    "IM3": (
+        ("P_III", "drawbar_pull", drawbar_pull_3, ("drawbar_pull", *BOTH)),
+        ("P_I", "normal_force", normal_force_3, ("normal_force",)),
+        ("P_II", "resistance_moment", resistance_moment_3, BOTH),
+    ),
+}
+"""Group, channel, equation and the channels it needs, in the order of the fits."""
+
+
+def decoupled_steps(method: str, readings: Readings, model: WheelSoilModel) -> list[Step]:
+    """The three fits of IM2 or IM3."""
+    at = contact(readings, model)
+
+    def step(
+        group: str, channel: str, equation: Callable[[Complex, Contact], Complex], needs: tuple[str, ...]
+    ) -> Step:
+        known = np.all([~np.isnan(readings.forces[name]) for name in needs], axis=0)
+        return Step(
+            group, channel, Formula(lambda theta: equation(theta, at)), readings.forces[channel], known, needs
+        )
+
+    return [step(*row) for row in EQUATIONS[method]]

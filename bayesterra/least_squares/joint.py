@@ -1,0 +1,254 @@
+"""joint: every measured outcome at once, weighted by its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, SupportError
+from bayesterra.least_squares.results import error_figure
+from bayesterra.least_squares.settings import Settings
+from bayesterra.least_squares.solver import (
+    MARGIN,
+    Box,
+    ClippedModel,
+    Minimum,
+    clip,
+    excess_jacobian,
+    minimise,
+)
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
+from bayesterra.parameters import SOIL_PARAMETERS
+
+STARTS = 8
+"""Starts drawn from the cut prior, beside those that the caller has."""
+
+ROUNDS = 3
+"""Rounds in which the weights of channels with estimated noise follow the residuals."""
+
+PENALTY = 1e4
+"""Residual per unit of θm/θ1 or N outside the model's range, and per width of a parameter outside its own."""
+
+COARSE, COARSE_EVALUATIONS = 1e-10, 300
+"""Tolerance and evaluations of the search from each start; the best is refined."""
+
+SAME_COST = 0.01
+"""Starts within this much of the best half sum of squares count as having reached it."""
+
+
+@dataclass(frozen=True)
+class WeightedMisfit:
+    """Residuals of all readings in standard deviations, and penalties that lead back into the model's range.
+
+    Parameters
+    ----------
+    model : the model at the rows.
+    columns : which outcomes were measured, among those of the drive.
+    measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
+    lower, upper : (9 or 13,) ranges of the parameters.
+    """
+
+    model: ClippedModel
+    columns: tuple[int, ...]
+    measured: FloatArray
+    sd: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    @property
+    def _slip(self) -> FloatArray:
+        return self.model.forward.conditions.slip
+
+    def predicted(self, theta: FloatArray) -> FloatArray:
+        """Modelled readings (m, channels)."""
+        return self.model.values(theta)[:, self.columns]
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Residuals of the readings, then 2 m + 9 or 13 penalties; NaN where no sinkage carries a load."""
+        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = ((self.predicted(theta) - self.measured) / self.sd)[known]
+        penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
+        return np.concatenate([misfit, PENALTY * penalties])
+
+    def _outside(self, theta: FloatArray) -> FloatArray:
+        return theta - np.clip(theta, self.lower, self.upper)
+
+    @property
+    def _size(self) -> FloatArray:
+        width = self.upper - self.lower
+        return np.where(np.isfinite(width) & (width > 0), width, 1.0)
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of :meth:`values` by the parameters."""
+        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[known]
+        outside = np.diag((self._outside(theta) != 0) / self._size)
+        return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Outcome of :func:`fit_joint`.
+
+    Attributes
+    ----------
+    best : parameters and cost after the last round.
+    path : parameters (9 or 13,) after each round of weights.
+    sd : typical standard deviation of each channel behind the last weights, SI.
+    errors : error figure (16) of each channel, percent.
+    reached, started : how many starts ended at the best cost, of how many.
+    """
+
+    best: Minimum
+    path: tuple[FloatArray, ...]
+    sd: Mapping[str, float]
+    errors: Mapping[str, float]
+    reached: int
+    started: int
+
+
+def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]) -> JointFit:
+    """Minimise the weighted misfit from ``starts`` (9 or 13,), the prior's median and draws from the cut one.
+
+    Estimated noise weighs at the median of its prior law first; then, ``ROUNDS`` times, at the root mean
+    square residual of its channel (with the parameters fitted counted off), kept inside its law's range.
+    Noise that is a fraction is taken of the measured value, so that weights do not move with the fit.
+
+    Raises
+    ------
+    StudyError : fewer readings than free parameters.
+    SupportError : no start has an answer.
+    """
+    columns, likelihood = settings.free(settings.names), posterior.likelihood
+    _check_count(likelihood, len(columns))
+    box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
+    misfit = _misfit(posterior, settings, _prior_medians(posterior))
+    minima = [
+        minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
+        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], box)
+    ]
+    best = _refined(misfit, min(minima, key=attrgetter("cost")), box)
+    reached = sum(minimum.cost <= best.cost + SAME_COST for minimum in minima)
+    path = [best.theta]
+    for _ in range(ROUNDS if any(noise.law for noise in likelihood.noise) else 0):
+        misfit = _misfit(posterior, settings, _residual_sd(posterior, misfit, best.theta, len(columns)))
+        best = _refined(misfit, best, box)
+        path.append(best.theta)
+    sd, errors = _summary(likelihood, misfit, best.theta)
+    return JointFit(best, tuple(path), sd, errors, reached, len(minima))
+
+
+def _refined(misfit: WeightedMisfit, rough: Minimum, box: Box) -> Minimum:
+    """The minimum to full precision; what a penalty lets past a range, some 1e-9 of its width, is cut off."""
+    best = minimise(misfit, rough.theta, box)
+    return replace(best, theta=np.clip(best.theta, misfit.lower, misfit.upper))
+
+
+def _check_count(likelihood: Likelihood, free: int) -> None:
+    count = int(np.sum(~np.isnan(likelihood.measured)))
+    if count < free:
+        raise StudyError(f"too few observations for joint: {count} readings, {free} parameters")
+
+
+def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, float]) -> WeightedMisfit:
+    likelihood = posterior.likelihood
+    outcomes = likelihood.forward.outcomes
+    columns = tuple(outcomes.index(channel) for channel in likelihood.channels)
+    none = np.full(len(likelihood.measured), np.nan)
+    sd = np.empty(likelihood.measured.shape)
+    for i, noise in enumerate(likelihood.noise):
+        value = np.array([estimated[noise.channel]]) if noise.law else None
+        given = likelihood.observations.given_sd.get(noise.channel, none)
+        sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, given)[0]
+    model = ClippedModel(likelihood.forward)
+    return WeightedMisfit(model, columns, likelihood.measured, sd, *_ranges(settings))
+
+
+def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
+    """Ranges (9 or 13,) of the parameters; held ones have none, for they cannot move."""
+    held = np.isin(settings.names, settings.held)
+    return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
+
+
+def _prior_medians(posterior: Posterior) -> dict[str, float]:
+    return {noise.channel: noise.law.median for noise in posterior.likelihood.noise if noise.law}
+
+
+def _residual_sd(
+    posterior: Posterior, misfit: WeightedMisfit, theta: FloatArray, free: int
+) -> dict[str, float]:
+    """Root mean square residual of the channels with estimated noise, inside the ranges of their laws."""
+    residual = misfit.measured - misfit.predicted(theta)
+    count = int(np.sum(~np.isnan(misfit.measured)))
+    inflation = count / max(count - free, 1)
+    spread = np.sqrt(inflation * np.nanmean(residual**2, axis=0))
+    return {
+        noise.channel: float(np.clip(value, *noise.law.range))
+        for noise, value in zip(posterior.likelihood.noise, spread, strict=True)
+        if noise.law
+    }
+
+
+def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
+    """Starts from the cut prior, the same every time, with the held parameters in place."""
+    try:
+        drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
+    except SupportError:
+        return []  # held parameters may still leave an answer at the other starts
+    columns = [posterior.prior.soil_columns.index(name) for name in settings.names]
+    soil = posterior.prior.soil_values(drawn)[:, columns]
+    held = [settings.names.index(name) for name in settings.held]
+    soil[:, held] = settings.start[held]
+    return list(soil)
+
+
+def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], box: Box) -> list[FloatArray]:
+    """Starts moved inside the box, where the model has an answer."""
+    moved = [box.parameters(box.coordinates(start)) for start in starts]
+    kept = [start for start in moved if np.isfinite(misfit.values(start)).all()]
+    if not kept:
+        raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
+    return kept
+
+
+def _summary(
+    likelihood: Likelihood, misfit: WeightedMisfit, theta: FloatArray
+) -> tuple[dict[str, float], dict[str, float]]:
+    predicted = misfit.predicted(theta)
+    sd = {name: float(np.median(misfit.sd[:, i])) for i, name in enumerate(likelihood.channels)}
+    errors = {
+        name: error_figure(misfit.measured[:, i], predicted[:, i])
+        for i, name in enumerate(likelihood.channels)
+    }
+    return sd, errors
+
+
+_C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2", "c3"))
+
+
+def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
+    """Box in which θm/θ1 at the lowest and at the highest slip stand for c1 and c2, where both are free."""
+    if not {_C1, _C2}.issubset(columns) or np.ptp(slip) < 1e-6:
+        return _narrowed(settings, columns, slip)
+    angles = [_C1, _C2]
+    lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(settings.lower))
+    lower[angles], upper[angles] = settings.lower[_C3] + MARGIN, 1 - MARGIN
+    basis[np.ix_(angles, angles)] = np.linalg.inv([[1.0, slip.min()], [1.0, slip.max()]])
+    return Box(lower, upper, columns, basis)
+
+
+def _narrowed(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
+    """Box of the parameters themselves; c1 free alone is bounded by the limits at the held c2 as well."""
+    lower, upper = settings.lower.copy(), settings.upper.copy()
+    if _C1 in columns and _C2 not in columns:
+        growth = settings.start[_C2] * slip
+        lower[_C1] = max(lower[_C1], settings.lower[_C3] + MARGIN - growth.min())
+        upper[_C1] = min(upper[_C1], 1 - MARGIN - growth.max())
+    if not lower[_C1] < upper[_C1]:
+        return Box(settings.lower, settings.upper, columns)
+    return Box(lower, upper, columns)

@@ -1,0 +1,278 @@
+"""Start values, bounds, held parameters and usable rows of the least-squares methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray, frozen
+from bayesterra.errors import StudyError, check_number
+from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.models import Conditions
+from bayesterra.parameters import MODEL_PARAMETERS, MODULI, OFFSET, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.stats.laws import Law
+from bayesterra.study.observations import Observations
+from bayesterra.study.priors import PAPER_BOX, Entry
+from bayesterra.study.study import Study
+
+START: Mapping[str, float] = {
+    "Ks": 2.5e6, "n0": 0.5, "n1": 0.5, "c": 200.0, "phi": float(np.radians(30.0)), "K": 0.01,
+    "c1": 0.5, "c2": 0.0, "c3": 0.0,
+}  # fmt: skip
+"""Start values of IM1, Ding et al. 2015, Table 17; its bounds are the prior set ``paper-box``."""
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    group: tuple(name for name in SOIL_PARAMETERS if PARAMETERS[name].group == group and name != "c3")
+    for group in ("P_I", "P_II", "P_III")
+}
+"""Parameters that the methods identify together; c3 is identified by joint alone."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where a fit starts and how far it may go, SI.
+
+    Attributes
+    ----------
+    start, lower, upper : (9,), or (13,) with the load effect; see ``names``.
+    held : names of the parameters that stay at ``start``.
+    delta : IM1 stops when c1 and c2 change by less from pass to pass.
+    """
+
+    start: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    held: tuple[str, ...]
+    delta: float = 0.002
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, those of the study's model."""
+        return MODEL_PARAMETERS[: len(self.start)]
+
+    def free(self, names: tuple[str, ...]) -> list[int]:
+        """Columns of those of ``names`` that are not held."""
+        return [MODEL_PARAMETERS.index(name) for name in names if name not in self.held]
+
+    def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
+        """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
+        width = np.subtract(
+            self.upper, self.lower, where=np.isfinite(self.lower), out=np.full_like(theta, np.inf)
+        )
+        margin = 1e-4 * np.where(np.isfinite(width), width, 0.0)
+        at = (theta < self.lower + margin) | (theta > self.upper - margin)
+        return tuple(MODEL_PARAMETERS[i] for i in columns if at[i])
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the caller of ``fit`` asks for in place of the study's ``[least_squares]``; None: as there."""
+
+    hold: Mapping[str, float] | None = None
+    start: Mapping[str, float] | None = None
+    lower: Mapping[str, float] | None = None
+    upper: Mapping[str, float] | None = None
+    delta: float | None = None
+
+    def __post_init__(self) -> None:
+        for table in (self.hold, self.start, self.lower, self.upper):
+            for name, value in (table or {}).items():
+                _check(name, value)
+
+    def over(self, study: Study) -> Overrides:
+        """These, completed from the study."""
+        given = study.least_squares
+        delta = given.delta if self.delta is None else self.delta
+        if not delta > 0:
+            raise StudyError(f"'delta' must be above 0 (got {delta:g})")
+        for table in (self.hold, self.start, self.lower, self.upper, given.hold, given.start):
+            _check_known(table or {}, study)
+        return Overrides(
+            {**_held_by_study(study), **(given.hold if self.hold is None else self.hold)},
+            given.start if self.start is None else self.start,
+            given.lower if self.lower is None else self.lower,
+            given.upper if self.upper is None else self.upper,
+            delta,
+        )
+
+
+def _check(name: str, value: float) -> None:
+    if name not in MODEL_PARAMETERS:
+        raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(MODEL_PARAMETERS)})")
+    check_number(name, value)
+    if not np.isfinite(value):
+        raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
+
+
+def _check_known(table: Mapping[str, float], study: Study) -> None:
+    for name in table:
+        if name not in study.model.parameters:
+            raise StudyError(f"least squares: the model {study.model.name} knows no parameter {name!r}")
+
+
+def _held_by_study(study: Study) -> dict[str, float]:
+    """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
+    fixed = {name: value for name, value in study.prior.fixed.items() if name in MODEL_PARAMETERS}
+    if (
+        all(name in study.prior.fixed for name in MODULI)
+        and len({w.width for w in study.wheels.values()}) == 1
+    ):
+        fixed["Ks"] = study.prior.fixed["kc"] / study.prior.width + study.prior.fixed["kphi"]
+    return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
+
+
+def iteration_settings(study: Study, overrides: Overrides) -> Settings:
+    """Settings of IM1, IM2 and IM3: those of Table 17 where neither study nor caller say otherwise.
+
+    Raises
+    ------
+    StudyError : an empty range, or a start value outside its bounds.
+    """
+    asked = overrides.over(study)
+    hold = {"c3": START["c3"], **(asked.hold or {})}
+    box = {name: entry.range for name, entry in PAPER_BOX.items() if isinstance(entry, Law)}
+    box["c3"] = (START["c3"], START["c3"])
+    low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
+    high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}
+    start = {name: float(np.clip(START[name], low[name], high[name])) for name in SOIL_PARAMETERS}
+    start |= {**(asked.start or {}), **hold}
+    for name in SOIL_PARAMETERS:
+        if name not in hold:
+            _check_range(name, low[name], start[name], high[name])
+    first, lower, upper = (_ordered(table, SOIL_PARAMETERS) for table in (start, low, high))
+    return Settings(first, lower, upper, _in_order(hold), asked.delta or 0.0)
+
+
+def joint_settings(study: Study, overrides: Overrides) -> Settings:
+    """Settings of joint: every parameter that has a prior law is free within the law's range.
+
+    The start is the prior's median, except where study or caller give one inside the range.
+    """
+    asked, names = overrides.over(study), study.model.parameters
+    hold = dict(asked.hold or {})
+    tied = [name for name in names if name in study.prior.ties and name not in hold]
+    if tied:
+        raise StudyError(f"joint knows no tied parameters (got '{tied[0]}')")
+    laws = {name: study.prior.laws[name] for name in names if name in study.prior.laws}
+    start = {name: law.median for name, law in laws.items()}
+    low, high = ({name: law.range[end] for name, law in laws.items()} for end in (0, 1))
+    if study.prior.uses_moduli and "Ks" not in hold:
+        low["Ks"], start["Ks"], high["Ks"] = _stiffness(study)
+    inside = {n: v for n, v in (asked.start or {}).items() if low.get(n, np.inf) <= v <= high.get(n, -np.inf)}
+    start |= inside
+    low, high = hold | low, hold | high
+    first, lower, upper = (_ordered(table, names) for table in (start | hold, low, high))
+    return Settings(first, lower, upper, _in_order(hold))
+
+
+def _stiffness(study: Study) -> tuple[float, float, float]:
+    """Lowest, middle and highest K_s that the priors of k_c and k_φ allow, for wheels of one width."""
+    if len({wheel.width for wheel in study.wheels.values()}) > 1:
+        raise StudyError("joint knows one K_s only, so with 'kc' and 'kphi' all wheels must have one width")
+    kc, kphi = (_ends(study.prior.entries[study.prior.root(name)]) for name in MODULI)
+    low, middle, high = (a / study.prior.width + b for a, b in zip(kc, kphi, strict=True))
+    low = max(low, 1e-6 * (high if np.isfinite(high) else abs(middle)))  # laws without ends have no ranges
+    return low, max(middle, low), high
+
+
+def _ends(entry: Entry) -> tuple[float, float, float]:
+    if isinstance(entry, Law):
+        return entry.range[0], entry.median, entry.range[1]
+    value = float(entry) if isinstance(entry, int | float) else float("nan")
+    return value, value, value
+
+
+def _ordered(table: Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+    return frozen([table[name] for name in names])
+
+
+def _check_range(name: str, low: float, start: float, high: float) -> None:
+    where = f"least squares of {name!r}"
+    if not low < high:
+        raise StudyError(f"{where}: 'lower' must be below 'upper' (got {low:g} and {high:g})")
+    if not low <= start <= high:
+        raise StudyError(f"{where}: 'start' must lie in [{low:g}, {high:g}] (got {start:g})")
+
+
+def _in_order(names: Mapping[str, float]) -> tuple[str, ...]:
+    return tuple(name for name in MODEL_PARAMETERS if name in names)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Sinkage-driven readings, SI.
+
+    Attributes
+    ----------
+    conditions : slip and wheel of each row.
+    sinkage : (m,) above 0 and below the radius.
+    forces : ``normal_force``, ``drawbar_pull`` and ``resistance_moment``, each (m,), NaN where not measured.
+    left_out : number of used rows without such a sinkage.
+    """
+
+    conditions: Conditions
+    sinkage: FloatArray
+    forces: Mapping[str, FloatArray]
+    left_out: int = 0
+
+
+def readings(study: Study) -> Readings:
+    """Rows in the fit that have a sinkage inside (0, r).
+
+    The normal force is the measured one, or the load where none was measured. Readings of the sinkage are
+    freed of their zero error, as far as it is known.
+    """
+    used = without_offset(study.observations.used(), study)
+    none = np.full(len(used), np.nan)
+    sinkage = used.values.get("sinkage", none)
+    radius = np.array([study.wheels[name].radius for name in used.wheel])
+    keep = np.flatnonzero((sinkage > 0) & (sinkage < radius))
+    normal = used.values.get("normal_force", none)
+    forces = {
+        "normal_force": np.where(np.isnan(normal), used.load, normal)[keep],
+        "drawbar_pull": used.values.get("drawbar_pull", none)[keep],
+        "resistance_moment": used.values.get("resistance_moment", none)[keep],
+    }
+    wheels = [study.wheels[used.wheel[i]] for i in keep]
+    conditions = Conditions.of(wheels, used.slip[keep])
+    return Readings(conditions, sinkage[keep], forces, len(used) - len(keep))
+
+
+def known_offset(study: Study) -> float:
+    """Zero error (m) of the sinkage readings: fixed, or the median of its prior."""
+    law = study.prior.laws.get(OFFSET)
+    return study.prior.fixed.get(OFFSET, 0.0) if law is None else law.median
+
+
+def without_offset(rows: Observations, study: Study) -> Observations:
+    """The rows with the known zero error taken off the sinkage."""
+    offset = known_offset(study)
+    if not offset or "sinkage" not in rows.values:
+        return rows
+    return replace(rows, values={**rows.values, "sinkage": rows.values["sinkage"] - offset})
+
+
+def weighted_target(study: Study) -> Posterior:
+    """The posterior whose weighted residuals joint minimises: that of the study without latent quantities.
+
+    With the drive ``both`` the measured normal force stands for the load, so rows without one are left out.
+
+    Raises
+    ------
+    StudyError : no row has a measured normal force.
+    """
+    density = posterior(study)
+    whole = density.likelihood
+    rows, noise, drive = without_offset(whole.observations, study), whole.noise, study.drive
+    if drive == "both":
+        drive, noise = "load", [one for one in noise if one.channel != "normal_force"]
+        force = rows.values.get("normal_force", np.full(len(rows), np.nan))
+        rows = replace(rows, load=force).take(force > 0)
+    if not len(rows) or not noise:
+        raise StudyError("joint: no row has both a measured normal force and an outcome")
+    forward = Forward.of(study.model, drive, rows, dict(study.wheels))
+    return replace(density, likelihood=Likelihood(forward, rows, tuple(noise)))

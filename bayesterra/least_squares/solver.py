@@ -1,0 +1,258 @@
+"""Bounded least squares over some soil parameters, with the model carried on where it has no answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.likelihood.forward import Forward
+from bayesterra.models import Conditions
+from bayesterra.parameters import SOIL_PARAMETERS
+
+TOLERANCE = 1e-14
+
+MAX_EVALUATIONS = 1000
+
+COMPLEX_STEP = 1e-60
+
+
+class Curve(Protocol):
+    """Values (k,) that depend on soil parameters (9,), with exact derivatives (k, 9)."""
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Values (k,); non-finite where the model has no answer."""
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives (k, 9) of the values."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A curve from a formula that also takes complex parameters; its derivatives are complex steps."""
+
+    formula: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Values (k,)."""
+        return np.real(self.formula(theta.astype(complex)))
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Derivatives (k, 9), exact to rounding: nothing is subtracted in a complex step."""
+        steps = theta + 1j * COMPLEX_STEP * np.eye(len(theta))
+        return np.column_stack([np.imag(self.formula(step)) / COMPLEX_STEP for step in steps])
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a search may go: bounds on coordinates x, with parameters (9,) = ``basis`` @ x.
+
+    Attributes
+    ----------
+    lower, upper : (9,) bounds of the coordinates.
+    columns : the coordinates that are free; the others stay as at the start.
+    basis : (9, 9), None where the coordinates are the parameters.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    columns: list[int]
+    basis: FloatArray | None = None
+
+    def coordinates(self, theta: FloatArray) -> FloatArray:
+        """Coordinates (9,) of parameters (9,), the free ones moved inside the bounds."""
+        x = theta.copy() if self.basis is None else np.linalg.inv(self.basis) @ theta
+        x[self.columns] = np.clip(x, self.lower, self.upper)[self.columns]
+        return x
+
+    def parameters(self, x: FloatArray) -> FloatArray:
+        """Parameters (9,) of coordinates (9,)."""
+        return x if self.basis is None else self.basis @ x
+
+    def slopes(self, derivatives: FloatArray) -> FloatArray:
+        """Derivatives (k, free) by the free coordinates, from those by the parameters (k, 9)."""
+        return (derivatives if self.basis is None else derivatives @ self.basis)[:, self.columns]
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Parameters (9,) at the end, half the sum of squares there, and whether a stopping rule was met."""
+
+    theta: FloatArray
+    cost: float
+    converged: bool
+
+
+def minimise(
+    residual: Curve,
+    start: FloatArray,
+    box: Box,
+    *,
+    tolerance: float = TOLERANCE,
+    evaluations: int = MAX_EVALUATIONS,
+) -> Minimum:
+    """Minimise the sum of squares of ``residual`` over the free coordinates of ``box``, from ``start`` (9,).
+
+    Trust-region reflective, variables scaled by the width of their bounds. A trial step to where the
+    residual is not finite is refused and the trust region shrinks; only the start must have an answer.
+    """
+    origin, columns = box.coordinates(start), box.columns
+    if not columns:
+        return Minimum(start, 0.5 * float(np.sum(residual.values(start) ** 2)), converged=True)
+
+    def parameters(free: FloatArray) -> FloatArray:
+        x = origin.copy()
+        x[columns] = free
+        return box.parameters(x)
+
+    def values(free: FloatArray) -> FloatArray:
+        return residual.values(parameters(free))
+
+    def jacobian(free: FloatArray) -> FloatArray:
+        return box.slopes(residual.jacobian(parameters(free)))
+
+    lower, upper = box.lower[columns], box.upper[columns]
+    result = least_squares(
+        values,
+        origin[columns],
+        jac=jacobian,
+        bounds=(lower, upper),
+        x_scale=_widths(origin, box.lower, box.upper)[columns],
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=evaluations,
+    )
+    theta = parameters(_on_bounds(result.x, lower, upper))
+    return Minimum(theta, float(result.cost), bool(result.status > 0))
+
+
+def _on_bounds(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Put values on the bound that they have converged to; the search itself stays strictly inside."""
+    near = 1e-10 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    return np.where(x < lower + near, lower, np.where(x > upper - near, upper, x))
+
+
+def _widths(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Width of the bounds; the size of the value (or 1) where they are open."""
+    width = upper - lower
+    return np.where(np.isfinite(width) & (width > 0), width, np.where(x == 0, 1.0, np.abs(x)))
+
+
+MARGIN = 1e-6
+"""Distance of θm/θ1 from c3 and 1, and of N from 0, at which rows are clipped."""
+
+_N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
+
+
+@dataclass(frozen=True)
+class Clip:
+    """What clipping does to every row.
+
+    Attributes
+    ----------
+    theta : (m, 9 or 13) parameters with which each row is modelled.
+    angle : (m,) how far θm/θ1 lies above (> 0) or below (< 0) its limits.
+    exponent : (m,) how far N lies below its limit, ≤ 0.
+    """
+
+    theta: FloatArray
+    angle: FloatArray
+    exponent: FloatArray
+
+    @property
+    def any(self) -> bool:
+        """Whether some row is modelled with other parameters than asked for."""
+        return bool(np.any(self.angle) or np.any(self.exponent))
+
+
+def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
+    """Parameters inside the model's range for every row; ``theta`` (9,), ``slip`` (m,)."""
+    rows = np.repeat(theta[None, :], len(slip), axis=0)
+    ratio, exponent = theta[_C1] + theta[_C2] * slip, theta[_N0] + theta[_N1] * slip
+    inside = np.clip(ratio, theta[_C3] + margin, 1 - margin)
+    positive = np.maximum(exponent, margin)
+    rows[inside != ratio, _C1], rows[inside != ratio, _C2] = inside[inside != ratio], 0.0
+    rows[positive != exponent, _N0], rows[positive != exponent, _N1] = margin, 0.0
+    return Clip(rows, ratio - inside, exponent - positive)
+
+
+def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:
+    """Derivatives (m, ..., 9) by the parameters asked for, from those by the parameters of each row."""
+    out = derivatives.copy()
+    out[clipped.angle < 0, ..., _C3] += derivatives[clipped.angle < 0, ..., _C1]
+    for column in (_C1, _C2):
+        out[clipped.angle != 0, ..., column] = 0.0
+    for column in (_N0, _N1):
+        out[clipped.exponent != 0, ..., column] = 0.0
+    return out
+
+
+def excess_jacobian(clipped: Clip, slip: FloatArray) -> FloatArray:
+    """Derivatives (2 m, 9 or 13) of the excesses: those of the angle, then those of the exponent."""
+    width = clipped.theta.shape[1]
+    out = np.zeros((2, len(slip), width))
+    angle, exponent = (clipped.angle != 0).astype(float), (clipped.exponent != 0).astype(float)
+    out[0, :, _C1], out[0, :, _C2], out[0, :, _C3] = angle, angle * slip, -(clipped.angle < 0).astype(float)
+    out[1, :, _N0], out[1, :, _N1] = exponent, exponent * slip
+    return out.reshape(-1, width)
+
+
+@dataclass(frozen=True)
+class ClippedModel:
+    """A model held at its rows, with rows outside its range clipped.
+
+    Parameters
+    ----------
+    forward : model, drive and conditions.
+    """
+
+    forward: Forward
+
+    def values(self, theta: FloatArray) -> FloatArray:
+        """Outcomes (m, 3) for parameters (9,); NaN where no sinkage carries the load."""
+
+        def run(part: Forward, row: FloatArray) -> FloatArray:
+            outcomes: FloatArray = part(row).values[0]
+            return outcomes
+
+        return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (3,))
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Exact derivatives (m, 3, 9 or 13) of the outcomes."""
+
+        def run(part: Forward, row: FloatArray) -> FloatArray:
+            model = part.model
+            step = model.response_jacobian_at if part.drive == "load" else model.jacobian_at
+            derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, : row.shape[1]]
+            return derivatives
+
+        clipped = clip(theta, self.forward.conditions.slip)
+        return chain(self._by_group(clipped.theta, run, (3, len(theta))), clipped)
+
+    def _by_group(
+        self, rows: FloatArray, run: Callable[[Forward, FloatArray], FloatArray], shape: tuple[int, ...]
+    ) -> FloatArray:
+        """Run the rows that share parameters together."""
+        if np.all(rows == rows[0]):
+            return run(self.forward, rows[:1])
+        out = np.empty((len(rows), *shape))
+        sets, which = np.unique(rows, axis=0, return_inverse=True)
+        for i in range(len(sets)):
+            mask = which == i
+            out[mask] = run(_part(self.forward, mask), sets[i : i + 1])
+        return out
+
+
+def take(conditions: Conditions, mask: BoolArray) -> Conditions:
+    """The rows of ``conditions`` in ``mask``."""
+    return Conditions(**{field.name: getattr(conditions, field.name)[mask] for field in fields(conditions)})
+
+
+def _part(forward: Forward, mask: BoolArray) -> Forward:
+    return replace(forward, conditions=take(forward.conditions, mask), given=forward.given[mask])

@@ -1,0 +1,1 @@
+"""From a study to a posterior density: the model at the rows, likelihoods, derivatives."""

@@ -1,0 +1,317 @@
+"""Rows that hang together: the model's own smooth error, ripple along a sweep, errors of the slip readings.
+
+    y = f(θ, s) + δ(s) + ripple + noise,    slip read as s + ε
+
+δ is a Gaussian process over slip, one curve per wheel and channel (Kennedy and O'Hagan 2001, J. R. Stat. Soc.
+B 63, 425). Everything but θ is Gaussian and integrated out: the readings of a table are jointly normal around
+f(θ, s). An error of slip counts to first order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a
+row; f is taken as straight and δ as level over its size. Noise that is a fraction is one of f(θ, s) in the
+likelihood, of all that is drawn in draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.covariance import Drawn, Elsewhere, Layout, TableLaw, Whitening, stacks
+from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.study.model_errors import ModelErrors, Ripple
+
+STEP = 0.005
+"""Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
+
+HUGE = 1e100
+"""Modelled values beyond this (in SI units) are as impossible as none."""
+
+DOUBLES = 2e7
+"""Numbers that the matrices of parameter sets worked on at once may take."""
+
+NEAR = 2.0
+"""Standard deviations of a slip from a transition slip within which errors of slip are no straight line."""
+
+OFF = 0.2
+"""Error of the first order from which it is named, as a share of the scatter of a reading by noise and slip.
+
+Against integrals over the true slip, with all rows at transition slips, φ is then off by 0.2 of its sd.
+"""
+
+NODES = 15
+
+TYPICAL = 200
+"""Draws at which errors of slip are looked at."""
+
+
+def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = None) -> FloatArray:
+    """Slopes (n, m, outcomes) of outcomes over slip, to both sides as far as the model goes.
+
+    ``values`` are the outcomes themselves, where they are known already.
+    """
+    values = forward(soil, every_row=True).values if values is None else values
+    slip, ends = forward.conditions.slip, []
+    for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
+        moved = replace(forward, conditions=replace(forward.conditions, slip=at))
+        found = moved(soil, every_row=True).values
+        answered = np.isfinite(found)
+        ends.append((np.where(answered, found, values), np.where(answered, at[:, None], slip[:, None])))
+    (low, left), (high, right) = ends
+    width = right - left
+    slopes = np.zeros_like(values)
+    np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
+    return slopes
+
+
+def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArray) -> str:
+    """A sentence on the rows where errors of slip are poorly taken to first order; empty without any.
+
+    Parameters
+    ----------
+    soil, noise_values : parameter sets that are typical, of the prior or of the posterior.
+    """
+    if not isinstance(likelihood, JointRows) or likelihood.errors.slip is None:
+        return ""
+    numbers, parts = np.array(likelihood.observations.rows), []
+    sd = float(np.median(likelihood.sizes(len(soil), noise_values)[:, -1]))
+    near, off = likelihood.near_bends(sd), likelihood.beyond_first_order(soil, noise_values, sd) > OFF
+    ends = " and ".join(f"{slip:g}" for slip in likelihood.forward.model.transition_slips)
+    if near.any():
+        parts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
+    if off.any():
+        parts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
+    if not parts:
+        return ""
+    return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {'; '.join(parts)}"
+
+
+def _rows(numbers: IntArray) -> str:
+    return f"row{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
+@dataclass(frozen=True)
+class JointRows(Likelihood):
+    """Likelihood of a table whose rows hang together. Rows that are not in use are not conditioned on.
+
+    Parameters
+    ----------
+    errors : discrepancy and ripple of the measured channels, errors of slip.
+    """
+
+    errors: ModelErrors = field(default_factory=ModelErrors)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """One term: all readings of a row together."""
+        return ("readings",)
+
+    @property
+    def rows_apart(self) -> bool:
+        """No: a row's term is given all other rows."""
+        return False
+
+    def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Log density (n, m, 1) of every row's readings given those of all other rows; −inf without answer.
+
+        Their sum is not the log likelihood.
+        """
+        return self.log_rows(soil, noise_values)[1][:, :, None]
+
+    def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of soil arrays (n, 9 or 12)."""
+        total = np.full(len(soil), -np.inf)
+        for good, law in self._laws(soil, noise_values):
+            total[good] = law.log_density(self.measured)
+        return total
+
+    def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (n,), and log density (n, m) of every row given all others."""
+        total = np.full(len(soil), -np.inf)
+        rows = np.full((len(soil), len(self.observations)), -np.inf)
+        for good, law in self._laws(soil, noise_values):
+            total[good], rows[good] = law.log_density(self.measured), law.row_terms(self.measured)
+        return total, rows
+
+    def near_bends(self, sd: float) -> BoolArray:
+        """Rows (m,) whose slip, read with an error ``sd``, may lie on the other side of a transition slip."""
+        rows, model = self.forward.conditions, self.forward.model
+        distance = np.abs(rows.slip[:, None] - np.array(model.transition_slips)).min(axis=1)
+        bends = (rows.lug_height > 0) & (model.shear_start == "transition")
+        return np.asarray(bends & (distance < NEAR * sd))
+
+    def beyond_first_order(self, soil: FloatArray, noise_values: FloatArray, sd: float) -> FloatArray:
+        """How far the first order in errors of slip has mean and scatter of a row's readings off, (m,).
+
+        In standard deviations of a reading, at the channel where it is most; median over parameter sets.
+        """
+        forward, columns = self.forward, self._columns
+        outcomes = forward(soil, every_row=True)
+        middle = outcomes.values[:, :, columns]
+        slopes = slip_slopes(forward, soil, outcomes.values)[:, :, columns] * sd
+        nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+        values = np.stack([self._at_slip(soil, node * sd)[:, :, columns] for node in nodes])
+        share = np.where(np.isfinite(values), weights[:, None, None, None], 0.0)
+        share /= np.maximum(share.sum(axis=0), 1e-300)
+        mean = (share * np.nan_to_num(values)).sum(axis=0)
+        spread = np.sqrt((share * (np.nan_to_num(values) - mean) ** 2).sum(axis=0))
+        scatter = np.sqrt(self.scales(middle, noise_values) ** 2 + slopes**2)
+        worst = np.maximum(np.abs(mean - middle), np.abs(spread - np.abs(slopes))) / scatter
+        return np.asarray(np.median(np.where(self.known, np.nan_to_num(worst), 0.0).max(axis=2), axis=0))
+
+    def _at_slip(self, soil: FloatArray, shift: float) -> FloatArray:
+        """Outcomes (n, m, all) at slips that differ by ``shift``, as far as the model goes."""
+        rows = self.forward.conditions
+        slip = np.clip(rows.slip + shift, 0.0, np.nextafter(1.0, 0.0))
+        return replace(self.forward, conditions=replace(rows, slip=slip))(soil, every_row=True).values
+
+    def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
+        found = np.full((len(soil), *self.measured.shape), np.nan)
+        for good, law in self._laws(soil, noise_values):
+            found[good] = law.scores(self.measured)
+        return found
+
+    def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
+        """Outcomes behind the readings: discrepancy, ripple and true slips drawn given the readings."""
+        return self._drawn(soil, noise_values, rng, given=True)
+
+    def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
+        """Outcomes before any reading: discrepancy, ripple and slip errors drawn as stated."""
+        return self._drawn(soil, noise_values, rng, given=False)
+
+    def discrepancy(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
+        """Draw the discrepancy (n, m, k) at the rows given the readings; NaN where there is no answer."""
+        found = np.full((len(soil), *self.measured.shape), np.nan)
+        for good, law in self._laws(soil, noise_values):
+            found[good] = law.draw(self.measured, rng).discrepancy
+        return found
+
+    def ahead(
+        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (n, t, k) of readings of rows ``targets`` (m,), which are not in use.
+
+        Given the readings of the rows in use; NaN where there is no answer.
+        """
+        places = np.flatnonzero(targets)
+        centre = np.full((len(soil), len(places), len(self.channels)), np.nan)
+        scale = centre.copy()
+        for good, law in self._laws(soil, noise_values):
+            centre[good], scale[good] = law.ahead(self.measured, places)
+        return centre, scale
+
+    def beyond(
+        self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
+    ) -> FloatArray:
+        """Draw the discrepancy (n, g, k) of a wheel at other slips, given the readings.
+
+        For a wheel that was not driven (None) it is as before any reading. NaN where a row has no answer.
+        """
+        found = np.full((len(soil), len(slip), len(self.channels)), np.nan)
+        for good, law in self._laws(soil, noise_values):
+            found[good] = law.draw(self.measured, rng, Elsewhere(wheel, slip)).elsewhere
+        return found
+
+    def fresh(
+        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
+    ) -> FloatArray:
+        """Draw ripple and effect of slip errors (n, g, k) of readings of another sweep, each by itself."""
+        sizes, g = self.sizes(len(soil), noise_values), len(forward.conditions.slip)
+        found = np.zeros((len(soil), g, len(self.channels)))
+        for which, one in enumerate(self.errors):
+            draw = sizes[:, [which]] * rng.standard_normal((len(soil), g))
+            if isinstance(one, Ripple):
+                found[:, :, self.channels.index(one.channel)] += draw
+            elif one is self.errors.slip:
+                columns = [forward.outcomes.index(name) for name in self.channels]
+                found += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
+        return found
+
+    def reading(self, where: BoolArray) -> JointRows:
+        """The same for readings where ``where`` (m, k) holds, made or yet to be made, and no others."""
+        columns = dict(zip(self.channels, np.where(where, 0.0, np.nan).T, strict=True))
+        rows = replace(self.observations, values={**self.observations.values, **columns})
+        return replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
+
+    def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
+        """The joint law of the readings at soils that have an answer in every row in use."""
+        return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes.values)
+
+    def law_at(
+        self,
+        soil: FloatArray,
+        mean: FloatArray,
+        noise_values: FloatArray,
+        values: FloatArray | None = None,
+    ) -> TableLaw:
+        """The same, where what the model says of the measured channels (n, m, k) is known."""
+        scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
+        slopes = None
+        if self.errors.slip is not None:
+            slopes = slip_slopes(self.forward, soil, values)[:, :, self._columns]
+        whitenings = self._constant
+        if whitenings is None:
+            whitenings = tuple(stack.whitening(scale, sizes, slopes) for stack in self.layout.stacks)
+        return TableLaw(self.layout, mean, scale, sizes, slopes, whitenings)
+
+    def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
+        """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
+        columns = iter(noise_values.T[sum(noise.parameter is not None for noise in self.noise) :])
+        found = [np.full(n, one.size.sd) if one.parameter is None else next(columns) for one in self.errors]
+        return np.column_stack(found)
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Readings that are conditioned on (m, k)."""
+        return np.asarray(~np.isnan(self.measured) & self.observations.use[:, None])
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What hangs together."""
+        rows = self.observations
+        found = stacks(self.errors, rows, self.channels, self.known, self._given_noise)
+        return Layout(self.errors, rows, self.channels, found)
+
+    @cached_property
+    def _given_noise(self) -> FloatArray | None:
+        """Noise (m, k) where it does not depend on the parameters; else None."""
+        if any(noise.sd is None for noise in self.noise):
+            return None
+        return np.asarray(self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))[0])
+
+    @cached_property
+    def _constant(self) -> tuple[Whitening, ...] | None:
+        """Whitenings where the covariance does not depend on the parameters; else None."""
+        if self.errors.laws or self.errors.slip or self._given_noise is None:
+            return None
+        scale, sizes = self._given_noise[None], self.sizes(1, np.empty((1, 0)))
+        return tuple(stack.whitening(scale, sizes, None) for stack in self.layout.stacks)
+
+    def _laws(
+        self, soil: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
+    ) -> Iterator[tuple[IntArray, TableLaw]]:
+        """Which soils have an answer in every row in use, a part of them at a time, and the law there."""
+        at_once = max(1, int(DOUBLES / max(1, self.layout.doubles)))
+        for first in range(0, len(soil), at_once):
+            part = slice(first, first + at_once)
+            if outcomes is None:
+                found = self.forward(soil[part], every_row=not self.observations.use.all())
+            else:
+                found = Outcomes(outcomes.values[part], outcomes.status[part])
+            used = found.values[:, self.observations.use]
+            good = np.flatnonzero((np.abs(used) < HUGE).all(axis=(1, 2)))
+            if good.size:
+                chosen = Outcomes(found.values[good], found.status[good])
+                yield first + good, self.law(soil[part][good], chosen, noise_values[part][good])
+
+    def _drawn(self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, given: bool) -> Outcomes:
+        outcomes = self.forward(soil, every_row=True)
+        for good, law in self._laws(soil, noise_values, outcomes):
+            found: Drawn = law.draw(self.measured if given else None, rng)
+            for i, column in enumerate(self._columns):
+                outcomes.values[good, :, column] += found.at_rows[:, :, i]
+        return outcomes

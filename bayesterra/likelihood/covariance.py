@@ -1,0 +1,472 @@
+"""Covariance of correlated readings: which hang together, and the law of a whole table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple, SlipError
+from bayesterra.study.observations import Observations
+
+Pair = tuple[int, int]
+
+
+def sweeps(rows: Observations) -> tuple[tuple[str, str], ...]:
+    """The sweep of every row: its wheel, and its run where the table has such a column."""
+    runs = rows.labels.get("run", ("",) * len(rows))
+    return tuple(zip(rows.wheel, runs, strict=True))
+
+
+@dataclass(frozen=True)
+class Stack:
+    """B blocks of q readings each.
+
+    Attributes
+    ----------
+    rows, columns : row and channel of every reading (B, q).
+    parts : which size, and the correlation (B, q, q) that it belongs to.
+    slip : which size is that of errors in slip, which tie the readings of a row; None where slips are exact.
+    noise : standard deviations (B, q) where they are the same for all parameter sets; else None.
+    """
+
+    rows: IntArray
+    columns: IntArray
+    parts: tuple[tuple[int, FloatArray], ...]
+    slip: int | None
+    noise: FloatArray | None = None
+
+    @cached_property
+    def axes(self) -> tuple[int, FloatArray, FloatArray, float] | None:
+        """Principal axes of the one thing that ties a stack's readings beside noise that is known.
+
+        Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along
+        which readings then are independent, and the log of the noise, summed; None where there is more to it.
+        """
+        if self.noise is None or self.slip is not None or len(self.parts) != 1:
+            return None
+        which, correlation = self.parts[0]
+        values, vectors = np.linalg.eigh(correlation / (self.noise[..., :, None] * self.noise[..., None, :]))
+        along = vectors.swapaxes(-1, -2) / self.noise[..., None, :]
+        return which, np.maximum(values, 0.0), np.asarray(along), float(np.log(self.noise).sum())
+
+    def covariance(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray:
+        """Covariance (n, B, q, q) for noise (n, m, k), sizes (n, j) and slopes over slip (n, m, k)."""
+        variance = scale[:, self.rows, self.columns] ** 2
+        matrix: FloatArray = np.zeros((*variance.shape, variance.shape[-1]))
+        np.einsum("nbqq->nbq", matrix)[...] = variance
+        for which, correlation in self.parts:
+            matrix += sizes[:, which, None, None, None] ** 2 * correlation
+        if self.slip is not None and slopes is not None:
+            along = sizes[:, self.slip, None, None] * slopes[:, self.rows, self.columns]
+            matrix += along[..., :, None] * along[..., None, :] * self.same_row
+        return matrix
+
+    def by_size(self, which: int, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray | None:
+        """Derivative (n, B, q, q) of the covariance by one of the sizes; None where it has no part in it."""
+        if which == self.slip and slopes is not None:
+            along = slopes[:, self.rows, self.columns]
+            tied = along[..., :, None] * along[..., None, :] * self.same_row
+            return np.asarray(2.0 * sizes[:, which, None, None, None] * tied)
+        known = dict(self.parts)
+        if which not in known:
+            return None
+        return np.asarray(2.0 * sizes[:, which, None, None, None] * known[which])
+
+    def by_slopes(self, sizes: FloatArray, slopes: FloatArray | None, change: FloatArray) -> FloatArray:
+        """Change (n, B, q, q) of the covariance as slopes (n, m, k) change, to first order."""
+        if self.slip is None or slopes is None:
+            return np.zeros((len(change), *self.same_row.shape))
+        along, more = (part[:, self.rows, self.columns] for part in (slopes, change))
+        tied = along[..., :, None] * more[..., None, :] * self.same_row
+        return np.asarray(sizes[:, self.slip, None, None, None] ** 2 * (tied + tied.swapaxes(-1, -2)))
+
+    @property
+    def same_row(self) -> BoolArray:
+        """Whether two readings of a block are of one row (B, q, q)."""
+        return np.asarray(self.rows[:, :, None] == self.rows[:, None, :])
+
+    def whitening(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> Whitening:
+        """The factor of the covariance; arguments as for :meth:`covariance`."""
+        if not self.parts and self.slip is None:
+            sd = scale[:, self.rows, self.columns]
+            return Whitening(1.0 / sd[..., None] * np.eye(sd.shape[-1]), np.log(sd).sum(axis=(1, 2)))
+        if self.axes is not None:
+            which, values, vectors, level = self.axes
+            spread = 1.0 + sizes[:, which, None, None] ** 2 * values
+            return Whitening(
+                vectors / np.sqrt(spread)[..., None], level + 0.5 * np.log(spread).sum(axis=(1, 2))
+            )
+        lower = np.linalg.cholesky(self.covariance(scale, sizes, slopes))
+        level = np.log(np.einsum("nbqq->nbq", lower)).sum(axis=(1, 2))
+        return Whitening(np.linalg.inv(lower), np.asarray(level))
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Matrices W with W K Wᵀ = 1.
+
+    Attributes
+    ----------
+    matrix : W (n or 1, B, q, q).
+    level : half the log determinants of K, all blocks together (n or 1,).
+    """
+
+    matrix: FloatArray
+    level: FloatArray
+
+    def of(self, residuals: FloatArray) -> FloatArray:
+        """White residuals (n, B, q)."""
+        return np.asarray((self.matrix @ residuals[..., None])[..., 0])
+
+    def back(self, white: FloatArray) -> FloatArray:
+        """Wᵀ times white residuals (n, B, q)."""
+        return np.asarray((self.matrix.swapaxes(-1, -2) @ white[..., None])[..., 0])
+
+    def take(self, chosen: IntArray) -> Whitening:
+        """Those of the sets, also repeatedly."""
+        if len(self.matrix) == 1:
+            return self
+        return Whitening(self.matrix[chosen], self.level[chosen])
+
+
+def stacks(
+    errors: ModelErrors,
+    rows: Observations,
+    channels: Sequence[str],
+    known: BoolArray,
+    noise: FloatArray | None = None,
+) -> list[Stack]:
+    """All readings where ``known`` (m, channels) holds, in stacks of blocks.
+
+    ``noise`` (m, channels) are the standard deviations, where they do not depend on the parameters.
+    """
+    groups: dict[tuple[object, ...], list[Pair]] = {}
+    sweep, place = sweeps(rows), _placed(errors)
+    for i, column in np.argwhere(known):
+        key = place(channels[column], int(i), rows.wheel[i], sweep[i])
+        groups.setdefault(key, []).append((int(i), int(column)))
+    alone = [pair for key, pairs in groups.items() if key[-1] == "alone" for pair in pairs]
+    blocks = [pairs for key, pairs in groups.items() if key[-1] != "alone"]
+    alike: dict[tuple[int, int], list[list[Pair]]] = {}
+    for pairs in blocks:  # of one channel, where channels are apart: then one thing ties them
+        alike.setdefault((len(pairs), pairs[0][1] if errors.slip is None else 0), []).append(pairs)
+    found = [_stack(np.array(same), errors, rows, channels, noise) for same in alike.values()]
+    if alone:
+        one = np.array([alone])
+        found.append(Stack(one[..., 0], one[..., 1], (), None))
+    return found
+
+
+def _placed(errors: ModelErrors) -> Callable[[str, int, str, object], tuple[object, ...]]:
+    """To which block a reading belongs."""
+    slip = errors.slip is not None
+
+    def place(channel: str, row: int, wheel: str, sweep: object) -> tuple[object, ...]:
+        own = ("" if slip else channel,)
+        if errors.discrepancy if slip else channel in errors.discrepancy:
+            return (*own, wheel, "wheel")
+        if errors.ripple if slip else channel in errors.ripple:
+            return (*own, sweep, "sweep")
+        return (*own, row, "row" if slip else "alone")
+
+    return place
+
+
+def _stack(
+    pairs: IntArray,
+    errors: ModelErrors,
+    rows: Observations,
+    channels: Sequence[str],
+    noise: FloatArray | None,
+) -> Stack:
+    """A stack of blocks (B, q, 2)."""
+    i, column = pairs[..., 0], pairs[..., 1]
+    parts, slip = [], None
+    for which, one in enumerate(errors):
+        if isinstance(one, Discrepancy | Ripple):
+            mine = column == channels.index(one.channel)
+            both = mine[:, :, None] & mine[:, None, :]
+            if both.any():
+                whole = correlation(one, rows)
+                parts.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
+        else:
+            slip = which
+    return Stack(i, column, tuple(parts), slip, None if noise is None else noise[i, column])
+
+
+def correlation(one: Discrepancy | Ripple, rows: Observations) -> FloatArray:
+    """Correlation (m, m) of a discrepancy or a ripple between the rows of a table."""
+    if isinstance(one, Discrepancy):
+        return _within(rows.wheel, one.correlation(rows.slip, rows.slip))
+    number = np.array(rows.rows, dtype=np.float64)
+    return _within(sweeps(rows), one.correlation(number, number))
+
+
+def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
+    """The matrix where two rows have the same label, 0 elsewhere."""
+    codes = {label: code for code, label in enumerate(dict.fromkeys(labels))}
+    code = np.array([codes[label] for label in labels])
+    return np.where(code[:, None] == code, matrix, 0.0)
+
+
+LOG_2_PI = float(np.log(2 * np.pi))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What does not depend on the parameters.
+
+    Attributes
+    ----------
+    errors : discrepancy, ripple and slip errors.
+    rows : the table.
+    channels : measured outcomes, the k columns.
+    stacks : readings that hang together, of those that are conditioned on.
+    """
+
+    errors: ModelErrors
+    rows: Observations
+    channels: tuple[str, ...]
+    stacks: Sequence[Stack]
+
+    @cached_property
+    def correlations(self) -> list[FloatArray | None]:
+        """Between all rows (m, m), by size; None for errors in slip."""
+        return [correlation(one, self.rows) if isinstance(one, Discrepancy | Ripple) else None
+                for one in self.errors]  # fmt: skip
+
+    @cached_property
+    def doubles(self) -> int:
+        """Numbers that the whitening of one parameter set takes."""
+        return sum(stack.rows.shape[0] * stack.rows.shape[1] ** 2 for stack in self.stacks)
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Slips (g,) of a wheel of the table, or of another one (None), at which discrepancies are wanted."""
+
+    wheel: str | None
+    slip: FloatArray
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn.
+
+    Attributes
+    ----------
+    at_rows : discrepancy, ripple and effect of the slip error at every row (n, m, k).
+    discrepancy : at every row (n, m, k).
+    elsewhere : the discrepancy at other slips (n, g, k).
+    """
+
+    at_rows: FloatArray
+    discrepancy: FloatArray
+    elsewhere: FloatArray
+
+
+@dataclass(frozen=True)
+class TableLaw:
+    """Law of the readings of a table at n parameter sets.
+
+    Attributes
+    ----------
+    layout : what hangs together.
+    mean, scale : what the model says, and the noise of single readings (n, m, k).
+    sizes : standard deviations of discrepancies, ripples and slip errors (n, j).
+    slopes : of the model over slip (n, m, k); None where slips are exact.
+    whitenings : of every stack.
+    """
+
+    layout: Layout
+    mean: FloatArray
+    scale: FloatArray
+    sizes: FloatArray
+    slopes: FloatArray | None
+    whitenings: tuple[Whitening, ...]
+
+    def take(self, chosen: IntArray) -> TableLaw:
+        """At some of the sets, also repeatedly."""
+        return replace(
+            self,
+            mean=self.mean[chosen],
+            scale=self.scale[chosen],
+            sizes=self.sizes[chosen],
+            slopes=None if self.slopes is None else self.slopes[chosen],
+            whitenings=tuple(one.take(chosen) for one in self.whitenings),
+        )
+
+    def _white(self, residuals: FloatArray) -> list[FloatArray]:
+        """White residuals (n, B, q) of every stack."""
+        pairs = zip(self.layout.stacks, self.whitenings, strict=True)
+        return [whitening.of(residuals[:, stack.rows, stack.columns]) for stack, whitening in pairs]
+
+    def log_density(self, readings: FloatArray) -> FloatArray:
+        """Log density (n,) of readings (m, k); only those that the layout conditions on count."""
+        total = np.zeros(len(self.mean))
+        for white, one in zip(self._white(readings - self.mean), self.whitenings, strict=True):
+            total -= 0.5 * (white**2).sum(axis=(1, 2)) + one.level + 0.5 * white[0].size * LOG_2_PI
+        return total
+
+    def pulls(self, residuals: FloatArray) -> FloatArray:
+        """K⁻¹ times residuals (n, m, k), 0 where there is no reading."""
+        found = np.zeros(residuals.shape)
+        for stack, one, white in zip(
+            self.layout.stacks, self.whitenings, self._white(residuals), strict=True
+        ):
+            found[:, stack.rows, stack.columns] = one.back(white)
+        return found
+
+    @cached_property
+    def precisions(self) -> FloatArray:
+        """Blocks of K⁻¹ for the readings of each row (n or 1, m, k, k); 1 where there is no reading."""
+        sets = max((len(one.matrix) for one in self.whitenings), default=1)
+        m, k = self.mean.shape[1:]
+        found = np.broadcast_to(np.eye(k), (sets, m, k, k)).copy()
+        for stack, one in zip(self.layout.stacks, self.whitenings, strict=True):
+            block, i, j = np.nonzero(stack.same_row)
+            columns = one.matrix.swapaxes(-1, -2)
+            value = (columns[:, block, i] * columns[:, block, j]).sum(axis=-1)
+            place = (stack.rows[block, i], stack.columns[block, i], stack.columns[block, j])
+            found[:, *place] = value
+        return found
+
+    def row_terms(self, readings: FloatArray) -> FloatArray:
+        """Log density (n, m) of each row's readings given those of all other rows.
+
+        With a = K⁻¹(y − μ) and Q the block of K⁻¹ of a row, that is a normal law of covariance Q⁻¹ around
+        y − Q⁻¹a (Bürkner, Gabry and Vehtari 2021, Computational Statistics 36, 1243).
+        """
+        pull, Q = self.pulls(readings - self.mean), self.precisions
+        _, log_det = np.linalg.slogdet(Q)
+        square = (pull * np.linalg.solve(Q, pull[..., None])[..., 0]).sum(axis=2)
+        counts = self.known.sum(axis=1)
+        return np.asarray(0.5 * (log_det - square - counts * LOG_2_PI))
+
+    def scores(self, readings: FloatArray) -> FloatArray:
+        """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
+        pull, Q = self.pulls(readings - self.mean), self.precisions
+        deviation = np.linalg.solve(Q, pull[..., None])[..., 0]
+        spread = np.sqrt(np.einsum("nmkk->nmk", np.linalg.inv(Q)))
+        return np.where(self.known, deviation / spread, np.nan)
+
+    def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (n, t, k) of readings of rows not conditioned on, given others.
+
+        Noise, ripple and slip errors of these rows are among it.
+        """
+        centre, variance = self.mean[:, targets].copy(), self.scale[:, targets] ** 2
+        variance = variance + self._loose(targets)
+        residuals = self._white(readings - self.mean)
+        for column in range(centre.shape[2]):
+            for stack, one, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
+                told = one.matrix @ self._between(stack, targets, column)
+                centre[:, :, column] += (white[..., None] * told).sum(axis=(1, 2))
+                variance[:, :, column] -= (told**2).sum(axis=(1, 2))
+        return centre, np.sqrt(variance)
+
+    def _loose(self, targets: IntArray) -> FloatArray:
+        """Variance (n, t, k) of discrepancy, ripple and slip errors before any reading."""
+        found = np.zeros((len(self.mean), len(targets), self.mean.shape[2]))
+        for which, one in enumerate(self.layout.errors):
+            square = self.sizes[:, [which]] ** 2
+            if isinstance(one, Discrepancy | Ripple):
+                found[:, :, self._column(one)] += square
+            else:
+                found += square[..., None] * self._slopes[:, targets] ** 2
+        return found
+
+    def _between(self, stack: Stack, targets: IntArray, column: int) -> FloatArray:
+        """Covariance (n, B, q, t) of the readings of a stack with those of a channel in other rows."""
+        found = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
+        for which, one in enumerate(self.layout.errors):
+            between = self.layout.correlations[which]
+            if isinstance(one, SlipError) or between is None:
+                continue
+            if self._column(one) == column:
+                mine = (stack.columns == column)[..., None]
+                shared = np.where(mine, between[stack.rows[..., None], targets], 0.0)
+                found += self.sizes[:, which, None, None, None] ** 2 * shared
+        return found
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Readings that are conditioned on (m, k)."""
+        found = np.zeros(self.mean.shape[1:], dtype=np.bool_)
+        for stack in self.layout.stacks:
+            found[stack.rows, stack.columns] = True
+        return found
+
+    def draw(self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None) -> Drawn:
+        """Draw discrepancy, ripple and slip errors given readings (m, k), or before any (None).
+
+        By Matheron's rule: a draw before the readings, moved by what the readings say against it.
+        """
+        errors, m = list(self.layout.errors), self.mean.shape[1]
+        across = [self._across(which, one, elsewhere) for which, one in enumerate(errors)]
+        fields = [self._before(which, matrix, rng) for which, matrix in enumerate(across)]
+        if readings is not None:
+            noise = self.scale * rng.standard_normal(self.scale.shape)
+            pull = self.pulls(readings - self.mean - self._effects(fields)[0] - noise)
+            told = [self._told(which, one, across[which][:, :m], pull) for which, one in enumerate(errors)]
+            fields = [field + more for field, more in zip(fields, told, strict=True)]
+        at_rows, curves = self._effects(fields)
+        new = 0 if elsewhere is None else len(elsewhere.slip)
+        there = np.zeros((len(self.mean), new, self.mean.shape[2]))
+        for one, field in zip(errors, fields, strict=True):
+            if isinstance(one, Discrepancy):
+                there[:, :, self._column(one)] = field[:, m:]
+        return Drawn(at_rows, curves, there)
+
+    def _column(self, one: Discrepancy | Ripple) -> int:
+        return self.layout.channels.index(one.channel)
+
+    def _across(self, which: int, one: object, elsewhere: Elsewhere | None) -> FloatArray:
+        """Correlation of a field at rows and, for a discrepancy, at slips elsewhere, among themselves."""
+        inside = self.layout.correlations[which]
+        if inside is None:
+            return np.eye(self.mean.shape[1])
+        if not isinstance(one, Discrepancy) or elsewhere is None:
+            return inside
+        rows = self.layout.rows
+        same = np.array([wheel == elsewhere.wheel for wheel in rows.wheel])
+        between = np.where(same[:, None], one.correlation(rows.slip, elsewhere.slip), 0.0)
+        beyond = one.correlation(elsewhere.slip, elsewhere.slip)
+        return np.block([[inside, between], [between.T, beyond]])
+
+    def _before(self, which: int, matrix: FloatArray, rng: Generator) -> FloatArray:
+        """A field (n, m + g) before any reading."""
+        values, vectors = np.linalg.eigh(matrix)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        unit = rng.standard_normal((len(self.mean), len(root))) @ root.T
+        return np.asarray(self.sizes[:, [which]] * unit)
+
+    def _told(self, which: int, one: object, to_rows: FloatArray, pull: FloatArray) -> FloatArray:
+        """What readings say of a field (n, m + g): its covariance with them times their pull."""
+        if isinstance(one, Discrepancy | Ripple):
+            heard = pull[:, :, self._column(one)]
+        else:
+            heard = (pull * self._slopes).sum(axis=2)
+        return np.asarray(self.sizes[:, [which]] ** 2 * (heard @ to_rows.T))
+
+    def _effects(self, fields: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """All fields as they enter the readings of the rows, and discrepancies alone, (n, m, k)."""
+        m, total = self.mean.shape[1], np.zeros(self.mean.shape)
+        curves = np.zeros(self.mean.shape)
+        for one, field in zip(self.layout.errors, fields, strict=True):
+            if isinstance(one, Discrepancy):
+                curves[:, :, self._column(one)] += field[:, :m]
+            elif isinstance(one, Ripple):
+                total[:, :, self._column(one)] += field[:, :m]
+            else:
+                total += self._slopes * field[:, :, None]
+        return total + curves, curves
+
+    @property
+    def _slopes(self) -> FloatArray:
+        return np.zeros(self.mean.shape) if self.slopes is None else self.slopes

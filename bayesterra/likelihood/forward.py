@@ -1,0 +1,176 @@
+"""A model held at the conditions of a table: soil in, modelled outcomes of every row out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
+from bayesterra.models import Conditions, Wheel, WheelSoilModel
+from bayesterra.parameters import (
+    LOAD_EFFECT,
+    MODEL_PARAMETERS,
+    MODULI,
+    OFFSET,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
+from bayesterra.study.observations import DRIVE_OUTCOMES, Observations
+
+Codes = NDArray[np.int8]
+
+_SOILS = len(SOIL_PARAMETERS)
+
+_WIDTHS = (_SOILS, len(MODEL_PARAMETERS))
+
+_EFFECTS = len(PRIOR_PARAMETERS) - len(LOAD_EFFECT)
+
+_KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """Modelled outcomes of every observation for every parameter set.
+
+    Attributes
+    ----------
+    values : (n, m, k) in the order of ``DRIVE_OUTCOMES``, NaN where the model has no answer.
+    status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
+    """
+
+    values: FloatArray
+    status: IntArray
+
+
+def soil_at(soil: FloatArray, width: float) -> FloatArray:
+    """The model's parameters (n, 9) under a wheel of ``width`` (m): K_s = k_c/b + k_φ where these are used.
+
+    ``soil`` (n, 9 or 12) is an array of :meth:`bayesterra.study.priors.Prior.soil_values`; the four columns
+    more of a load effect are kept, (n, 13). A modulus that is not positive is NaN: nothing carries the wheel.
+    """
+    plain = _plain(soil)
+    if not _has_moduli(soil):
+        return plain
+    modulus = soil[:, _KC] / width + soil[:, _KPHI]
+    return np.column_stack([np.where(modulus > 0, modulus, np.nan), plain[:, 1:]])
+
+
+def _has_moduli(soil: FloatArray) -> bool:
+    return soil.shape[1] not in _WIDTHS and not bool(np.isnan(soil[:, _KC]).all())
+
+
+def _plain(soil: FloatArray) -> FloatArray:
+    """The model's parameters (n, 9 or 13) as they stand in a soil array."""
+    if soil.shape[1] in _WIDTHS:
+        return soil
+    plain, effects = soil[:, :_SOILS], soil[:, _EFFECTS:]
+    return np.column_stack([plain, effects]) if effects.shape[1] else plain
+
+
+def offset_of(soil: FloatArray) -> FloatArray:
+    """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, 9 or 12)."""
+    return np.zeros((len(soil), 1)) if soil.shape[1] in _WIDTHS else soil[:, _OFFSET : _OFFSET + 1]
+
+
+@dataclass(frozen=True)
+class Forward:
+    """A model held at rows: soil parameters in, outcomes of the drive out.
+
+    Parameters
+    ----------
+    model : one of the models with its options.
+    drive : ``load``, ``sinkage``, or ``both``, which is ``load`` with the normal force among the outcomes.
+    conditions : slip and wheel of every row.
+    given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
+    as_read : sinkages are readings, with the zero error of the instrument; else true ones.
+    """
+
+    model: WheelSoilModel
+    drive: str
+    conditions: Conditions
+    given: FloatArray
+    as_read: bool = False
+
+    @classmethod
+    def of(
+        cls, model: WheelSoilModel, drive: str, observations: Observations, wheels: dict[str, Wheel]
+    ) -> Forward:
+        """Hold ``model`` at the rows of ``observations``, whose sinkages are readings.
+
+        With drive ``both`` the load is the one that a row knows best; see :func:`known_loads`.
+        """
+        conditions = Conditions.of([wheels[name] for name in observations.wheel], observations.slip)
+        given = {
+            "load": observations.load,
+            "sinkage": observations.values.get("sinkage", observations.load),
+            "both": known_loads(observations),
+        }[drive]
+        return cls(model, drive, conditions, frozen(given), as_read=True)
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """Names along the last axis of the outcomes."""
+        return DRIVE_OUTCOMES[self.drive]
+
+    def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
+        """Model all rows for soil arrays (n, 9 or 12).
+
+        A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
+        with ``every_row`` each row that has an answer gets it.
+        """
+        offset = offset_of(soil) if self.as_read else 0.0
+        given = self.given - offset if self.drive == "sinkage" and self.as_read else self.given
+        values, status = self._answers(soil, given, every_row)
+        if self.drive != "sinkage":
+            values[:, :, 0] += offset
+        return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
+
+    def _answers(self, soil: FloatArray, given: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
+        """What the model says (n, m, 3), and its status (n, m)."""
+        run = self.model.forces_at if self.drive == "sinkage" else self.model.response_at
+        groups = list(by_wheel(soil, self.conditions))
+        if len(groups) == 1:
+            return run(groups[0][1], self.conditions, given, every_row=every_row)
+        values = np.empty((len(soil), len(self.conditions.slip), 3))
+        status = np.empty(values.shape[:2], dtype=np.int8)
+        for rows, theta in groups:
+            part = take(self.conditions, rows)
+            values[:, rows], status[:, rows] = run(theta, part, given[..., rows], every_row=every_row)
+        return values, status
+
+    def _with_normal_force(self, values: FloatArray) -> FloatArray:
+        """In the drive ``both`` the load is what the normal force reads."""
+        if self.drive != "both":
+            return values
+        force = np.where(np.isnan(values[:, :, 0]), np.nan, self.given)
+        return np.insert(values, 1, force, axis=2)
+
+    def row(self, i: int) -> Forward:
+        """The same model at row ``i`` only."""
+        chosen = np.arange(len(self.conditions.slip)) == i
+        return replace(self, conditions=take(self.conditions, chosen), given=self.given[..., chosen])
+
+
+def by_wheel(soil: FloatArray, conditions: Conditions) -> Iterator[tuple[BoolArray, FloatArray]]:
+    """Rows (m,) that share the model's parameters, and these (n, 9 or 13)."""
+    if not _has_moduli(soil):
+        yield np.ones(len(conditions.slip), dtype=np.bool_), _plain(soil)
+        return
+    for width in np.unique(conditions.width):
+        yield conditions.width == width, soil_at(soil, float(width))
+
+
+def take(conditions: Conditions, rows: BoolArray) -> Conditions:
+    """The rows of ``conditions`` in ``rows`` (m,)."""
+    return Conditions(**{field.name: getattr(conditions, field.name)[rows] for field in fields(conditions)})
+
+
+def known_loads(observations: Observations) -> FloatArray:
+    """Load (m,) of every row, N: as given, else the measured normal force, else the median of the others."""
+    force = observations.values.get("normal_force", observations.load)
+    loads = np.where(np.isnan(observations.load), force, observations.load)
+    middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
+    return np.where(np.isnan(loads), middle, loads)

@@ -1,0 +1,212 @@
+"""How a study is shown on a page: readings, wheels, model, noise, prior and its physical support."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from markupsafe import Markup
+
+from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.correlated import slip_doubts
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import Block, Cell, Table, Text
+from bayesterra.report.numbers import NOTHING, column, given, share
+from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
+from bayesterra.stats.laws import Law
+from bayesterra.study.model_errors import Size
+from bayesterra.study.noise import Noise
+from bayesterra.study.page import law_text
+from bayesterra.study.priors import Entry, Tie
+from bayesterra.study.study import Study
+
+EQUATIONS = {
+    "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
+    "M2": "closed form with linear stresses, (18) to (24)",
+    "M3": "closed form with linear stress cosines, (25) and (26)",
+    "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
+}
+"""Equation numbers of Ding et al. 2015."""
+
+DRIVES = {
+    "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
+    "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",
+    "both": "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment "
+    "are outcomes.",
+}
+
+
+def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
+    """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
+    doubts = slip_doubts(target.likelihood, target.prior.soil_values(x), target.noise_values(x))
+    return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
+
+
+def conditions(study: Study) -> tuple[Block, ...]:
+    """Rows, wheels, model and notes."""
+    notes = [Text(Markup("Note: {}").format(note)) for note in study.notes]
+    return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
+
+
+def _readings(study: Study) -> Table:
+    rows = study.observations
+    conditioned = {"load": rows.load, **rows.values}
+    given = {name: conditioned[name] for name in (study.drive,) if name != "both"}
+    columns = {**given, **{name: rows.values[name] for name in study.noise}}
+    many = len(study.wheels) > 1
+    shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
+    slips, body = column(rows.slip, 4), []
+    for i, row in enumerate(rows.rows):
+        wheel = (rows.wheel[i],) if many else ()
+        body.append(
+            (f"{row}", *wheel, slips[i], *(cells[i] for cells in shown), "yes" if rows.use[i] else "no")
+        )
+    noise = (noise_text(study.noise[name]) if name in study.noise else "given" for name in columns)
+    body.append(("noise (sd)", *([""] if many else []), "", *noise, ""))
+    header = (
+        "row",
+        *(["wheel"] if many else []),
+        symbol("slip"),
+        *(with_unit(name) for name in columns),
+        "in the fit",
+    )
+    caption = Markup(
+        "Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}"
+    ).format(_origin(study))
+    return Table(caption, "l" + "l" * many + "r" * (len(columns) + 1) + "c", header, tuple(body))
+
+
+def _origin(study: Study) -> str:
+    source = f": {study.source}" if study.source else ""
+    return f"Source ({study.kind}){source}."
+
+
+def noise_text(noise: Noise) -> Cell:
+    """Noise of a channel in its field unit, in a few words."""
+    scale = CHANNELS[noise.channel].scale
+    tails = "" if math.isinf(noise.dof) else f", t with {noise.dof:g} dof"
+    if noise.law is not None:
+        return f"estimated{tails}"
+    if noise.fraction is not None:
+        return f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}{tails}"
+    return f"{(noise.sd or 0.0) / scale:g}{tails}"
+
+
+def _wheels(study: Study) -> Table:
+    rows = tuple(
+        (
+            name,
+            given(wheel.radius * 1e3),
+            given(wheel.width * 1e3),
+            given(wheel.lug_height * 1e3),
+            str(wheel.lug_count),
+            NOTHING
+            if wheel.shearing_radius_coefficient is None
+            else f"{wheel.shearing_radius_coefficient:.3g}",
+            f"{float(wheel.shearing_radius()) * 1e3:.4g}",
+        )
+        for name, wheel in study.wheels.items()
+    )
+    header = ("wheel", "radius [mm]", "width [mm]", "lug height [mm]", "lugs", Markup("<i>λ</i><sub>s</sub>"),
+              Markup("<i>r</i><sub>s</sub> [mm]"))  # fmt: skip
+    return Table("Wheels.", "lrrrrrr", header, rows)
+
+
+def _model(study: Study) -> Markup:
+    options = ", ".join(
+        f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items()
+    )
+    return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
+                  "{} noise of the standard deviation in the last line of the table.").format(
+        study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive], _law_of_noise(study)
+    )  # fmt: skip
+
+
+def _errors(study: Study) -> tuple[Text, ...]:
+    """Discrepancy, ripple and slip errors in words, where there are any."""
+    errors, parts = study.errors, []
+    if errors.discrepancy:
+        kinds = listed(
+            Markup("{} (sd {}, over slips of {:g}{})").format(
+                symbol(one.channel), _size(one.channel, one.size), one.length,
+                "" if one.kernel == "smooth" else ", Matérn 5/2",
+            )
+            for one in errors.discrepancy.values()
+        )  # fmt: skip
+        text = Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.")
+        parts.append(text.format(kinds))
+    if errors.ripple:
+        kinds = listed(
+            Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
+                symbol(one.channel), _size(one.channel, one.size), one.memory,
+                "" if math.isinf(one.period) else f", crests {one.period:g} rows apart",
+            )
+            for one in errors.ripple.values()
+        )  # fmt: skip
+        parts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
+    if errors.slip is not None:
+        parts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
+    return (Text(Markup(" ").join(parts)),) if parts else ()
+
+
+def _size(channel: str, size: Size) -> Markup:
+    if size.law is not None:
+        return Markup("estimated")
+    return amount(channel, given((size.sd or 0.0) / CHANNELS[channel].scale))
+
+
+def _law_of_noise(study: Study) -> str:
+    heavy = [noise for noise in study.noise.values() if not math.isinf(noise.dof)]
+    if not heavy:
+        return "Gaussian"
+    return "Student-t" if len(heavy) == len(study.noise) else "Gaussian or (where marked t) Student-t"
+
+
+def _option(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g} N"  # the mean load, the one option that has a unit
+    return " and ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
+
+
+def prior_sources(study: Study) -> tuple[Block, ...]:
+    """A table of where the prior laws come from; nothing where none says so."""
+    rows = tuple((symbols(names), source) for names, source in study.prior.sources.items())
+    return (Table("Where the prior laws come from.", "ll", ("", "source"), rows),) if rows else ()
+
+
+def stated_law(name: str, entry: Entry) -> Markup:
+    """A parameter's law, value or tie as the study states it."""
+    if isinstance(entry, Law):
+        return law_text(name, entry)
+    if isinstance(entry, Tie):
+        return Markup("that of {}").format(symbol(entry.to))
+    value = float(entry)
+    return Markup("fixed at {}").format(amount(name, given(value / PARAMETERS[name].scale)))
+
+
+def support(found: Mapping[str, Any]) -> Markup:
+    """What physics cuts from the prior, from the record of the cut."""
+    shares = dict(found["shares"])
+    inside = shares.pop("inside the support", 0.0)
+    if not shares:
+        return Markup("No draw of the stated prior ({}) contradicts the physics.").format(found["tried"])
+    cut = listed(Markup("{} ({})").format(angles(reason), share(part)) for reason, part in shares.items())
+    return Markup(
+        "Physical cut: {} of the stated prior has an answer at every row. The rest does not count as prior: "
+        "{}. Shares of {} draws."
+    ).format(share(inside), cut, found["tried"])
+
+
+def estimated_noise(study: Study) -> Markup:
+    """Which channels have their noise estimated, as a clause."""
+    names = [name for name, noise in study.noise.items() if noise.law is not None]
+    if not names:
+        return Markup("")
+    return Markup(
+        " The noise of {} was estimated from the same readings, which makes the checks lenient there."
+    ).format(symbols(names))

@@ -1,0 +1,243 @@
+"""Prior and likelihood joined: one callable that knows why a parameter set is impossible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.errors import SupportError, check_kind
+from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.forward import Forward, Outcomes, soil_at
+from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.models import Status
+from bayesterra.parameters import NOISE_PREFIX, SIZES
+from bayesterra.study.observations import Observations
+from bayesterra.study.priors import Prior
+from bayesterra.study.study import Study
+
+INSIDE, OUTSIDE_PRIOR, OUTSIDE_PHYSICS = 0, -1, -2
+"""Codes of :meth:`Posterior.reasons` beside those of :class:`bayesterra.models.Status`."""
+
+REASONS: Mapping[int, str] = {
+    INSIDE: "inside the support",
+    OUTSIDE_PRIOR: "outside the prior",
+    OUTSIDE_PHYSICS: "Ks, K ≤ 0, c < 0 or φ outside [0°, 90°)",
+    int(Status.EXPONENT): "N = n0 + n1 s ≤ 0",
+    int(Status.CONTACT_ANGLE): "θm outside (θ2, θ1)",
+    int(Status.LOAD): "no sinkage below the wheel radius carries the load",
+    int(Status.SINKAGE): "sinkage outside (0, r)",
+    int(Status.NORMAL_FORCE): "no normal force in (42) at the sinkage",
+}
+
+
+class Drawable(Protocol):
+    """A prior that can be drawn from."""
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw parameter sets (n, d), before the physical cut."""
+
+
+class Density(Protocol):
+    """What sampling needs to know of a posterior; see :class:`Posterior`, of which it is the outline."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+
+    @property
+    def prior(self) -> Drawable:
+        """The stated prior."""
+
+    def reasons(self, x: FloatArray) -> IntArray:
+        """Why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Posterior density of the free parameters of a study.
+
+    Parameters are in physical units (SI, radians), one column per entry of :attr:`names`. The density holds
+    every constant of prior and likelihood; the prior is the stated law, set to zero outside the physical
+    support and not renormalised (:func:`support_shares` measures what the cut takes).
+    """
+
+    prior: Prior
+    likelihood: Likelihood
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters: soil parameters first, then ``noise_<channel>``."""
+        return self.prior.names
+
+    @cached_property
+    def _noise_columns(self) -> list[int]:
+        return [i for i, name in enumerate(self.names) if name.startswith(SIZES)]
+
+    def noise_values(self, x: FloatArray, channels: tuple[str, ...] | None = None) -> FloatArray:
+        """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d), of some channels or all."""
+        if channels is None:
+            return x[:, self._noise_columns]
+        wanted = [NOISE_PREFIX + name for name in channels]
+        return x[:, [i for i in self._noise_columns if self.names[i] in wanted]]
+
+    def outcomes(self, x: FloatArray) -> Outcomes:
+        """Model the rows in the fit for parameter sets ``x`` (n, d) inside the physical ranges."""
+        return self.likelihood.forward(self.prior.soil_values(x))
+
+    def log_terms(self, x: FloatArray) -> FloatArray:
+        """Log likelihood (n, rows, terms) of every row in the fit; see ``likelihood.terms``.
+
+        Where rows hang together it is given all other rows, and the sum is not the log likelihood.
+        """
+        return self.likelihood.log_terms(self.prior.soil_values(x), self.noise_values(x))
+
+    def log_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (n,), and log density (n, rows) of every row given all other rows."""
+        return self.likelihood.log_rows(self.prior.soil_values(x), self.noise_values(x))
+
+    def explained(self, x: FloatArray, rng: Generator) -> Outcomes:
+        """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
+        return self.likelihood.explained(self.prior.soil_values(x), self.noise_values(x), rng)
+
+    def log_prior(self, x: FloatArray) -> FloatArray:
+        """Log density (n,) of the stated prior, −inf outside its range and outside the physical ranges."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        known = np.asarray(np.isfinite(x).all(axis=1))
+        safe = np.where(known[:, None], x, 0.0)
+        return np.where(known & self._physical(safe), self.prior.log_density(safe), -np.inf)
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        prior, likelihood = self.log_prior(x), np.full(len(x), -np.inf)
+        candidates = np.flatnonzero(prior > -np.inf)
+        if candidates.size:
+            inside = x[candidates]
+            likelihood[candidates] = self.likelihood.log_likelihood(
+                self.prior.soil_values(inside), self.noise_values(inside)
+            )
+        if np.isnan(likelihood).any() or np.isnan(prior).any():
+            worst = x[np.isnan(likelihood) | np.isnan(prior)][0]
+            raise FloatingPointError(f"log density is NaN at {dict(zip(self.names, worst, strict=True))}")
+        return np.where(likelihood > -np.inf, prior, -np.inf), likelihood
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log posterior density (n,) of parameter sets ``x`` (n, d); −inf outside the support, never NaN.
+
+        Raises
+        ------
+        ValueError : ``x`` does not have one column per free parameter.
+        """
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        if x.ndim != 2 or x.shape[1] != len(self.names):
+            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
+        prior, likelihood = self.log_prior_and_likelihood(x)
+        return prior + np.where(likelihood > -np.inf, likelihood, 0.0)
+
+    def reasons(self, x: FloatArray) -> IntArray:
+        """Why each parameter set (n, d) has no density: a key of ``REASONS`` each, 0 where it has one."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        reasons = np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, INSIDE)
+        reasons[(reasons == INSIDE) & ~self._physical(x)] = OUTSIDE_PHYSICS
+        candidates = np.flatnonzero(reasons == INSIDE)
+        if candidates.size:
+            reasons[candidates] = self.likelihood.status(self.prior.soil_values(x[candidates]))
+        return reasons
+
+    def _physical(self, x: FloatArray) -> BoolArray:
+        soil = self.prior.soil_values(x)
+        _, _, _, c, phi, K, *_ = soil.T
+        inside = (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
+        for width in np.unique(self.likelihood.forward.conditions.width):
+            inside &= soil_at(soil, float(width))[:, 0] > 0
+        return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
+
+
+@dataclass(frozen=True)
+class PriorDraws:
+    """Draws from the prior cut to the physical support, and what the cut took.
+
+    Attributes
+    ----------
+    x : accepted parameter sets (n, d).
+    shares : share of the stated prior in each reason of ``REASONS`` (the support itself included).
+    tried : number of draws from the stated prior behind the shares.
+    """
+
+    x: FloatArray
+    shares: Mapping[str, float]
+    tried: int
+
+
+def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:
+    """Draw ``n`` parameter sets from the prior cut to the physical support.
+
+    Raises
+    ------
+    SupportError : fewer than one in 50 000 draws of the stated prior lies in the support.
+    """
+    kept: list[FloatArray] = []
+    counts = dict.fromkeys(REASONS, 0)
+    found = tried = 0
+    while found < n:
+        x = posterior.prior.sample(batch, rng)
+        reasons = posterior.reasons(x)
+        for code, count in zip(*np.unique(reasons, return_counts=True), strict=True):
+            counts[int(code)] += int(count)
+        kept.append(x[reasons == INSIDE])
+        found, tried = found + len(kept[-1]), tried + batch
+        if tried >= 50_000 and found < tried / 50_000:
+            raise SupportError(_no_support(counts, tried))
+    shares = {REASONS[code]: count / tried for code, count in counts.items() if count}
+    return PriorDraws(np.concatenate(kept)[:n], shares, tried)
+
+
+def _no_support(counts: Mapping[int, int], tried: int) -> str:
+    reached = {code: count for code, count in counts.items() if count}
+    shares = _percentages(reached, tried)
+    listed = [f"{shares[code]}: {REASONS[code]}" for code in sorted(reached, key=lambda code: -reached[code])]
+    return (
+        f"no parameter set of the prior fits the conditions of the data: of {tried} draws {', '.join(listed)}"
+    )
+
+
+def _percentages(counts: Mapping[int, int], tried: int) -> dict[int, str]:
+    """Shares of ``tried`` as text, to a tenth of a percent, such that they add up to 100 %."""
+    exact = {code: 1000 * count / tried for code, count in counts.items()}
+    tenths = {code: int(share) for code, share in exact.items()}
+    left = 1000 - sum(tenths.values())
+    for code in sorted(exact, key=lambda code: tenths[code] - exact[code])[:left]:
+        tenths[code] += 1
+    return {code: f"{share / 10:g} %" if share else "less than 0.1 %" for code, share in tenths.items()}
+
+
+def posterior(study: Study) -> Posterior:
+    """Build the posterior density of a study.
+
+    Raises
+    ------
+    StudyError : no study is given.
+    """
+    check_kind("bt.posterior", study, Study)
+    return Posterior(study.prior, likelihood_of(study, study.observations.used()))
+
+
+def likelihood_of(study: Study, rows: Observations) -> Likelihood:
+    """The likelihood of a study for some or all of its rows."""
+    forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
+    noise = tuple(study.noise.values())
+    if study.errors:
+        return JointRows(forward, rows, noise, study.errors)
+    if study.load_range is None:
+        return Likelihood(forward, rows, noise)
+    return LatentLoad(forward, rows, noise, study.load_range)

@@ -1,0 +1,366 @@
+"""Derivatives of readings by parameters, and the Fisher information that they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.likelihood.correlated import STEP, JointRows
+from bayesterra.likelihood.covariance import TableLaw
+from bayesterra.likelihood.forward import Forward, by_wheel, offset_of, take
+from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.models import Conditions
+from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Prior
+
+_KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Modelled outcomes of n parameter sets in m rows and their derivatives, SI; NaN without an answer.
+
+    Attributes
+    ----------
+    names : the d free parameters.
+    channels : the k outcomes.
+    values : (n, m, k).
+    by_parameter : (n, m, k, d), at the given load or sinkage reading; at constant load with drive ``both``.
+    by_load : (n, m, k), derivative by the row's latent load; 0 where the load is known.
+    """
+
+    names: tuple[str, ...]
+    channels: tuple[str, ...]
+    values: FloatArray
+    by_parameter: FloatArray
+    by_load: FloatArray
+
+    def of(self, channels: tuple[str, ...]) -> Sensitivities:
+        """Only some channels."""
+        kept = [self.channels.index(name) for name in channels]
+        return Sensitivities(
+            self.names,
+            channels,
+            self.values[:, :, kept],
+            self.by_parameter[:, :, kept],
+            self.by_load[:, :, kept],
+        )
+
+
+def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
+    """Values and exact derivatives of every outcome of the drive, measured or not, at sets ``x`` (n, d)."""
+    x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+    forward, prior = posterior.likelihood.forward, posterior.prior
+    soil, given = prior.soil_values(x), known_inputs(posterior.likelihood)
+    offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
+    shift = _offset_slopes(prior) if forward.as_read else np.zeros(len(prior.names))
+    parameters, shape = forward.model.parameters, (len(x), len(given), 3)
+    values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
+    by_load = np.zeros(shape)
+    for rows, theta in by_wheel(soil, forward.conditions):
+        part = take(forward.conditions, rows)
+        at = given[rows] - offset if forward.drive == "sinkage" else given[rows]
+        values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
+        slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
+        by_load[:, rows] = local[..., -1]
+    if forward.drive == "sinkage":
+        slopes -= by_load[..., None] * shift
+    else:
+        values[:, :, 0] += offset
+        slopes[:, :, 0] += shift
+    if forward.drive == "both":
+        return _with_normal_force(posterior, given, values, slopes, by_load)
+    return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
+
+
+def known_inputs(likelihood: Likelihood) -> FloatArray:
+    """Load or sinkage reading of every row (m,); the best known value of a latent load, in its range."""
+    given = likelihood.forward.given
+    if not isinstance(likelihood, LatentLoad):
+        return given
+    middle = np.mean(likelihood.load_range)
+    return np.asarray(np.clip(np.where(np.isnan(given), middle, given), *likelihood.load_range))
+
+
+def _by_soil_and_given(
+    forward: Forward, theta: FloatArray, conditions: Conditions, given: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What the model says (n, m, 3), and its derivatives by its parameters and by what is given.
+
+    Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
+    """
+    model = forward.model
+    if forward.drive == "sinkage":
+        values, _ = model.forces_at(theta, conditions, given, every_row=True)
+        return values, model.jacobian_at(theta, conditions, given)
+    values, _ = model.response_at(theta, conditions, given, every_row=True)
+    slopes = model.jacobian_at(theta, conditions, values[..., 0])
+    by_sinkage = slopes[..., -1:].copy()
+    sinkage = np.concatenate([-slopes[..., :1, :-1], np.ones_like(by_sinkage[..., :1, :])], axis=-1)
+    sinkage /= by_sinkage[..., :1, :]
+    slopes[..., -1] = 0.0
+    slopes = slopes + by_sinkage * sinkage
+    slopes[..., 0, :] = sinkage[..., 0, :]
+    return values, model.known_under(given, slopes)
+
+
+def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:
+    """Derivative (9, d) of the model's parameters under a wheel of ``width`` by the free ones: a constant."""
+    slopes = _column_slopes(prior)
+    if prior.uses_moduli:
+        slopes[0] = slopes[_KC] / width + slopes[_KPHI]
+    return slopes[[prior.soil_columns.index(name) for name in parameters]]
+
+
+def _offset_slopes(prior: Prior) -> FloatArray:
+    """Derivative (d,) of the zero error of the sinkage by the free parameters."""
+    slopes = _column_slopes(prior)
+    return slopes[_OFFSET] if OFFSET in prior.soil_columns else np.zeros(len(prior.names))
+
+
+def _column_slopes(prior: Prior) -> FloatArray:
+    template, into, source = prior.soil_template
+    slopes = np.zeros((len(template), len(prior.names)))
+    slopes[into, source] = 1.0
+    return slopes
+
+
+def _with_normal_force(
+    posterior: Posterior, given: FloatArray, values: FloatArray, slopes: FloatArray, by_load: FloatArray
+) -> Sensitivities:
+    """The normal force reads the load: it knows nothing of the soil."""
+    known = np.isfinite(values[:, :, 0])
+    force = np.where(known, given, np.nan)
+    zero = np.where(known[..., None], np.zeros(slopes.shape[-1]), np.nan)
+    return Sensitivities(
+        posterior.names,
+        posterior.likelihood.forward.outcomes,
+        np.insert(values, 1, force, axis=2),
+        np.insert(slopes, 1, zero, axis=2),
+        np.insert(by_load, 1, np.where(known, 1.0, np.nan), axis=2),
+    )
+
+
+def read_where(posterior: Posterior, channels: Sequence[str]) -> BoolArray:
+    """Whether each row reads each channel (m, k).
+
+    A channel without any reading counts as read in every row: it is yet to be measured.
+    """
+    measured = posterior.likelihood.observations.values
+    none = np.zeros(len(posterior.likelihood.observations), dtype=np.bool_)
+    columns = [~np.isnan(measured[name]) if name in measured else none for name in channels]
+    read = np.column_stack(columns)
+    return np.asarray(read | ~read.any(axis=0))
+
+
+def has_own_sd(likelihood: Likelihood, noise: Noise) -> BoolArray:
+    """Rows (m,) whose table gives the standard deviation, which overrides the channel's noise."""
+    own = likelihood.observations.given_sd.get(noise.channel)
+    return np.zeros(len(likelihood.observations), dtype=np.bool_) if own is None else ~np.isnan(own)
+
+
+def weighted_sensitivities(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Sensitivities in units of the noise (n, q, d), whose product AᵀA is the Fisher information.
+
+    Two rows stand for each row and channel, ∇μ √a / σ and ∇σ √b / σ; 0 where nothing is read, see
+    :func:`read_where`. Sets without an answer in a row that is read are NaN. Where rows hang together there
+    is one row for each reading, and one for each parameter about what the scatter says.
+    """
+    return _weighted(posterior, x)
+
+
+def fisher_information(posterior: Posterior, x: FloatArray) -> FloatArray:
+    """Fisher information (n, d, d) of the readings about the free parameters at sets ``x`` (n, d), SI.
+
+    NaN where the model has no answer in a row that is read. With drive ``both``: exact for a model that is
+    linear over the spread of the load given its readings; see the head of the module.
+    """
+    weighted = weighted_sensitivities(posterior, x)
+    return np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+
+
+def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradient of the log likelihood (n, d) and Fisher information (n, d, d) at sets ``x`` (n, d), SI.
+
+    The gradient takes a latent load for its best known value, and is NaN where rows hang together. NaN as
+    with :func:`fisher_information`.
+    """
+    if isinstance(posterior.likelihood, JointRows):
+        information = fisher_information(posterior, x)
+        return np.full(information.shape[:2], np.nan), information
+    likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
+    known = ~np.isnan(likelihood.measured)
+    standard = np.where(known, (likelihood.measured - found.local.values) / found.scale, 0.0)
+    dof = np.array([noise.dof for noise in likelihood.noise])
+    with np.errstate(invalid="ignore"):
+        heavy = (dof + 1.0) * standard / (dof + standard**2)
+    pull = np.where(np.isfinite(dof), heavy, standard) / found.scale
+    widening = np.where(known, pull * standard - 1.0 / found.scale, 0.0)
+    gradient = np.einsum("nmk,nmkd->nd", pull, np.where(known[..., None], found.local.by_parameter, 0.0))
+    gradient += np.einsum("nmk,nmkd->nd", widening, np.where(known[..., None], found.spread, 0.0))
+    weighted = _weighted(posterior, x)
+    return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """Sensitivities of the measured channels, their noise and its slopes.
+
+    Attributes
+    ----------
+    local : values and derivatives.
+    scale : standard deviations (n, m, k).
+    spread, spread_by_load : derivatives of the noise's scale by the parameters and by a latent load.
+    """
+
+    local: Sensitivities
+    scale: FloatArray
+    spread: FloatArray
+    spread_by_load: FloatArray
+
+    @classmethod
+    def of(cls, posterior: Posterior, x: FloatArray) -> Scaled:
+        """At sets ``x`` (n, d)."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        local = sensitivities(posterior, x).of(posterior.likelihood.channels)
+        scale = posterior.likelihood.scales(local.values, posterior.noise_values(x))
+        return cls(local, scale, *_spread_slopes(posterior, local))
+
+
+def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
+    likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
+    if isinstance(likelihood, JointRows):
+        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), found)
+    place, width = _weights(likelihood.noise)
+    read = np.tile(read_where(posterior, likelihood.channels), 2)
+    slopes = [place[:, None] * found.local.by_parameter, width[:, None] * found.spread]
+    by_x = np.concatenate([part / found.scale[..., None] for part in slopes], axis=2)
+    by_x = np.where(read[..., None], by_x, 0.0)
+    if isinstance(likelihood, LatentLoad):
+        loads = [place * found.local.by_load / found.scale, width * found.spread_by_load / found.scale]
+        by_load = np.where(read, np.concatenate(loads, axis=2), 0.0)
+        by_x = without_load(by_x, by_load, load_information(likelihood))
+    return by_x.reshape(len(by_x), -1, by_x.shape[-1])
+
+
+def _jointly_weighted(
+    posterior: Posterior, likelihood: JointRows, x: FloatArray, found: Scaled
+) -> FloatArray:
+    """Whitened sensitivities (n, readings + d, d); see the head of the module."""
+    read = read_where(posterior, likelihood.channels)
+    whole = np.full((len(x), int(read.sum()) + x.shape[1], x.shape[1]), np.nan)
+    good = np.flatnonzero(np.isfinite(found.local.values).all(axis=(1, 2)))
+    if not good.size:
+        return whole
+    law = likelihood.reading(read).law_at(
+        posterior.prior.soil_values(x[good]), found.local.values[good], posterior.noise_values(x[good])
+    )
+    white = []
+    for stack, one in zip(law.layout.stacks, law.whitenings, strict=True):
+        slopes = one.matrix @ found.local.by_parameter[good][:, stack.rows, stack.columns]
+        white.append(slopes.reshape(len(good), -1, x.shape[1]))
+    bends = _bends(posterior, likelihood, x[good])
+    scatter = _root(_scatter_information(posterior, law, found.spread[good], bends))
+    whole[good] = np.concatenate([*white, scatter], axis=1)
+    return whole
+
+
+def _bends(posterior: Posterior, likelihood: JointRows, x: FloatArray) -> FloatArray:
+    """Derivatives (n, m, k, d) of the slopes over slip by the parameters; 0 where slips are exact."""
+    rows = likelihood.forward.conditions
+    if likelihood.errors.slip is None:
+        return np.zeros((len(x), *likelihood.measured.shape, x.shape[1]))
+    ends = np.maximum(rows.slip - STEP, 0.0), np.where(rows.slip + STEP < 1.0, rows.slip + STEP, rows.slip)
+    low, high = (
+        sensitivities(replace(posterior, likelihood=replace(likelihood, forward=replace(
+            likelihood.forward, conditions=replace(rows, slip=at)))), x).of(likelihood.channels).by_parameter
+        for at in ends
+    )  # fmt: skip
+    return np.asarray(np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]))
+
+
+def _scatter_information(
+    posterior: Posterior, law: TableLaw, spread: FloatArray, bends: FloatArray
+) -> FloatArray:
+    """What the scatter says (n, d, d): ½ tr(K⁻¹ ∂K K⁻¹ ∂K)."""
+    n, d = len(spread), spread.shape[-1]
+    total = np.zeros((n, d, d))
+    named = [None if one.parameter is None else posterior.names.index(one.parameter)
+             for one in law.layout.errors]  # fmt: skip
+    for stack, one in zip(law.layout.stacks, law.whitenings, strict=True):
+        at = (slice(None), stack.rows, stack.columns)
+        moved = {i: np.eye(stack.rows.shape[1]) * (2.0 * law.scale[at] * spread[(*at, i)])[..., None]
+                 for i in range(d) if spread[(*at, i)].any()}  # fmt: skip
+        for i in range(d):
+            if stack.slip is not None and bends[(*at, i)].any():
+                moved[i] = moved.get(i, 0.0) + stack.by_slopes(law.sizes, law.slopes, bends[..., i])
+        for which, column in enumerate(named):
+            by_size = stack.by_size(which, law.sizes, law.slopes)
+            if column is not None and by_size is not None:
+                moved[column] = moved.get(column, 0.0) + by_size
+        whitened = {i: one.matrix @ part @ one.matrix.swapaxes(-1, -2) for i, part in moved.items()}
+        for i, first in whitened.items():
+            for j, second in whitened.items():
+                total[:, i, j] += 0.5 * (first * second).sum(axis=(1, 2, 3))
+    return total
+
+
+def _root(information: FloatArray) -> FloatArray:
+    """Rows R (n, d, d) with RᵀR the information, which may be singular."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(-1, -2))
+
+
+def load_information(likelihood: LatentLoad) -> float:
+    """Information of the flat prior of a load: its inverse variance, 12 / range², 1/N²."""
+    low, high = likelihood.load_range
+    return 12.0 / (high - low) ** 2
+
+
+def without_load(by_x: FloatArray, by_load: FloatArray, known: float) -> FloatArray:
+    """Take an unknown load out of the rows ``by_x`` (n, m, k, d), ``by_load`` (n, m, k) their slopes by it.
+
+    With g = ``by_load`` of a row, A the result and ``known`` the prior's information about the load, AᵀA is
+    the Schur complement: A = (I − γ g gᵀ) ``by_x`` with (I − γ g gᵀ)² = I − g gᵀ / (gᵀg + known).
+    """
+    size = (by_load**2).sum(axis=2)
+    kept = np.sqrt(np.divide(known, size + known, out=np.ones_like(size), where=size + known != 0))
+    gain = np.divide(1.0 - kept, size, out=np.zeros_like(size), where=size != 0)
+    along = np.einsum("nmk,nmkd->nmd", by_load, by_x)
+    return np.asarray(by_x - (gain[..., None] * by_load)[..., None] * along[:, :, None])
+
+
+def _weights(noise: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
+    """Roots (k,) of a and b: information of a law of unit scale about its place and its scale."""
+    dof = np.array([each.dof for each in noise])
+    with np.errstate(invalid="ignore"):
+        place = np.where(np.isinf(dof), 1.0, (dof + 1.0) / (dof + 3.0))
+        width = np.where(np.isinf(dof), 2.0, 2.0 * dof / (dof + 3.0))
+    return np.sqrt(place), np.sqrt(width)
+
+
+def _spread_slopes(posterior: Posterior, found: Sensitivities) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the noise's scale by the parameters (n, m, k, d) and by a latent load (n, m, k)."""
+    by_x, by_load = np.zeros_like(found.by_parameter), np.zeros_like(found.by_load)
+    for i, noise in enumerate(posterior.likelihood.noise):
+        own = has_own_sd(posterior.likelihood, noise)
+        if noise.fraction is not None:
+            rate = _fraction_rate(noise, found.values[:, :, i], own)
+            by_x[:, :, i] = rate[..., None] * found.by_parameter[:, :, i]
+            by_load[:, :, i] = rate * found.by_load[:, :, i]
+        elif noise.parameter is not None:
+            by_x[:, :, i, posterior.names.index(noise.parameter)] = np.where(own, 0.0, 1.0)
+    return by_x, by_load
+
+
+def _fraction_rate(noise: Noise, predicted: FloatArray, own: BoolArray) -> FloatArray:
+    """Derivative (n, m) of max(fraction |μ|, floor) by μ."""
+    fraction = float(noise.fraction or 0.0)
+    above = (fraction * np.abs(predicted) > noise.floor) & ~own
+    return np.where(above, fraction * np.sign(predicted), 0.0)

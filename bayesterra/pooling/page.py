@@ -1,0 +1,472 @@
+"""Result of a study with groups as a page, with its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.correlated import TYPICAL
+from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
+from bayesterra.parameters import PARAMETERS
+from bayesterra.pooling.joint import joint_posterior
+from bayesterra.pooling.run import PooledResult
+from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
+from bayesterra.report.blocks import (
+    UNSEEN,
+    Cell,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    missing,
+    render,
+    section,
+    verdict,
+)
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.study.groups import Pooling
+from bayesterra.study.page import law_text
+from bayesterra.study.study import Study
+
+WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
+
+
+@dataclass(frozen=True)
+class PooledPage(VerdictPage):
+    """The page, with the kind of its data."""
+
+    kind: str = ""
+
+
+def pooled_page(result: PooledResult) -> PooledPage:
+    """Put the page of a joint posterior together."""
+    study, record = result.study, result.record
+    rows = study.observations
+    facts = (
+        f"{len(result.groups)} groups by {record['pooling']['by']}",
+        study.soil,
+        f"{int(rows.use.sum())} of {len(rows)} rows in the fit",
+        f"model {study.model.name}, {study.drive}-driven",
+        f"{len(result.summary)} free parameters",
+        f"analysed {str(record['made'])[:10]}",
+    )
+    warning, failures = Markup(""), Failures()
+    if not result.converged:
+        advice = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
+        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
+
+    needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
+
+    def made(anchor: str, title: str, make: Callable[[PooledResult], Section]) -> Section:
+        without = failed(record, *needed.get(anchor, ()))
+        return section(failures, anchor, title, lambda: make(result), without)
+
+    verdicts = (
+        verdict(failures, "Sampling", lambda: _sampling(result)),
+        verdict(failures, "One value for all?", lambda: _sharing(result)),
+        verdict(failures, "Evidence prefers", lambda: _preferred(result)),
+    )
+    sections = (
+        made("sharing", "What belongs to the soil", _sharing_section),
+        made("groups", "Parameters by group", _groups_section),
+        made("pooling", "Complete, partial and no pooling", _degrees_section),
+        made("posterior", "Joint posterior", _summary_section),
+        made("prior", "Prior and roles", _prior_section),
+        made("data", "Data and model", _data),
+        made("reproduce", "Reproduce this", _reproduce),
+    )
+    return PooledPage(
+        title=study.title or "One soil, several groups of rows",
+        facts=tuple(fact for fact in facts if fact),
+        verdicts=verdicts,
+        sections=sections,
+        version=record["versions"]["bayesterra"],
+        warning=Markup(" ").join(filter(None, (warning, missing(record, failures)))),
+        failures=failures,
+        kind=study.kind,
+    )
+
+
+def _sampling(result: PooledResult) -> Verdict:
+    found = result.record["verdict"]
+    figures_ = Markup("R-hat {}, {} effective draws").format(plain(found["r_hat"], 4), plain(found["ess"]))
+    beside = [name for name, good in found["compared_with"].items() if not good]
+    rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
+    if result.converged:
+        grade = "fair" if beside else "good"
+        return Verdict("Sampling", "converged", grade, Markup("{}.{} {}").format(figures_, rest, UNSEEN))
+    return Verdict("Sampling", "not converged", "poor", Markup("{}.{}").format(figures_, rest))
+
+
+def _named(text: object) -> Markup:
+    names = str(text).split(" and ")
+    return symbols(names) if len(names) == 1 else Markup("{} together").format(symbols(names))
+
+
+def _sharing(result: PooledResult) -> Verdict:
+    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated", beside=OPEN)
+    parts = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
+    parts += [
+        Markup("{}, with the others as stated: {}").format(word, listed(names))
+        for word, names in stated.items()
+        if word != OPEN
+    ]
+    rows = result.sharing.to_dict("records")
+    open_ = [_named(row["parameter"]) for row in rows if not _decided(row)]
+    if open_:
+        parts.append(Markup("{}: {}").format(OPEN, listed(open_)))
+    decided = len(rows) - len(open_)
+    grade = "good" if decided else "fair"
+    word = f"{decided} of {len(rows)} decided"
+    if line := failed(result.record, "sharing"):
+        return Verdict("One value for all?", "not known", "fair", Markup("{}").format(line))
+    return Verdict("One value for all?", word, grade, Markup("; ").join(parts) + ".")
+
+
+def _decided(row: Mapping[Any, Any]) -> bool:
+    """Whether the groups' own posteriors or the joint one tell."""
+    words = (row["verdict"], row.get("verdict_as_stated"))
+    return any(isinstance(word, str) and word not in ("", OPEN) for word in words)
+
+
+def _preferred(result: PooledResult) -> Verdict:
+    preferred = str(result.record["pooling"]["preferred"])
+    if line := failed(result.record, "degrees", "complete"):
+        return Verdict("Evidence prefers", "not known", "fair", Markup("{}").format(line))
+    rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
+    parts = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
+    word = WORDS.get(preferred, "not decided")
+    grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
+    return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(parts)))
+
+
+def _sharing_section(result: PooledResult) -> Section:
+    body = []
+    for row in result.sharing.to_dict("records"):
+        error = _with_error(row["log_bayes_factor"], row["error"], bool(row.get("reliable", True)))
+        spread: Cell = NOTHING
+        if np.isfinite(row["spread_median"]):
+            spread = Markup("{} ({})").format(
+                plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
+            )
+        against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
+        body.append(
+            (
+                _named(row["parameter"]),
+                str(row["role"]),
+                *against,
+                error,
+                str(row["verdict"]),
+                *_as_stated(row),
+                spread,
+            )
+        )
+    by = result.record["pooling"]["by"]
+    caption = (
+        "Log Bayes factors (natural units) of one value for all groups, all other parameters being each "
+        f"group's own: against a value for each {by} under the stated prior, and against values from a "
+        "normal population, its laws those of this study or else a spread of about half of the prior's or "
+        f"less. The lesser counts, ± Monte Carlo error: from {STRONG:g} on (odds of 20 to 1), two errors "
+        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}, also where "
+        "weights are too uneven to rely on (*). As stated: the same with all other parameters shared or not "
+        "as this study has them; it says more where that holds, and stands for what each group has. Spread: "
+        "standard deviation between groups over that of the parameter's prior, median and 90 % HDI, where "
+        "the parameter is hierarchical."
+    )
+    header = (
+        "parameter",
+        "role in this study",
+        "against own values",
+        "against a population",
+        "lesser",
+        "verdict",
+        "lesser, as stated",
+        "verdict, as stated",
+        "spread / prior sd",
+    )
+    sentence = Text(_sentence(result))
+    return Section(
+        "sharing", "What belongs to the soil", (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
+    )
+
+
+def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
+    """Factor and word with all others as the study has them; older results have neither."""
+    word = row.get("verdict_as_stated")
+    if not isinstance(word, str) or not word:
+        return NOTHING, NOTHING
+    reliable = bool(row.get("reliable_as_stated", True))
+    return _with_error(row["log_bayes_factor_as_stated"], row["error_as_stated"], reliable), word
+
+
+def _sentence(result: PooledResult) -> Markup:
+    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated")
+    if not stated:
+        return _sentences(alone)
+    return Markup("{} With the other parameters shared or not as this study has them: {}").format(
+        _sentences(alone), _sentences(stated)
+    )
+
+
+def _by_word(result: PooledResult, column: str, *, beside: str | None = None) -> dict[str, list[Markup]]:
+    """Parameters by their verdict, what is open last; none where a result is older than the column.
+
+    ``beside``: only those with this verdict from the groups alone.
+    """
+    parts: dict[str, list[Markup]] = {}
+    for row in result.sharing.to_dict("records"):
+        word = row.get(column)
+        if isinstance(word, str) and word and beside in (None, row["verdict"]):
+            parts.setdefault(word, []).append(_named(row["parameter"]))
+    return dict(sorted(parts.items(), key=lambda part: part[0] == OPEN))
+
+
+def _sentences(parts: Mapping[str, list[Markup]]) -> Markup:
+    words = {
+        CONSTANT: "All groups have one value of",
+        OPEN: "The data cannot tell for",
+    }
+    sentences = [
+        Markup("{} {}.").format(words.get(word, "Each group has its own value of"), listed(names))
+        for word, names in parts.items()
+    ]
+    return Markup(" ").join(sentences)
+
+
+def _groups_section(result: PooledResult) -> Section:
+    names = [name for name in PARAMETERS if name in result.draws["alone"].data_vars]
+    held = result.draws["posterior"]
+    shared = [name for name in names if "group" not in held[name].dims]
+    own = [name for name in names if name not in shared]
+    blocks: list[Gallery] = []
+    for chosen, title in ((shared, "Shared"), (own, "Each group's own")):
+        if chosen:
+            pictures = tuple(
+                drawing(group_strip(result, name), f"{PARAMETERS[name].description} by group")
+                for name in chosen
+            )
+            caption = Markup(
+                "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group "
+                "alone; blue: all groups together. The axis is the range of the prior. Circles: true or "
+                "published values, where stated for all groups."
+            ).format(title, symbols(chosen))
+            blocks.append(Gallery("half", pictures, caption))
+    return Section("groups", "Parameters by group", tuple(blocks))
+
+
+def _degrees_section(result: PooledResult) -> Section:
+    body = []
+    for row in result.pooling.to_dict("records"):
+        cells = (
+            WORDS[row["pooling"]],
+            "yes" if row["converged"] else "no",
+            _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"]),
+            _with_error(row["elpd_rows"], row["se_rows"], row["unreliable_rows"] == 0),
+            _with_error(row["elpd_groups"], row["se_groups"], row["unreliable_groups"] == 0),
+        )
+        body.append(cells)
+    caption = (
+        "Complete pooling: all groups share every parameter. None: every group alone. Log evidence under the "
+        "prior cut to the physical support, ± Monte Carlo error; expected log predictive density (elpd) of "
+        "each row left out in turn, and of each group left out as a whole, summed, ± standard error from the "
+        "spread between rows or groups. Greater is better. * importance weights too uneven to rely on."
+    )
+    header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
+    table = Table(caption, "lcrrr", header, tuple(body))
+    return Section("pooling", "Complete, partial and no pooling", (table, _by_group(result)))
+
+
+def _tenths(value: float) -> str:
+    return rounded(value, 0.1)
+
+
+def _with_error(value: float, error: float, reliable: bool) -> Cell:
+    if not np.isfinite([value, error]).all():
+        return NOTHING
+    return Markup("{} ± {}{}").format(
+        _tenths(value), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
+    )
+
+
+def _by_group(result: PooledResult) -> Table:
+    some = result.left_out[result.left_out["what"] == "group"]
+    degrees = list(dict.fromkeys(some["pooling"]))
+    body = []
+    for group in result.groups:
+        own = some[some["label"].astype(str) == group].set_index("pooling")
+        cells = [
+            _with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"]))
+            for d in degrees
+        ]
+        body.append((group, *cells))
+    caption = "Log density of all readings of one group as predicted from the others, ± Monte Carlo error."
+    return Table(caption, "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
+
+
+def _summary_section(result: PooledResult) -> Section:
+    body = tuple(_row(row) for row in result.summary.to_dict("records"))
+    caption = (
+        "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean "
+        "and sd, smallest effective size, R-hat; prior mean and sd after the cut."
+    )
+    header = (
+        "",
+        "unit",
+        "densest",
+        "median",
+        "90 % HDI",
+        "mean",
+        "sd",
+        "effective",
+        "R-hat",
+        "prior mean",
+        "sd",
+    )
+    return Section("posterior", "Joint posterior", (Table(caption, "ll" + "r" * 9, header, body),))
+
+
+def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
+    name = str(row["parameter"])
+    base = name.split("[")[0].split(".")[0]
+    step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+    label = Markup("{} {}").format(symbol(base), name.removeprefix(base).strip("[].").replace("]", ""))
+    return (
+        label, unit(base) or NOTHING, rounded(row["mode"], step), rounded(row["median"], step),
+        interval(row["hdi90_lo"], row["hdi90_hi"]), *moments(row["mean"], row["sd"]),
+        plain(min(row["ess_bulk"], row["ess_tail"])), plain(row["r_hat"], 4),
+        *moments(row["prior_mean"], row["prior_sd"]),
+    )  # fmt: skip
+
+
+def _prior_section(result: PooledResult) -> Section:
+    study = result.study
+    pooling = study.pooling or Pooling()
+    roles = dict.fromkeys(pooling.shared, "shared") | dict.fromkeys(pooling.separate, "separate")
+    body = []
+    for name, entry in study.prior.entries.items():
+        population = pooling.hierarchical.get(name)
+        role: Cell = roles.get(name, NOTHING)
+        if population is not None and population.mean and population.spread:
+            role = Markup("hierarchical: mean {}, spread {}").format(
+                law_text(name, population.mean), law_text(name, population.spread)
+            )
+        body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
+    caption = Markup(
+        "Prior laws and roles as stated, {}. A hierarchical value is drawn from a normal law "
+        "with the population's mean and spread, cut to the range of the parameter's own law. The prior is "
+        "zero where any group's parameters are outside the physical support."
+    )
+    table = Table(caption.format(joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
+    return Section("prior", "Prior and roles", (table, *prior_sources(study)))
+
+
+def joined_laws(study: Study) -> Markup | str:
+    """Whether laws are independent; if not, each pair with its correlation."""
+    if not study.prior.correlation:
+        return "independent of each other"
+    named = (
+        Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value)
+        for pair, value in study.prior.correlation.items()
+    )
+    return Markup(
+        "joined by correlations of normal scores, a Gaussian copula of what is shared and what a group has, "
+        "a hierarchical value by its score under its population's law ({})"
+    ).format(listed(named))
+
+
+def _data(result: PooledResult) -> Section:
+    blocks = [*conditions(result.study)]
+    if result.study.errors.slip is not None:
+        joint, frame = joint_posterior(result.study), result.to_dataframe()
+        D, L = joint.split(frame[list(joint.names)].to_numpy()[:: max(1, len(frame) // TYPICAL)])
+        for own, density in zip(L, joint.groups.values(), strict=True):
+            blocks += slip_note(density, joint.of_group(D, own))
+    return Section("data", "Data and model", tuple(blocks))
+
+
+def _reproduce(result: PooledResult) -> Section:
+    record = result.record
+    facts = (
+        ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
+        ("made", record["made"]),
+        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
+        ("machine", record["machine"]),
+        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+    )
+    table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
+    return Section("reproduce", "Reproduce this", (table,))
+
+
+WIDTH, ROW = 4.4, 0.34
+
+
+@styled
+def group_strip(result: PooledResult, name: str) -> Axes:
+    """Draw one parameter for every group: 50 and 90 % intervals over the range of its prior.
+
+    Grey bars: the group alone. Blue bars: all groups together. A shared parameter has one blue bar for all, a
+    hierarchical one its population's mean too. Circle: the true or published value, where there is one.
+    """
+    joint, alone = result.draws["posterior"], result.draws["alone"]
+    scale, groups = PARAMETERS[name].scale, list(result.groups)
+    figure = new_figure(WIDTH, ROW * (len(groups) + 2) + 0.35)
+    ax: Axes = figure.subplots()
+    shared = "group" not in joint[name].dims
+    for i, group in enumerate(groups):
+        _bar(ax, alone[name].sel(group=group).to_numpy() / scale, i + 0.15, PRIOR)
+        if not shared:
+            _bar(ax, joint[name].sel(group=group).to_numpy().ravel() / scale, i - 0.15, POSTERIOR)
+    rows = [*groups]
+    if shared or f"{name}.mean" in joint:
+        source = name if shared else f"{name}.mean"
+        _bar(ax, joint[source].to_numpy().ravel() / scale, len(groups), POSTERIOR)
+        rows.append("all groups" if shared else "population mean")
+    known = result.study.truth or result.study.published
+    if known is not None and name in known.values:
+        mark = MARKS["truth"]
+        ax.plot([known.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
+                markerfacecolor="none", markersize=5, linestyle="none")  # fmt: skip
+    names = [literal(row) for row in rows]
+    ax.set(yticks=np.arange(len(rows)), yticklabels=names, ylim=(len(rows) - 0.4, -0.6))
+    ax.set_xlim(*_limits(result, name))
+    ax.set_xlabel(label(PARAMETERS[name]))
+    ax.tick_params(axis="y", length=0)
+    return ax
+
+
+def _bar(ax: Axes, draws: FloatArray, at: float, colour: str) -> None:
+    low, first, middle, third, high = np.quantile(draws, [0.05, 0.25, 0.5, 0.75, 0.95])
+    ax.plot([low, high], [at, at], color=colour, linewidth=1.2, solid_capstyle="butt")
+    ax.plot([first, third], [at, at], color=colour, linewidth=4.0, solid_capstyle="butt")
+    ax.plot([middle], [at], "|", color=colour, markersize=9)
+
+
+def _limits(result: PooledResult, name: str) -> tuple[float, float]:
+    """The range of the prior, without the outer thousandth where it has no end."""
+    law = result.study.prior.laws[name]
+    tails = law.quantile(np.array([0.001, 0.999]))
+    ends = [end if np.isfinite(end) else tail for end, tail in zip(law.range, tails, strict=True)]
+    return ends[0] / PARAMETERS[name].scale, ends[1] / PARAMETERS[name].scale
+
+
+def pooled_html(result: PooledResult) -> str:
+    """The report of a study with groups as a self-contained HTML page."""
+    return pooled_and_failures(result)[0]
+
+
+def pooled_and_failures(result: PooledResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = pooled_page(result)
+    return render(made, "pooled.html"), made.failures

@@ -1,0 +1,343 @@
+"""The run of a study with a [pooling] table: joint posterior, both extremes beside it, and the verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.random import SeedSequence, default_rng
+
+from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.posterior import posterior
+from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.pooling.degrees import (
+    COMPLETE,
+    DEGREE_COLUMNS,
+    LEFT_OUT_COLUMNS,
+    UNKNOWN,
+    Degree,
+    degrees_of,
+    preferred,
+)
+from bayesterra.pooling.evidence import row_terms
+from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
+from bayesterra.report.failures import Failures, with_failures
+from bayesterra.runtime.checkpoints import Journal
+from bayesterra.runtime.netcdf import labelled_tree
+from bayesterra.sampling import sampler
+from bayesterra.sampling.sampler import Kept, Progress, Samples, keep, sample
+from bayesterra.sampling.summary import summary_row
+from bayesterra.stats.diagnostics import hdi
+from bayesterra.study import result
+from bayesterra.study.groups import law_sd
+from bayesterra.study.result import conditions_dataset, left_out_dataset, observed_dataset, of_rows
+from bayesterra.study.study import Study
+
+PRIOR_DRAWS = 1000
+
+ALONE_DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class PooledResult:
+    """The outcome of a run with pooling; everything its report shows.
+
+    Attributes
+    ----------
+    study : what was asked.
+    draws : xarray DataTree. ``posterior`` holds shared parameters without, the groups' own with the dimension
+        ``group``, means and spreads of populations as ``K.mean``; ``alone`` each group's own posterior;
+        ``prior`` the cut joint prior; SI, radians.
+    summary : one row per parameter, ``c``, ``K.mean``, ``K[Wh11]``; ``mode`` is the densest draw.
+    pooling : one row per degree of pooling: evidence, leave-one-out by row and by group.
+    sharing : one row per parameter, and one for c and φ together: one value for all groups, or one for each?
+        ``verdict`` from the groups' own posteriors, ``verdict_as_stated`` with all others as in the study.
+    left_out : elpd of every row and of every group under every degree of pooling.
+    record : versions, seed, settings, times and verdicts with their thresholds.
+    """
+
+    study: Study
+    draws: xr.DataTree
+    summary: pd.DataFrame
+    pooling: pd.DataFrame
+    sharing: pd.DataFrame
+    left_out: pd.DataFrame
+    record: dict[str, Any]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the joint posterior and both extremes beside it passed every check."""
+        return bool(self.record["verdict"]["converged"])
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups."""
+        return tuple(str(name) for name in self.draws["posterior"]["group"].to_numpy())
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Posterior draws, one row each: chain, draw, then a column per parameter, SI and radians."""
+        data = self.draws["posterior"]
+        columns: dict[str, FloatArray] = {}
+        for name in self.summary["parameter"]:
+            base, _, group = str(name).removesuffix("]").partition("[")
+            column = data[base].sel(group=group) if group else data[base]
+            columns[str(name)] = column.to_numpy().ravel()
+        chain, draw = data.sizes["chain"], data.sizes["draw"]
+        index = {"chain": np.repeat(np.arange(chain), draw), "draw": np.tile(np.arange(draw), chain)}
+        return pd.DataFrame({**index, **columns})
+
+
+def run_pooled(
+    study: Study,
+    *,
+    seed: int = 1,
+    report: Callable[[Progress], None] = lambda progress: None,
+    journal: Journal | None = None,
+    plan: PoolingOptions | None = None,
+) -> PooledResult:
+    """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
+
+    Beside the study's own roles two extremes are sampled: complete pooling, where all groups share every
+    parameter, and none, every group alone under the stated prior.
+
+    Parameters
+    ----------
+    seed, report, journal : as for :func:`bayesterra.analysis.inference.run`.
+    plan : size of the adaptation.
+    """
+    started = time.perf_counter()
+    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
+    sampling, whole, weighing, prior_stream, comparing = family_streams
+    samples = sample_joint(joint, study.sampling, sampling, report, plan, journal)
+    asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
+    failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
+    lone = (plan or PoolingOptions()).lone
+    complete = failures.attempt(
+        "complete",
+        lambda: sample(posterior(study), asked, whole, report, lone, journal),
+        lambda: None,
+    )
+    report(Progress("comparing", 1.0))
+    degrees: tuple[Degree, ...] = ()
+    if complete is not None:
+        degrees = failures.attempt(
+            "degrees",
+            lambda: degrees_of(joint, samples, complete, default_rng(weighing)),
+            tuple[Degree, ...],
+        )
+    prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
+    kept = keep(samples.chains)
+    chains = {name: lone.chains for name, lone in samples.lone.items()}
+    complete_level, stated_level, no_level = [degree.level for degree in degrees] or [UNKNOWN] * 3
+    evidences = Evidences(joint, chains, default_rng(comparing), complete_level, stated_level, no_level)
+    verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
+    stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])
+    summary = _summary(samples, kept, prior)
+    rows = [degree.row() for degree in degrees]
+    table = pd.DataFrame(rows) if rows else pd.DataFrame(columns=DEGREE_COLUMNS)
+    shares = _sharing_table(joint, verdicts, stated, kept)
+    draws = _tree(study, joint, samples, kept, prior, failures)
+    findings = {
+        "verdict": _verdict(samples, complete),
+        "pooling": {
+            "by": joint.pooling.by,
+            "groups": list(joint.groups),
+            "shared": list(joint.shared),
+            "separate": list(joint.pooling.separate),
+            "hierarchical": list(joint.populations),
+            "degrees": table.to_dict("records"),
+            "preferred": preferred(degrees),
+            "sentence": sentence(verdicts) if verdicts else "",
+            "sentence_as_stated": sentence(tuple(stated.values())) if stated else "",
+        },
+        "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
+    }
+    seconds = {**samples.seconds, "total": time.perf_counter() - started}
+    return PooledResult(
+        study=study,
+        draws=draws,
+        summary=summary,
+        pooling=table,
+        sharing=shares,
+        left_out=pd.concat([degree.left_out for degree in degrees], ignore_index=True)
+        if degrees
+        else pd.DataFrame(columns=LEFT_OUT_COLUMNS),
+        record=with_failures(result.run_record(study, seed, findings, seconds), failures),
+    )
+
+
+def shared_or_not(evidences: Evidences) -> tuple[Sharing, ...]:
+    """Judge for every parameter, and for c and φ together, whether all groups have one value."""
+    names = evidences.joint.first.names
+    sets = [[name] for name in names]
+    if {"c", "phi"} <= set(names):
+        sets.append(["c", "phi"])
+    return tuple(judged_alone(evidences, chosen) for chosen in sets)
+
+
+def as_stated(evidences: Evidences) -> dict[str, Sharing]:
+    """Judge the parameters that each group has a value of, all others being as the study states them."""
+    return {name: judged_as_stated(evidences, name) for name in evidences.joint.local}
+
+
+def sentence(verdicts: Sequence[Sharing]) -> str:
+    """All verdicts in one sentence."""
+    parts = []
+    for word in dict.fromkeys(verdict.verdict for verdict in verdicts):
+        named = [
+            " and ".join(PARAMETERS[n].symbol for n in one.names)
+            + (" together" if len(one.names) > 1 else "")
+            for one in verdicts
+            if one.verdict == word
+        ]
+        parts.append(f"{word}: {', '.join(named)}")
+    return "; ".join(parts) + "."
+
+
+def _sharing_table(
+    joint: JointPosterior, verdicts: Sequence[Sharing], stated: Mapping[str, Sharing], kept: Kept
+) -> pd.DataFrame:
+    rows = []
+    for one in verdicts:
+        row: dict[str, Any] = {
+            "parameter": " and ".join(one.names),
+            "role": ", ".join(dict.fromkeys(role(joint, name) for name in one.names)),
+            "log_bayes_factor": one.log_factor,
+            "against_own_values": one.against_own,
+            "against_a_population": one.against_population,
+            "error": one.error,
+            "reliable": one.reliable,
+            "verdict": one.verdict,
+        }
+        given = stated.get(one.names[0]) if len(one.names) == 1 else None
+        row |= {
+            "log_bayes_factor_as_stated": given.log_factor if given else np.nan,
+            "error_as_stated": given.error if given else np.nan,
+            "reliable_as_stated": given.reliable if given else True,
+            "verdict_as_stated": given.verdict if given else "",
+        }
+        spread = dict.fromkeys(("spread_median", "spread_hdi90_lo", "spread_hdi90_hi"), np.nan)
+        if one.names[0] in joint.populations and len(one.names) == 1:
+            name = one.names[0]
+            values = kept.flat[:, joint.names.index(f"{name}.{SPREAD}")] / law_sd(joint.laws[name])
+            low, high = hdi(values, 0.9)
+            spread = {
+                "spread_median": float(np.median(values)), "spread_hdi90_lo": low, "spread_hdi90_hi": high
+            }  # fmt: skip
+        rows.append({**row, **spread})
+    return pd.DataFrame(rows) if rows else pd.DataFrame(columns=["parameter", "role", "verdict"])
+
+
+def role(joint: JointPosterior, name: str) -> str:
+    """``shared``, ``separate`` or ``hierarchical``."""
+    if name in joint.shared:
+        return "shared"
+    return "hierarchical" if name in joint.populations else "separate"
+
+
+def quantity_of(name: str) -> Parameter:
+    """The quantity that a parameter of a joint posterior is, under its whole name."""
+    base = name.split("[")[0].split(".")[0]
+    known = PARAMETERS[base]
+    if name == base:
+        return known
+    part = name.removeprefix(base)
+    words = {f".{MEAN}": "population mean", f".{SPREAD}": "spread between groups"}
+    description = f"{known.description}, {words.get(part, part.strip('[]'))}"
+    return replace(known, name=name, symbol=f"{known.symbol}{part}", description=description)
+
+
+def _summary(samples: JointSamples, kept: Kept, prior: FloatArray) -> pd.DataFrame:
+    densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
+    of = samples.diagnosis
+    return pd.DataFrame(
+        [
+            summary_row(
+                quantity_of(name), kept.chains[:, :, i], prior[:, i], float(densest[i]),
+                (of.ess_bulk[i], of.ess_tail[i], of.r_hat[i]),
+            )
+            for i, name in enumerate(samples.joint.names)
+        ]
+    )  # fmt: skip
+
+
+def _verdict(samples: JointSamples, complete: Samples | None) -> dict[str, Any]:
+    """The joint sampling's verdict; those of the posteriors it is compared with beside it."""
+    found = sampler.of_diagnosis(samples.diagnosis)
+    beside = {COMPLETE: complete is not None and complete.diagnosis.converged}
+    beside |= {f"{name} alone": lone.diagnosis.converged for name, lone in samples.lone.items()}
+    return {**found, "compared_with": beside}
+
+
+def _tree(
+    study: Study,
+    joint: JointPosterior,
+    samples: JointSamples,
+    kept: Kept,
+    prior: FloatArray,
+    failures: Failures,
+) -> xr.DataTree:
+    names, rows = joint.first.names, study.observations
+    spaced = [keep(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
+    alone = np.stack([x[: min(map(len, spaced))] for x in spaced])
+    groups = {
+        "posterior": _dataset(joint, kept.chains),
+        "sample_stats": xr.Dataset(
+            {
+                "lp": (("chain", "draw"), joint.log_density(kept.flat).reshape(kept.chains.shape[:2])),
+                **{name: (("chain", "draw"), values) for name, values in kept.labels.items()},
+            }
+        ),
+        **failures.attempt(
+            "log_likelihood",
+            lambda: {"log_likelihood": row_likelihoods(joint, kept.chains, rows.used().rows)},
+            dict[str, xr.Dataset],
+        ),
+        "prior": _dataset(joint, prior[None]),
+        "alone": xr.Dataset(
+            {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},
+            coords={"group": list(joint.groups)},
+        ),
+        "observed_data": of_rows(observed_dataset(study), rows.use),
+        "constant_data": of_rows(conditions_dataset(study), rows.use),
+    }
+    if not rows.use.all():
+        groups["predictions_constant_data"] = left_out_dataset(study)
+    return labelled_tree(groups)
+
+
+def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
+    """Label draws (chain, draw, d): a variable per parameter, the groups' own with the dimension group."""
+    variables: dict[str, Any] = {}
+    for i, name in enumerate(joint.drivers):
+        variables[name] = (("chain", "draw"), chains[:, :, i])
+    k, d = len(joint.drivers), len(joint.local)
+    for i, name in enumerate(joint.local):
+        variables[name] = (("chain", "draw", "group"), chains[:, :, k + i :: d])
+    dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
+    for name in map(str, dataset.data_vars):
+        known = PARAMETERS[name.split(".")[0]]
+        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(known.name, known.dimension or "1")
+        dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
+    return dataset
+
+
+def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[int]) -> xr.Dataset:
+    """Log likelihood of every row in the fit, (chain, draw, row), in the table's order; all channels."""
+    flat = chains.reshape(-1, chains.shape[2])
+    D, L = joint.split(flat)
+    parts, rows = [], []
+    for own, (_, density) in zip(L, joint.groups.items(), strict=True):
+        x = joint.of_group(D, own)
+        parts.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
+        rows += list(density.likelihood.observations.rows)
+    values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
+    found = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
+    return found.sel(row=list(order))

@@ -1,0 +1,478 @@
+"""Outlook of a rover: the draws of a result on slopes and against tow forces, as a folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.errors import StudyError, check_kind, checked_path
+from bayesterra.parameters import CHANNELS
+from bayesterra.prediction.prediction import UNANSWERED, quantiles, spread, wheel_remarks
+from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
+from bayesterra.prediction.statics import (
+    OUTCOMES,
+    Greatest,
+    Outcome,
+    SoftGround,
+    State,
+    Sweep,
+    greatest,
+    states_at,
+    sweep,
+)
+from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.result import CURVE_QUANTILES, Result
+from bayesterra.study.study import Study
+from bayesterra.study.units import quantity
+from bayesterra.study.wheels import measured_loads, prior_phi, resolved
+
+QUANTITIES = {
+    "slip": ("slip", 1.0, "-"),
+    "load": ("load", 1.0, "N"),
+    "sinkage": ("sinkage", CHANNELS["sinkage"].scale, "mm"),
+    "pull": ("drawbar_pull", 1.0, "N"),
+    "moment": ("resistance_moment", 1.0, "N m"),
+}
+"""Fields of a state: name in tables, SI value of a field unit, field unit."""
+
+MODEL_ERROR = (
+    "the bands hold what the readings leave open about the soil; the error of the wheel-soil model itself"
+    " is not in them"
+)
+
+FAILURES = (Outcome.CANNOT, Outcome.SINKS, Outcome.LIFTS)
+
+DEGREE = float(np.pi / 180)
+
+
+@dataclass(frozen=True)
+class RoverOutlook:
+    """A rover on the soils of n posterior draws.
+
+    Attributes
+    ----------
+    title : of the study that the draws come from.
+    model : name of its wheel-soil model.
+    rover : weight, dimensions, wheels, and which of these are assumptions.
+    asked : states (n, k) at every slope and tow force that were asked for.
+    over_slope : states at slopes for a smooth curve, against the first tow force.
+    over_tow : the same at tow forces on the first slope; None where no tow force was asked for.
+    slopes, tows : greatest slope without a tow force, greatest tow force on the flat.
+    slopes_driven, tows_driven : the same at slips no higher than the highest that was driven.
+    index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
+    driven : lowest and highest slip of the study's rows in the fit.
+    remarks : where rover and loads leave what was measured; one sentence each.
+    """
+
+    title: str
+    model: str
+    rover: Rover
+    asked: State
+    over_slope: State
+    over_tow: State | None
+    slopes: Greatest
+    slopes_driven: Greatest
+    tows: Greatest
+    tows_driven: Greatest
+    index: IntArray
+    driven: tuple[float, float]
+    remarks: tuple[str, ...]
+
+    @property
+    def greatest_slope(self) -> FloatArray:
+        """Greatest slope (n,) that each draw climbs without a tow force, rad; NaN where it has no answer."""
+        return self.slopes.value
+
+    @property
+    def greatest_tow(self) -> FloatArray:
+        """Greatest tow force (n,) that each draw holds on the flat, N; NaN where it has no answer."""
+        return self.tows.value
+
+    def probability_to_climb(self, slope: float, *, driven: bool = False) -> float:
+        """Share of all draws that climb ``slope`` (rad) at some slip; ``driven``: at driven slips only."""
+        found = self.slopes_driven if driven else self.slopes
+        return float((np.nan_to_num(found.value, nan=-np.inf) >= slope).mean())
+
+    @property
+    def cannot(self) -> FloatArray:
+        """Share (k,) of the draws that do not hold each slope and tow force that were asked for."""
+        return cannot(self.asked)
+
+    @property
+    def unanswered(self) -> FloatArray:
+        """Share (k,) of the draws for which the model has no answer there."""
+        return unanswered(self.asked)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Assumptions, where the prediction leaves what was measured, and what is not in it."""
+        return (*(str(one) for one in self.rover.assumptions), *self._slips(), *self.remarks, MODEL_ERROR)
+
+    def _slips(self) -> Iterator[str]:
+        low, high = self.driven
+        middle = [quantiles(self.asked.slip[:, i].max(axis=1))[2] for i in range(self.asked.slip.shape[1])]
+        beyond = [i for i, slip in enumerate(middle) if slip > high]
+        if beyond:
+            named = ", ".join(_place(self.asked, i) for i in (beyond if len(beyond) < 4 else beyond[:3]))
+            more = "" if len(beyond) < 4 else " and more"
+            yield (
+                f"at {named}{more} the median slip lies above the driven slips, {low:.3g} to {high:.3g}:"
+                " extrapolated"
+            )
+        above = float((self.slopes.slip > high).mean())
+        if above > UNANSWERED:
+            yield (
+                f"for {100 * above:.0f} % of the draws the greatest slope is reached above the driven slips,"
+                f" {low:.3g} to {high:.3g}: extrapolated; its value at driven slips stands beside it"
+            )
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row per slope, tow force, axle and quantity: quantiles of the draws that hold, and shares.
+
+        ``rolls`` counts the draws that hold without slip; they enter the quantiles with slip 0.
+        """
+        states = self.asked
+        return pd.DataFrame(
+            [
+                _row(states, i, axle, name, self.driven)
+                for i in range(states.slip.shape[1])
+                for axle in range(len(AXLES))
+                for name in QUANTITIES
+            ]
+        )
+
+    @property
+    def greatest_table(self) -> pd.DataFrame:
+        """Quantiles of the greatest slope and tow force, at all slips and at the driven ones."""
+        rows = []
+        for name, unit, scale, found, most in (
+            ("greatest_slope", "deg", DEGREE, self.slopes, "all"),
+            ("greatest_slope", "deg", DEGREE, self.slopes_driven, "driven"),
+            ("greatest_tow", "N", 1.0, self.tows, "all"),
+            ("greatest_tow", "N", 1.0, self.tows_driven, "driven"),
+        ):
+            values = zip(CURVE_QUANTILES, quantiles(found.value) / scale, strict=True)
+            rows.append(
+                {
+                    "quantity": name,
+                    "unit": unit,
+                    "slips": most,
+                    **{f"q{100 * level:02.0f}": value for level, value in values},
+                    "at_slip_q50": quantiles(found.slip)[2],
+                    "draws": len(found.value),
+                    "no_answer": int(np.isnan(found.value).sum()),
+                    "still_rising": int(found.rising.sum()),
+                }
+            )
+        return pd.DataFrame(rows)
+
+    @property
+    def climb_table(self) -> pd.DataFrame:
+        """Probability to climb slopes in steps of half a degree, at all slips and at the driven ones."""
+        steepest = np.nanmax(self.slopes.value, initial=0.0) / DEGREE
+        slopes = np.arange(0, np.ceil(steepest) + 0.75, 0.5)
+        return pd.DataFrame(
+            {
+                "slope [deg]": slopes,
+                "probability": [self.probability_to_climb(one * DEGREE) for one in slopes],
+                "probability_driven_slips": [
+                    self.probability_to_climb(one * DEGREE, driven=True) for one in slopes
+                ],
+            }
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Every draw at every slope and tow force asked for: its state, and how the question ended."""
+        states = self.asked
+        k = states.outcome.shape[1]
+        columns: dict[str, object] = {
+            "chain": np.repeat(self.index[:, 0], k),
+            "draw": np.repeat(self.index[:, 1], k),
+            "slope [deg]": _degrees(states.slope.ravel()),
+            "tow [N]": states.tow.ravel(),
+            "outcome": [OUTCOMES[Outcome(int(code))] for code in states.outcome.ravel()],
+        }
+        for field, (name, scale, unit) in QUANTITIES.items():
+            for axle, called in enumerate(AXLES):
+                header = f"{called}_{name}" + ("" if unit == "-" else f" [{unit}]")
+                columns[header] = getattr(states, field)[:, :, axle].ravel() / scale
+        return pd.DataFrame(columns)
+
+
+def cannot(states: State) -> FloatArray:
+    """Share (k,) of the draws that hold at no slip: too little pull, too deep, or an axle lifts off."""
+    return np.asarray(np.isin(states.outcome, FAILURES).mean(axis=0))
+
+
+def unanswered(states: State) -> FloatArray:
+    """Share (k,) of the draws for which the model has no answer at the slips that matter.
+
+    Draws that hold at every slip with an answer, but whose answers begin above slip 0, are among them.
+    """
+    return np.asarray(np.isin(states.outcome, (Outcome.NO_ANSWER, Outcome.UNSETTLED)).mean(axis=0))
+
+
+def _degrees(slope: ArrayLike) -> FloatArray:
+    """Slopes as they were written, without the rounding of their conversion."""
+    return np.round(np.asarray(slope) / DEGREE, 9)
+
+
+def _place(states: State, i: int) -> str:
+    slope, tow = states.slope[0, i] / DEGREE, states.tow[0, i]
+    return f"{slope:.3g}°" + (f" and {tow:.3g} N" if tow else "")
+
+
+def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, float]) -> dict[str, object]:
+    name, scale, unit = QUANTITIES[field]
+    values = quantiles(getattr(states, field)[:, i, axle] / scale)
+    codes = states.outcome[:, i]
+    slip = quantiles(states.slip[:, i, axle])[2]
+    return {
+        "slope [deg]": _degrees(states.slope[0, i]),
+        "tow [N]": states.tow[0, i],
+        "axle": AXLES[axle],
+        "quantity": name,
+        "unit": unit,
+        **{f"q{100 * level:02.0f}": value for level, value in zip(CURVE_QUANTILES, values, strict=True)},
+        "draws": len(codes),
+        "cannot": float(cannot(states)[i]),
+        "unanswered": float(unanswered(states)[i]),
+        "pulls_too_little": int((codes == Outcome.CANNOT).sum()),
+        "sinks": int((codes == Outcome.SINKS).sum()),
+        "lifts": int((codes == Outcome.LIFTS).sum()),
+        "no_answer": int((codes == Outcome.NO_ANSWER).sum()),
+        "unsettled": int((codes == Outcome.UNSETTLED).sum()),
+        "rolls": int((codes == Outcome.BRAKES).sum()),
+        "marked": bool(cannot(states)[i] + unanswered(states)[i] > UNANSWERED),
+        "extrapolated": bool(slip > driven[1]),
+    }
+
+
+SLOPES = (0.0, 5 * DEGREE, 10 * DEGREE, 15 * DEGREE)
+"""Slopes, rad, that are asked for by default."""
+
+DRAWS = 1000
+"""Posterior draws, at most, that a rover drives on."""
+
+STEEPEST = 45 * DEGREE
+
+CURVE = 21
+"""Slopes, or tow forces, of a smooth curve."""
+
+
+def drive_rover(
+    result: Result,
+    rover: Rover,
+    slopes: Sequence[float | str] = SLOPES,
+    tows: Sequence[float | str] = (0.0,),
+) -> RoverOutlook:
+    """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
+
+    Parameters
+    ----------
+    slopes : rad, or text with a unit, from 0 to 45 degrees.
+    tows : N, or text with a unit.
+
+    Raises
+    ------
+    StudyError : a slope or tow force outside these ranges.
+    """
+    study = result.study
+    if study.errors.discrepancy:
+        raise StudyError(
+            "a rover is driven by the model alone: leave [discrepancy] out, or predict wheels one by one"
+        )
+    front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
+    rover = replace(rover, wheels=(front, rear))
+    alphas, pulls = checked_slopes(slopes), checked_tows(tows)
+    draws, index = spread(result, DRAWS)
+    ground = SoftGround(study.model, rover, study.prior.soil_values(draws))
+    found = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
+    pulled = sweep(rover, ground, len(draws), "tow")
+    asked = _joined([states_at(rover, ground, found[tow], alphas) for tow in pulls])
+    rows = study.observations.used().slip
+    driven = (float(rows.min()), float(rows.max()))
+    return RoverOutlook(
+        title=study.title,
+        model=study.model.name,
+        rover=rover,
+        asked=asked,
+        over_slope=states_at(rover, ground, found[pulls[0]], _curve(alphas.max(), SLOPES[-1])),
+        over_tow=_over_tow(rover, ground, float(alphas[0]), pulls, pulled),
+        slopes=greatest(rover, ground, found[0.0]),
+        slopes_driven=greatest(rover, ground, found[0.0], driven[1]),
+        tows=greatest(rover, ground, pulled),
+        tows_driven=greatest(rover, ground, pulled, driven[1]),
+        index=index,
+        driven=driven,
+        remarks=tuple(_remarks(study, rover, asked)),
+    )
+
+
+def rover_for(study: Study, rover: Rover | str | Path) -> Rover:
+    """A rover, or the one that a file describes, with the wheels of a study."""
+    return rover if isinstance(rover, Rover) else read_rover(Path(rover), study.wheels, prior_phi(study))
+
+
+def checked_slopes(slopes: Sequence[float | str]) -> FloatArray:
+    """Slopes, rad, in ascending order, each once."""
+    values = np.unique([quantity(slope, "rad", "slope", bare=True) for slope in slopes])
+    wrong = values[(values < 0) | (values > STEEPEST * (1 + 1e-12))]
+    if wrong.size or not values.size:
+        got = f"{wrong[0] / DEGREE:.4g} deg" if wrong.size else "none"
+        raise StudyError(f"'slope' must lie between 0 and 45 deg (got {got})")
+    return values
+
+
+def checked_tows(tows: Sequence[float | str]) -> FloatArray:
+    """Tow forces, N, in ascending order, each once."""
+    values = np.unique([quantity(tow, "N", "tow", bare=True) for tow in tows])
+    if not values.size or values[0] < 0:
+        raise StudyError(f"'tow' must not be below 0 N (got {f'{values[0]:g} N' if values.size else 'none'})")
+    return values
+
+
+def _curve(last: float, least: float) -> FloatArray:
+    return np.linspace(0.0, max(last, least), CURVE)
+
+
+def _over_tow(rover: Rover, ground: SoftGround, slope: float, tows: FloatArray, flat: Sweep) -> State | None:
+    if tows[-1] == 0:
+        return None
+    found = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
+    return states_at(rover, ground, found, np.linspace(0.0, tows[-1], CURVE))
+
+
+def _joined(states: Sequence[State]) -> State:
+    """States (n, k) side by side."""
+    names = [field.name for field in fields(State)]
+    return State(**{name: np.concatenate([getattr(one, name) for one in states], axis=1) for name in names})
+
+
+def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
+    """Say where loads, wheels and gravity leave what was measured."""
+    middles = [quantiles(asked.load[:, i, axle])[2] for i in range(asked.load.shape[1]) for axle in (0, 1)]
+    known, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
+    if known and loads.size and not (0.999 * known[0] <= loads.min() and loads.max() <= 1.001 * known[1]):
+        named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in known))
+        yield (
+            f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N:"
+            " extrapolated"
+        )
+    for wheel in dict.fromkeys(rover.wheels):
+        yield from wheel_remarks(study, wheel)
+    if rover.gravity is not None and abs(rover.gravity - EARTH) > 0.1:
+        yield (
+            f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"
+            " taken unchanged from where they were measured"
+        )
+
+
+ROVER = "rover.json"
+"""File by which a folder of this kind is known."""
+
+
+class RoverSheet(RoverOutlook):
+    """What draws say about a rover, to be saved as a folder with its plot."""
+
+    @classmethod
+    def of(cls, outlook: RoverOutlook) -> Self:
+        """The same outlook, with files to write."""
+        return cls(**{field.name: getattr(outlook, field.name) for field in fields(RoverOutlook)})
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write bands, draws, greatest slopes, a plot and a record into a new folder; returns its path.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        from bayesterra.prediction.page import rover_outlook_png
+
+        check_free(Path(folder), overwrite=overwrite, mark=ROVER)
+        with whole_folder(Path(folder), overwrite=overwrite, mark=ROVER) as part:
+            write_text(part / "bands.csv", csv_text(self.table))
+            write_text(part / "draws.csv", csv_text(self.to_dataframe()))
+            write_text(part / "greatest.csv", csv_text(self.greatest_table))
+            write_text(part / "climb.csv", csv_text(self.climb_table))
+            write_bytes(part / "rover.png", rover_outlook_png(self))
+            write_text(part / ROVER, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
+        return Path(folder)
+
+    def _record(self) -> dict[str, object]:
+        return {
+            "kind": "rover",
+            "title": self.title,
+            "model": self.model,
+            "bayesterra": version("bayesterra"),
+            "rover": asdict(self.rover),
+            "slope": self.asked.slope[0].tolist(),
+            "tow": self.asked.tow[0].tolist(),
+            "draws": len(self.index),
+            "share_that_cannot": self.cannot.tolist(),
+            "share_without_answer": self.unanswered.tolist(),
+            "marked_above": UNANSWERED,
+            "notes": list(self.notes),
+        }
+
+    def _repr_html_(self) -> str:
+        return str(self.table.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
+
+
+def predict_rover(
+    result: Result,
+    rover: Rover | str | Path,
+    *,
+    slopes: Sequence[float | str] = SLOPES,
+    tows: Sequence[float | str] = (0.0,),
+) -> RoverSheet:
+    """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
+
+    Parameters
+    ----------
+    rover : a :class:`Rover`, or a file of one.
+    slopes : rad, or text with a unit, from 0 to 45 degrees.
+    tows : forces that pull back along the slope, N or text with a unit; every slope is tried with each.
+
+    Raises
+    ------
+    StudyError : a file that describes no rover, or a slope or tow force outside its range.
+    """
+    check_kind("bt.predict_rover", result, Result)
+    if not isinstance(rover, Rover):
+        rover = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
+    return RoverSheet.of(drive_rover(result, rover_for(result.study, rover), slopes, tows))
+
+
+def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:
+    """Slopes from texts such as ``0,5,10``, degrees where no unit is given; the default where there are none.
+
+    Raises
+    ------
+    StudyError : one is not a number.
+    """
+    found: list[float | str] = []
+    for part in (part.strip() for text in texts for part in text.split(",")):
+        try:
+            found.append(float(part) * DEGREE)
+        except ValueError:
+            if not part[:1].isdigit():
+                raise StudyError(f"'slope' must be degrees with commas, e.g. 0,5,10 (got {part!r})") from None
+            found.append(part)
+    return tuple(found) or SLOPES
+
+
+def tows_of(texts: Sequence[str]) -> tuple[float | str, ...]:
+    """Tow forces from texts such as ``0 N,35 N``; none where there are none."""
+    return tuple(part.strip() for text in texts for part in text.split(",")) or (0.0,)

@@ -1,0 +1,437 @@
+"""Predictions and rovers as figures, notebook and terminal tables."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.arrays import FloatArray
+from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Prediction, quantiles
+from bayesterra.prediction.rover import AXLES
+from bayesterra.prediction.statics import Greatest, State
+from bayesterra.report.blocks import table
+from bayesterra.report.figures import (
+    DATA,
+    GRID,
+    INK,
+    POSTERIOR,
+    PRIOR,
+    figure_of,
+    label,
+    literal,
+    new_figure,
+    own_axes,
+    styled,
+)
+from bayesterra.report.numbers import given, interval, resolution, rounded
+from bayesterra.report.symbols import symbol, with_unit
+from bayesterra.report.terminal import PlainConsole
+
+DOUBTFUL = "#D55E00"
+"""Colour of what cannot be relied on."""
+
+_EDGES = 0.03
+
+_PALE: dict[str, Any] = {"color": GRID, "alpha": 0.45, "linewidth": 0, "zorder": 0}
+
+
+@styled
+def prediction(
+    curve: Prediction, quantity: str, ax: Axes | None = None, *, at: Prediction | None = None
+) -> Axes:
+    """Draw one quantity of a prediction over slip.
+
+    Parameters
+    ----------
+    curve : a prediction on a slip grid: its median and 90 % band, without and with measurement noise.
+    quantity : a key of ``prediction.PREDICTED``.
+    at : the same wheel and load at single slips: median and 90 % interval of the readings, or of the modelled
+        values where there are none.
+
+    Grey ground: slips that were not driven. Hatched: more than 5 % of the draws have no answer.
+    """
+    ax = own_axes(ax)
+    column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
+    modelled, readings = bands(curve.modelled, column) / scale, bands(curve.readings, column) / scale
+    for band, alpha in ((readings, 0.18), (modelled, 0.42)):
+        ax.fill_between(curve.slip, band[0], band[2], color=POSTERIOR, alpha=alpha, linewidth=0)
+    ax.plot(curve.slip, modelled[1], color=POSTERIOR)
+    if at is not None:
+        noisy = at.modelled if np.isnan(at.readings[:, :, column]).all() else at.readings
+        _points(ax, at.slip, bands(noisy, column) / scale)
+    _limit(ax, modelled, readings)
+    _ground(ax, curve)
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
+    return ax
+
+
+@styled
+def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatArray:
+    """Draw every quantity (columns) of some predictions (rows); returns the axes (cases, quantities).
+
+    Parameters
+    ----------
+    cases : per row the prediction on a slip grid, and at single slips where there is one.
+    """
+    figure = new_figure(2.55 * len(PREDICTED), 2.35 * len(cases) + 0.75)
+    axes = np.asarray(figure.subplots(len(cases), len(PREDICTED), squeeze=False))
+    for row, (curve, at) in zip(axes, cases, strict=True):
+        for ax, quantity in zip(row, PREDICTED, strict=True):
+            prediction(curve, quantity, ax, at=at)
+            ax.set_title(PREDICTED[quantity].description, fontsize=9)
+        row[0].annotate(
+            f"wheel {literal(curve.name)}, {curve.load:.4g} N", (0, 1), (0, 22), xycoords="axes fraction",
+            textcoords="offset points", fontsize=10, fontweight="bold",
+        )  # fmt: skip
+    _legend_of_bands(figure, cases)
+    return axes
+
+
+@styled
+def predictions_png(cases: Sequence[tuple[Prediction, Prediction | None]], dpi: float = 200) -> bytes:
+    """The drawing of :func:`predictions` as PNG on white, the same bytes each time."""
+    buffer = BytesIO()
+    figure = predictions(cases)[0, 0].get_figure()
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def bands(values: FloatArray, column: int) -> FloatArray:
+    """5, 50 and 95 % of the draws that have an answer at each slip, (3, k)."""
+    return np.column_stack([quantiles(values[:, i, column])[[0, 2, 4]] for i in range(values.shape[1])])
+
+
+def _points(ax: Axes, slip: FloatArray, band: FloatArray) -> None:
+    low, middle, high = band
+    ax.errorbar(
+        slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5, capsize=2.5,
+        elinewidth=0.9, zorder=6,
+    )  # fmt: skip
+
+
+def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
+    """Keep the bands in view, except where an efficiency falls without end at the smallest slips."""
+    known = np.concatenate([modelled.ravel(), readings.ravel()])
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return
+    medians = modelled[1][np.isfinite(modelled[1])]
+    reach = 3 * max(float(np.ptp(medians)), 0.05 * float(np.abs(medians).max()), 1e-9)
+    low, high = max(known.min(), medians.min() - reach), min(known.max(), medians.max() + reach)
+    ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+
+
+def _ground(ax: Axes, curve: Prediction) -> None:
+    """Show where the slips were not driven, and where too many draws have no answer."""
+    left, right = float(curve.slip[0]), float(curve.slip[-1])
+    margin = _EDGES * (right - left) or 0.02
+    ax.set_xlim(left - margin, right + margin)
+    if left < curve.driven[0]:
+        ax.axvspan(left - margin, curve.driven[0], **_PALE)
+    if right > curve.driven[1]:
+        ax.axvspan(curve.driven[1], right + margin, **_PALE)
+    hatch_failing(ax, curve.slip, curve.unanswered)
+
+
+def hatch_failing(ax: Axes, x: FloatArray, shares: FloatArray, colour: str = DOUBTFUL) -> None:
+    """Hatch the stretches of ``x`` (k,) in which over ``UNANSWERED`` of the draws fail; the worst share."""
+    left, right = ax.get_xlim()
+    for low, high, share in _stretches(x, shares):
+        ax.axvspan(
+            low, high, facecolor="none", edgecolor=colour, hatch="////", alpha=0.5, linewidth=0, zorder=5
+        )
+        ax.text(
+            min(max(0.5 * (low + high), left), right), 0.97, f"{100 * share:.0f} %", color=colour,
+            transform=ax.get_xaxis_transform(), ha="center", va="top", fontsize=7.5, zorder=7,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        )  # fmt: skip
+    ax.set_xlim(left, right)
+
+
+def _stretches(x: FloatArray, shares: FloatArray) -> list[tuple[float, float, float]]:
+    """Ends of stretches with more than ``UNANSWERED`` of the draws without an answer, and the worst share."""
+    wrong = np.flatnonzero(shares > UNANSWERED)
+    half = 0.5 * float(np.diff(x).max(initial=0.02))
+    runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 1) + 1) if wrong.size else []
+    ends = [(float(x[run[0]]), float(x[run[-1]])) for run in runs]
+    worst = [float(shares[run].max()) for run in runs]
+    return [(low - half, high + half, share) for (low, high), share in zip(ends, worst, strict=True)]
+
+
+def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Prediction | None]]) -> None:
+    entries: list[Patch | Line2D] = [
+        Line2D([], [], color=POSTERIOR, label="median"),
+        Patch(color=POSTERIOR, alpha=0.5, label="90 %, without noise"),
+        Patch(color=POSTERIOR, alpha=0.18, label="90 %, with measurement noise"),
+    ]
+    if any(at is not None for _, at in cases):
+        entries.append(Line2D([], [], color=DATA, marker="o", markersize=3.5, label="asked-for slips, 90 %"))
+    if any(not c.driven[0] <= s <= c.driven[1] for c, _ in cases for s in c.slip[[0, -1]]):
+        entries.append(Patch(color=GRID, alpha=0.6, label="slip not driven"))
+    if any(curve.marked for curve, _ in cases):
+        entries.append(
+            Patch(
+                facecolor="none", edgecolor=DOUBTFUL, hatch="////", label="over 5 % of draws without answer"
+            )
+        )
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+
+
+def print_forecast(points: Sequence[Prediction], folder: Path, console: Console | None = None) -> None:
+    """Print the bands at the slips that were asked for, what is doubtful, and where the files are."""
+    console = console or PlainConsole()
+    for at in points:
+        console.print(_bands(at))
+        console.print(_derived(at))
+        for line in _remarks(at):
+            console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"Written: {folder}   Plot: {folder / 'prediction.png'}", highlight=False, soft_wrap=True)
+
+
+def _bands(at: Prediction) -> RichTable:
+    table = RichTable(title=f"wheel {at.name} under {at.load:.4g} N", box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("slip", "", "median", "90 %", "90 % of readings", "no answer"):
+        table.add_column(header, justify="right" if header else "left", no_wrap=True)
+    rows = at.table.set_index(["slip", "quantity"])
+    for slip, share in zip(at.slip, at.unanswered, strict=True):
+        for i, (name, known) in enumerate(PREDICTED.items()):
+            unit = "" if known.unit == "-" else f" [{known.unit}]"
+            mark = f"{100 * share:.3g} %{' !' if share > UNANSWERED else ''}"
+            first, last = ("", "") if i else (f"{slip:.4g}", mark)
+            table.add_row(first, f"{known.symbol}{unit}", *_cells(rows.loc[(slip, name)].to_dict()), last)
+        table.add_section()
+    return table
+
+
+def _cells(row: Mapping[str, float]) -> tuple[str, str, str]:
+    low, high = row["modelled_q05"], row["modelled_q95"]
+    step = resolution(low, high)
+    readings = row["reading_q05"], row["reading_q95"]
+    noisy = "" if np.isnan(readings).any() else interval(*readings)
+    return rounded(row["modelled_q50"], step), interval(low, high, step), noisy
+
+
+def _derived(at: Prediction) -> RichTable:
+    table = RichTable(box=SIMPLE_HEAD, padding=(0, 1))
+    for header, side in (("derived", "left"), ("unit", "left"), ("median", "right"), ("90 % HDI", "right")):
+        table.add_column(header, justify="right" if side == "right" else "left")
+    table.add_column("prior 90 %", justify="right")
+    for row in at.derived_table.to_dict("records"):
+        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+        table.add_row(
+            str(row["quantity"]).replace("_", " "),
+            str(row["unit"]),
+            rounded(row["median"], step),
+            interval(row["hdi90_lo"], row["hdi90_hi"], step),
+            interval(row["prior_q05"], row["prior_q95"]),
+        )
+    return table
+
+
+def _remarks(at: Prediction) -> list[str]:
+    lines = [f"Note: {note}." for note in at.notes]
+    rows = at.table.drop_duplicates("slip").set_index("slip")
+    for slip in at.marked:
+        row = rows.loc[slip]
+        lines.append(
+            f"! At slip {slip:.4g} the model has no answer for {row['no_answer']} of {row['draws']} draws"
+            f" ({row['reason']}): the band holds the others only, do not rely on it."
+        )
+    return lines
+
+
+REAR, BOTH = "#E69F00", "#009E73"
+
+COLOURS = (POSTERIOR, REAR)
+
+_LABELS = {"slip": "slip ratio $s$ [–]", "sinkage": "sinkage $z$ [mm]", "load": "load of a wheel [N]"}
+
+_STEPS = 200
+
+
+@styled
+def rover_outlook(outlook: RoverOutlook) -> FloatArray:
+    """Draw slip, sinkage and wheel load over slope (first row) and tow force (second, if asked for).
+
+    Lines: medians of the draws that hold; dark and pale bands: 50 and 90 % of them. Front axle blue, rear
+    axle orange; one line where they are alike. Hatched orange: over 5 % of the draws do not hold; grey: over
+    5 % have no answer. Last column: share of the draws
+    that hold a slope or tow force at any slip, and at the driven ones only (dashed). Returns the axes.
+    """
+    rows = 1 if outlook.over_tow is None else 2
+    figure = new_figure(10.4, 2.5 * rows + 0.9)
+    axes = np.asarray(figure.subplots(rows, 4, squeeze=False))
+    _row(axes[0], outlook, outlook.over_slope, "slope")
+    _chance(
+        axes[0, 3],
+        outlook.slopes,
+        outlook.slopes_driven,
+        DEGREE,
+        "slope α [°]",
+        "share of draws that climb it",
+    )
+    if outlook.over_tow is not None:
+        _row(axes[1], outlook, outlook.over_tow, "tow")
+        _chance(
+            axes[1, 3],
+            outlook.tows,
+            outlook.tows_driven,
+            1.0,
+            "tow force on the flat [N]",
+            "share of draws that hold it",
+        )
+    _legend(axes, outlook)
+    return axes
+
+
+@styled
+def rover_outlook_png(outlook: RoverOutlook, dpi: float = 200) -> bytes:
+    """The drawing of :func:`rover_outlook` as PNG on white, the same bytes each time."""
+    buffer = BytesIO()
+    figure = figure_of(rover_outlook(outlook))
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> None:
+    x = states.slope[0] / DEGREE if over == "slope" else states.tow[0]
+    fixed = (
+        f"{states.tow[0, 0]:.3g} N tow" if over == "slope" else f"slope {states.slope[0, 0] / DEGREE:.3g}°"
+    )
+    for ax, (field, title) in zip(axes, _LABELS.items(), strict=False):
+        alike = field == "slip" and outlook.rover.equal_slip
+        for axle in (1,) if alike else (0, 1):
+            colour = BOTH if alike else COLOURS[axle]
+            _band_of_rover(ax, x, getattr(states, field)[:, :, axle] / QUANTITIES[field][1], colour)
+        if field == "slip":
+            ax.axhspan(outlook.driven[1], 1, color=GRID, alpha=0.45, linewidth=0, zorder=0)
+            ax.set_ylim(0, _top(states))
+        else:
+            ax.set_ylim(0, None)
+        ax.set(xlabel="slope α [°]" if over == "slope" else "tow force [N]", ylabel=title, xlim=(x[0], x[-1]))
+        ax.set_title(fixed, fontsize=8.5)
+        ax.set_ylim(top=1.12 * ax.get_ylim()[1])
+        hatch_failing(ax, x, cannot(states))
+        hatch_failing(ax, x, unanswered(states), PRIOR)
+
+
+def _top(states: State) -> float:
+    """Highest end of the 90 % band of the slip."""
+    ends = [quantiles(states.slip[:, i].max(axis=1))[4] for i in range(states.slip.shape[1])]
+    return float(np.nanmax(ends, initial=0.05))
+
+
+def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
+    q05, q25, q50, q75, q95 = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
+    ax.fill_between(x, q05, q95, color=colour, alpha=0.2, linewidth=0)
+    ax.fill_between(x, q25, q75, color=colour, alpha=0.35, linewidth=0)
+    ax.plot(x, q50, color=colour)
+
+
+def _chance(ax: Axes, found: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:
+    """One minus the distribution of the greatest value."""
+    values = np.nan_to_num(found.value, nan=-np.inf) / scale
+    x = np.linspace(0, 1.05 * max(float(values.max()), 1e-9), _STEPS)
+    for one, line in ((found, "-"), (driven, "--")):
+        least = np.nan_to_num(one.value, nan=-np.inf) / scale
+        ax.plot(x, (least >= x[:, None]).mean(axis=1), color=DATA, linestyle=line)
+    ax.set(xlabel=label, ylabel=share, xlim=(0, x[-1]), ylim=(0, 1.03))
+
+
+def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
+    entries: list[Line2D | Patch] = [
+        *([Line2D([], [], color=BOTH, label="all wheels")] if outlook.rover.equal_slip else []),
+        *(
+            Line2D([], [], color=colour, label=f"{axle} axle")
+            for colour, axle in zip(COLOURS, AXLES, strict=True)
+        ),
+        Patch(color=INK, alpha=0.5, label="50 %"),
+        Patch(color=INK, alpha=0.2, label="90 % of the draws that hold"),
+        Line2D([], [], color=DATA, linestyle="--", label="at driven slips"),
+        Patch(color=GRID, alpha=0.6, label="slip not driven"),
+    ]
+    curves = [outlook.over_slope, *([] if outlook.over_tow is None else [outlook.over_tow])]
+    for shares, colour, title in (
+        (cannot, DOUBTFUL, "over 5 % of draws do not hold"),
+        (unanswered, PRIOR, "over 5 % without answer"),
+    ):
+        if any((shares(curve) > UNANSWERED).any() for curve in curves):
+            entries.append(Patch(facecolor="none", edgecolor=colour, hatch="////", label=title))
+    figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)
+
+
+def print_outlook(outlook: RoverOutlook, folder: Path, console: Console | None = None) -> None:
+    """Print what a rover does on every slope, the greatest slope, notes, and where the files are."""
+    console = console or PlainConsole()
+    title = f"rover {outlook.rover.name}, {outlook.rover.weight:.4g} N"
+    table = RichTable(title=title, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ROVER_COLUMNS:
+        table.add_column(header, justify="right", no_wrap=True)
+    for (slope, tow), rows in outlook.table.groupby(["slope [deg]", "tow [N]"], sort=False):
+        cells = rows.set_index(["quantity", "axle"]).to_dict("index")
+        slips, depth = _median_90(cells["slip", "rear"], 0.01), _median_90(cells["sinkage", "rear"], 0.1)
+        loads = " / ".join(rounded(cells["load", axle]["q50"], 1.0) for axle in AXLES)
+        shares = (float(rows[name].iloc[0]) for name in ("cannot", "unanswered"))
+        marks = ", ".join(f"{100 * share:.0f}{'!' if share > UNANSWERED else ''}" for share in shares)
+        table.add_row(f"{slope:.4g}", f"{tow:.4g}", slips, depth, loads, f"{marks} %")
+    console.print(table)
+    for line in outlook_lines(outlook):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"Written: {folder}   Plot: {folder / 'rover.png'}", highlight=False, soft_wrap=True)
+
+
+ROVER_COLUMNS = ("slope\n[°]", "tow\n[N]", "slip", "z rear\n[mm]", "loads\n[N]", "cannot,\nno answer")
+
+
+def _median_90(row: Mapping[Hashable, Any], least: float) -> str:
+    """The median, and 5 and 95 %, to a step of ``least`` or coarser."""
+    low, high = row["q05"], row["q95"]
+    step = max(resolution(low, high), least)
+    return f"{rounded(row['q50'], step)} ({interval(low, high, step)})"
+
+
+def outlook_lines(outlook: RoverOutlook) -> list[str]:
+    """The greatest slope and tow force, then what is doubtful and what is assumed."""
+    lines = []
+    for row in outlook.greatest_table.to_dict("records"):
+        low, high = row["q05"], row["q95"]
+        step = resolution(low, high)
+        where = "" if row["slips"] == "all" else " at driven slips"
+        name, unit = str(row["quantity"]).replace("_", " "), "°" if row["unit"] == "deg" else " N"
+        middle, ends = rounded(row["q50"], step), interval(low, high, step)
+        lines.append(f"{name.capitalize()}{where}: {middle}{unit}, 90 % {ends}{unit}.")
+    return [*lines, *(f"Note: {note}." for note in outlook.notes)]
+
+
+def prediction_table(prediction: Prediction) -> str:
+    """Median and 90 % band at every slip, what cannot be relied on, and notes."""
+    bands = prediction.table.set_index(["slip", "quantity"])
+    rows = []
+    for slip, share in zip(prediction.slip, prediction.unanswered, strict=True):
+        mark = Markup("<b>{:.3g} %</b>") if share > UNANSWERED else Markup("{:.3g} %")
+        found = (bands.loc[(slip, name)].to_dict() for name in PREDICTED)
+        rows.append((f"{slip:.4g}", *(_band(row) for row in found), mark.format(100 * share)))
+    head = Markup("Wheel {} under {} N: median (90 %), without measurement noise").format(
+        prediction.name, given(round(prediction.load, 1))
+    )
+    header = (symbol("slip"), *(with_unit(name) for name in PREDICTED), "no answer")
+    return table(head, header, rows, prediction.notes)
+
+
+def _band(row: dict[str, float]) -> str:
+    low, high = row["modelled_q05"], row["modelled_q95"]
+    step = resolution(low, high)
+    return f"{rounded(row['modelled_q50'], step)} ({interval(low, high, step)})"

@@ -1,0 +1,352 @@
+"""Prediction: draws and bands for wheels, loads and slips that were not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator, default_rng
+from numpy.typing import ArrayLike
+
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.errors import StudyError
+from bayesterra.likelihood.derived import derive_for, reference_load, tractive_efficiency
+from bayesterra.likelihood.forward import Forward, Outcomes, offset_of
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import REASONS, posterior
+from bayesterra.models import Conditions, Wheel
+from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
+from bayesterra.stats.diagnostics import hdi
+from bayesterra.study.result import CURVE_QUANTILES, Result
+from bayesterra.study.study import Study
+from bayesterra.study.units import quantity
+from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
+
+UNANSWERED = 0.05
+"""Share of draws without an answer from which a band is marked."""
+
+PREDICTED: dict[str, Channel] = {
+    **{name: CHANNELS[name] for name in ("sinkage", "drawbar_pull", "resistance_moment")},
+    EFFICIENCY.name: EFFICIENCY,
+}
+"""What is predicted, the last axis of predictions."""
+
+_MODELLED, _READING = "modelled", "reading"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One wheel under one load, at some slips.
+
+    Attributes
+    ----------
+    title : of the study that the draws come from.
+    name : of the wheel.
+    wheel : its dimensions.
+    load : N.
+    slip : (k,) on the shearing radius, ascending.
+    modelled : (n, k, 4) without noise in the order of ``PREDICTED``, SI; NaN where the model has no answer.
+    readings : the same with the study's measurement noise; NaN also for what was not measured there.
+    reasons : (n, k) why there is no answer: a key of ``posteriors.REASONS``, 0 where there is one.
+    index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
+    driven : lowest and highest slip of the study's rows in the fit.
+    derived, derived_prior : draws of the quantities of ``derived.DERIVED`` for this wheel and load, SI.
+    remarks : where load and wheel leave what was measured; one sentence each.
+    """
+
+    title: str
+    name: str
+    wheel: Wheel
+    load: float
+    slip: FloatArray
+    modelled: FloatArray
+    readings: FloatArray
+    reasons: IntArray
+    index: IntArray
+    driven: tuple[float, float]
+    derived: Mapping[str, FloatArray]
+    derived_prior: Mapping[str, FloatArray]
+    remarks: tuple[str, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the prediction leaves what was measured; one sentence each."""
+        low, high = self.driven
+        beyond = self.slip[(self.slip < low) | (self.slip > high)]
+        if not beyond.size:
+            return self.remarks
+        named = ", ".join(f"{slip:.3g}" for slip in (beyond if beyond.size < 4 else beyond[[0, -1]]))
+        return (
+            f"slip {named} lies outside the driven slips, {low:.3g} to {high:.3g}: extrapolated",
+            *self.remarks,
+        )
+
+    def at(self, slip: FloatArray) -> Prediction:
+        """The same prediction at some of its slips only."""
+        keep = np.isin(self.slip, slip)
+        return replace(
+            self,
+            slip=self.slip[keep],
+            modelled=self.modelled[:, keep],
+            readings=self.readings[:, keep],
+            reasons=self.reasons[:, keep],
+        )
+
+    @property
+    def unanswered(self) -> FloatArray:
+        """Share (k,) of the draws for which the model has no answer at each slip."""
+        return np.asarray((self.reasons != 0).mean(axis=0))
+
+    @property
+    def marked(self) -> tuple[float, ...]:
+        """Slips at which more than ``UNANSWERED`` of the draws have no answer: no band to rely on."""
+        return tuple(float(slip) for slip in self.slip[self.unanswered > UNANSWERED])
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Bands: one row per slip and quantity, field units; quantiles of the draws that have an answer."""
+        return pd.DataFrame(
+            [self._row(i, name) for i in range(len(self.slip)) for name in PREDICTED],
+        )
+
+    def _row(self, i: int, name: str) -> dict[str, object]:
+        known, column = PREDICTED[name], list(PREDICTED).index(name)
+        bands = {
+            f"{kind}_q{100 * level:02.0f}": value / known.scale
+            for kind, values in ((_MODELLED, self.modelled), (_READING, self.readings))
+            for level, value in zip(CURVE_QUANTILES, quantiles(values[:, i, column]), strict=True)
+        }
+        codes, counts = np.unique(self.reasons[:, i][self.reasons[:, i] != 0], return_counts=True)
+        return {
+            "wheel": self.name,
+            "load [N]": self.load,
+            "slip": self.slip[i],
+            "quantity": name,
+            "unit": known.unit,
+            **bands,
+            "draws": len(self.reasons),
+            "no_answer": int(counts.sum()),
+            "marked": bool(self.unanswered[i] > UNANSWERED),
+            "reason": REASONS[int(codes[counts.argmax()])] if len(codes) else "",
+            "extrapolated": not self.driven[0] <= self.slip[i] <= self.driven[1],
+        }
+
+    @property
+    def derived_table(self) -> pd.DataFrame:
+        """Posterior and prior of every derived quantity that has an answer, field units."""
+        rows = (_derived_row(name, self.derived[name], self.derived_prior[name]) for name in self.derived)
+        return pd.DataFrame([row for row in rows if row])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Every draw at every slip: chain, draw, wheel, load, slip, then values without and with noise."""
+        n, k = self.reasons.shape
+        columns: dict[str, object] = {
+            "chain": np.repeat(self.index[:, 0], k),
+            "draw": np.repeat(self.index[:, 1], k),
+            "wheel": self.name,
+            "load [N]": self.load,
+            "slip": np.tile(self.slip, n),
+        }
+        for column, (name, known) in enumerate(PREDICTED.items()):
+            unit = "" if known.unit == "-" else f" [{known.unit}]"
+            for kind, values in (("", self.modelled), ("_" + _READING, self.readings)):
+                if not np.isnan(values[:, :, column]).all():
+                    columns[f"{name}{kind}{unit}"] = values[:, :, column].ravel() / known.scale
+        return pd.DataFrame(columns)
+
+
+def quantiles(values: FloatArray) -> FloatArray:
+    """Quantiles ``results.CURVE_QUANTILES`` of the finite ones among ``values`` (n,), NaN where none is."""
+    answered = values[np.isfinite(values)]
+    return np.quantile(answered, CURVE_QUANTILES) if answered.size else np.full(len(CURVE_QUANTILES), np.nan)
+
+
+def _derived_row(name: str, posterior: FloatArray, prior: FloatArray) -> dict[str, object]:
+    """One row; empty where no draw has an answer."""
+    known = DERIVED[name]
+    after, before = (values[np.isfinite(values)] / known.scale for values in (posterior, prior))
+    if not after.size or not before.size:
+        return {}
+    low, high = hdi(after)
+    return {
+        "quantity": name,
+        "unit": known.unit,
+        "median": np.median(after),
+        "mean": after.mean(),
+        "sd": after.std(),
+        "hdi90_lo": low,
+        "hdi90_hi": high,
+        "prior_median": np.median(before),
+        "prior_q05": np.quantile(before, 0.05),
+        "prior_q95": np.quantile(before, 0.95),
+        "no_answer": int(len(posterior) - after.size),
+    }
+
+
+DRAWS = 2000
+"""Posterior draws, at most, that are predicted with."""
+
+
+def predict(
+    result: Result,
+    slip: ArrayLike,
+    *,
+    load: float | str | None = None,
+    wheel: str | Wheel | None = None,
+    name: str = "",
+    seed: int = 1,
+) -> Prediction:
+    """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
+
+    Parameters
+    ----------
+    slip : slips on the shearing radius, in [0, 1); sorted, each once.
+    load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
+    wheel : name of one of the study's wheels (by default its first), or another wheel.
+    name : what another wheel is called.
+    seed : of the noise on the readings.
+
+    Raises
+    ------
+    StudyError : a slip or load outside the model's range, or an unknown wheel.
+    """
+    study = result.study
+    at, carried = checked_slips(slip), _load(study, load)
+    called, driven = chosen_wheel(study, wheel, name)
+    draws, index = spread(result)
+    forward = Forward(study.model, "load", Conditions.of(driven, at), np.full(len(at), carried))
+    soil = study.prior.soil_values(draws)
+    parts = [forward.row(i)(soil) for i in range(len(at))]
+    rng = default_rng(seed)
+    outcomes = np.concatenate([part.values for part in parts], axis=1)
+    outcomes = outcomes + _discrepancy(study, forward, driven, draws, rng)
+    rows = study.observations.used().slip
+    return Prediction(
+        title=study.title,
+        name=called,
+        wheel=driven,
+        load=carried,
+        slip=at,
+        modelled=_with_efficiency(outcomes, forward.conditions),
+        readings=_with_noise(study, forward, outcomes, draws, rng),
+        reasons=np.column_stack([part.status for part in parts]),
+        index=index,
+        driven=(float(rows.min()), float(rows.max())),
+        derived=_derived(study, driven, carried, draws),
+        derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
+        remarks=tuple(_remarks(study, driven, carried)),
+    )
+
+
+def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
+    """At most ``most`` evenly spaced posterior draws (n, d), and chain and draw of each (n, 2)."""
+    draws = result.values()
+    take = np.arange(0, len(draws), max(1, -(-len(draws) // most)))
+    chain, draw = np.divmod(take, result.draws["posterior"].sizes["draw"])
+    return draws[take], np.column_stack([chain, draw])
+
+
+def _load(study: Study, load: float | str | None) -> float:
+    value = reference_load(study) if load is None else quantity(load, "N", "load", bare=True)
+    if np.isnan(value):
+        raise StudyError("'load' must be given, as the study holds neither load nor normal force")
+    if value <= 0:
+        raise StudyError(f"'load' must be above 0 (got {value:g} N)")
+    return value
+
+
+def _with_efficiency(outcomes: FloatArray, conditions: Conditions) -> FloatArray:
+    efficiency = tractive_efficiency(outcomes[:, :, 1], outcomes[:, :, 2], conditions)
+    return np.concatenate([outcomes, efficiency[:, :, None]], axis=2)
+
+
+def _discrepancy(
+    study: Study, forward: Forward, driven: Wheel, draws: FloatArray, rng: Generator
+) -> FloatArray:
+    """The model's own error (n, k, 3): as the readings of the same wheel tell it, else as stated before."""
+    slip, found = forward.conditions.slip, np.zeros((len(draws), len(forward.conditions.slip), 3))
+    if not study.errors.discrepancy:
+        return found
+    target = posterior(study)
+    name = next((name for name, wheel in study.wheels.items() if wheel == driven), None)
+    values = target.noise_values(draws)
+    curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
+    for column, channel in enumerate(target.likelihood.channels):
+        if channel in forward.outcomes:
+            found[:, :, forward.outcomes.index(channel)] = curve[:, :, column]
+    return found
+
+
+def _with_noise(
+    study: Study, forward: Forward, outcomes: FloatArray, draws: FloatArray, rng: Generator
+) -> FloatArray:
+    """Readings (n, k, 4) of the study's instruments, with the zero error of the sinkage.
+
+    NaN where a channel was not measured.
+    """
+    noise = tuple(noise for name, noise in study.noise.items() if name in forward.outcomes)
+    readings = np.full((*outcomes.shape[:2], len(PREDICTED)), np.nan)
+    if not noise:
+        return readings
+    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(outcomes.shape[1])))
+    read = Outcomes(outcomes.copy(), np.zeros(len(outcomes), dtype=np.int64))
+    read.values[:, :, 0] += offset_of(study.prior.soil_values(draws))
+    columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
+    drawn = Likelihood(forward, blank, noise).draw(read, draws[:, columns], rng)
+    fresh = _fresh(study, forward, draws, rng)
+    for column, entry in enumerate(noise):
+        more = fresh[:, :, forward.outcomes.index(entry.channel)]
+        readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column] + more
+    return readings
+
+
+def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> FloatArray:
+    """Ripple and effect of slip errors (n, k, 3) of readings of another sweep."""
+    found = np.zeros((len(draws), len(forward.conditions.slip), 3))
+    if study.errors:
+        target = posterior(study)
+        channels = tuple(name for name in target.likelihood.channels if name in forward.outcomes)
+        values, soil = target.noise_values(draws), study.prior.soil_values(draws)
+        drawn = target.likelihood.fresh(forward, soil, values, rng)
+        for channel in channels:
+            column = target.likelihood.channels.index(channel)
+            found[:, :, forward.outcomes.index(channel)] = drawn[:, :, column]
+    return found
+
+
+def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:
+    return derive_for(study.model, wheel, load, study.prior.soil_values(x))
+
+
+def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
+    """Say where load and wheel leave what was measured."""
+    ends = measured_loads(study)
+    if ends and not 0.999 * ends[0] <= load <= 1.001 * ends[1]:
+        named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
+        yield f"load {load:.4g} N is not among the measured loads, {named} N: extrapolated"
+    if study.errors.discrepancy:
+        known = (
+            "as its readings tell it" if wheel in study.wheels.values() else "as stated before any reading"
+        )
+        yield (
+            f"the model's own error is part of it, {known}; derived quantities are those of the model alone"
+        )
+    yield from wheel_remarks(study, wheel)
+
+
+def wheel_remarks(study: Study, wheel: Wheel) -> Iterator[str]:
+    """Say where a wheel leaves those that were measured."""
+    if wheel not in study.wheels.values():
+        yield (
+            f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
+            " soil need not hold for another, least of all when only one of them has lugs"
+        )
+    widths = {one.width for one in study.wheels.values()}
+    if wheel.width not in widths and not study.prior.uses_moduli:
+        given = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))
+        yield (
+            f"K_s = k_c/b + k_φ was identified with wheels {given} wide and taken unchanged for"
+            f" {1e3 * wheel.width:g} mm: small where k_c is, as in dry soils"
+        )

@@ -1,0 +1,269 @@
+"""The rover: weight, dimensions and wheels, and the file that gives them.
+
+A number in the file may say that it is an assumption, ``{ value = "0.28 m", assumption = "read from a
+drawing" }``; it then does so wherever it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter
+from pydantic.dataclasses import dataclass as table
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
+from bayesterra.models import Wheel
+from bayesterra.study.schema import (
+    Acceleration,
+    Force,
+    Length,
+    Mass,
+    Number,
+    Table,
+    Text,
+    checked_by,
+    read_toml,
+)
+from bayesterra.study.units import text
+from bayesterra.study.wheels import resolved, wheel_of
+
+AXLES = ("front", "rear")
+
+EARTH = 9.80665
+"""Gravity, m/s², where the file names none."""
+
+_CONFIG = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A value of the file that nobody measured: its key, the value as given, and why it was taken."""
+
+    key: str
+    value: str
+    note: str
+
+    def __str__(self) -> str:
+        *tables, last = self.key.replace("_", " ").split(".")
+        of = "".join(f" of the {table}" for table in reversed(tables))
+        return f"{last}{of} {self.value} is an assumption: {self.note}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rover:
+    """A rover with two axles of two wheels each; left and right are alike. SI units.
+
+    Attributes
+    ----------
+    name : what it is called.
+    weight : G, N, of body and wheels.
+    gravity : under which it weighs that, m/s²; None where it is not known.
+    wheelbase : distance of the axles, m.
+    centre_height : of the centre of gravity above the ground on which the rims stand, m.
+    centre_ahead : the same, ahead of the rear axle, m.
+    tow_height : where the tow force pulls, above that ground, m.
+    wheels : front and rear, shearing radius known.
+    wheel_names : of these.
+    front_to_rear_speed : r_s ω of the front wheels over that of the rear wheels, as commanded; with 1, the
+        default and an assumption, all wheels slip alike.
+    assumptions : which of these numbers are assumptions.
+
+    Raises
+    ------
+    StudyError : a value that no rover has.
+    """
+
+    name: str
+    weight: float
+    wheelbase: float
+    centre_height: float
+    centre_ahead: float
+    tow_height: float
+    wheels: tuple[Wheel, Wheel]
+    wheel_names: tuple[str, str] = AXLES
+    gravity: float | None = None
+    front_to_rear_speed: float = 1.0
+    assumptions: tuple[Assumption, ...] = ()
+
+    def __post_init__(self) -> None:
+        radii = [wheel.radius for wheel in self.wheels]
+        least = sum(radii)
+        for key, value, good, rule in (
+            ("weight", self.weight, self.weight > 0, "must be above 0 N"),
+            ("gravity", self.gravity, self.gravity is None or self.gravity > 0, "must be above 0 m/s²"),
+            (
+                "wheelbase",
+                self.wheelbase,
+                self.wheelbase > least,
+                f"must exceed the radii of both wheels, {least:g} m",
+            ),
+            ("centre_of_gravity.height", self.centre_height, self.centre_height > 0, "must be above 0 m"),
+            (
+                "centre_of_gravity.ahead_of_rear_axle",
+                self.centre_ahead,
+                0 < self.centre_ahead < self.wheelbase,
+                f"must lie between the axles, 0 to {self.wheelbase:g} m",
+            ),
+            ("tow_height", self.tow_height, self.tow_height >= 0, "must not be below 0 m"),
+            (
+                "front_to_rear_speed",
+                self.front_to_rear_speed,
+                0.5 <= self.front_to_rear_speed <= 2,
+                "must lie between 0.5 and 2",
+            ),
+        ):
+            if not good:
+                raise StudyError(f"'{key}' {rule} (got {value:g})")
+
+    @property
+    def mean_load(self) -> float:
+        """A quarter of the weight, N."""
+        return self.weight / 4
+
+    @property
+    def equal_slip(self) -> bool:
+        """Whether all wheels are commanded the same speed on their shearing radius."""
+        return self.front_to_rear_speed == 1
+
+    def slips(self, slowest: FloatArray) -> FloatArray:
+        """Slip of front and rear wheels (n, 2) where the slower axle slips by ``slowest`` (n,).
+
+        All move at one speed v, and 1 − s = v/(r_s ω) by eq. (3), so that (1 − s_f) q = 1 − s_r for the ratio
+        q of their commanded speeds r_s ω.
+        """
+        speeds = np.array([self.front_to_rear_speed, 1.0])
+        return np.asarray(1 - (1 - slowest[:, None]) * speeds.min() / speeds)
+
+
+@table(frozen=True, kw_only=True, config=_CONFIG)
+class _Centre(Table):
+    """Where the centre of gravity is."""
+
+    height: Length
+    ahead_of_rear_axle: Length
+
+
+@table(frozen=True, kw_only=True, config=_CONFIG)
+class _File(Table):
+    """The keys of a rover's file, but for the wheels."""
+
+    wheelbase: Length
+    centre_of_gravity: _Centre
+    name: Text = ""
+    mass: Mass | None = None
+    weight: Force | None = None
+    gravity: Acceleration | None = None
+    tow_height: Length | None = None
+    front_to_rear_speed: Number = 1.0
+    wheel: Any = None
+    front_wheel: Any = None
+    rear_wheel: Any = None
+
+
+_ADAPTER = TypeAdapter(_File)
+
+
+def read_rover(path: Path, wheels: Mapping[str, Wheel], phi: float) -> Rover:
+    """The rover that a TOML file describes.
+
+    Parameters
+    ----------
+    wheels : those of a study, which the file may name.
+    phi : friction angle, rad, at which (2) gives the shearing radius of a wheel that leaves it open.
+
+    Raises
+    ------
+    StudyError : no such file, or a wrong key or value.
+    """
+    with errors_in(path):
+        assumptions: list[Assumption] = []
+        content = _plain(read_toml(path, "rover"), "", assumptions)
+        checked = checked_by(_ADAPTER, content, bare=False)
+        named = [_wheel(content, axle, wheels, phi) for axle in AXLES]
+        weight, gravity = _weight(checked)
+        return Rover(
+            name=checked.name or path.stem,
+            weight=weight,
+            gravity=gravity,
+            wheelbase=checked.wheelbase,
+            centre_height=checked.centre_of_gravity.height,
+            centre_ahead=checked.centre_of_gravity.ahead_of_rear_axle,
+            tow_height=checked.centre_of_gravity.height if checked.tow_height is None else checked.tow_height,
+            wheels=(named[0][1], named[1][1]),
+            wheel_names=(named[0][0], named[1][0]),
+            front_to_rear_speed=checked.front_to_rear_speed,
+            assumptions=(*assumptions, *_left_out(checked)),
+        )
+
+
+def _plain(content: Mapping[str, Any], prefix: str, assumptions: list[Assumption]) -> dict[str, Any]:
+    """The content with bare values in the place of assumptions, which are gathered."""
+    plain: dict[str, Any] = {}
+    for key, given in content.items():
+        name = f"{prefix}{key}"
+        noted = isinstance(given, Mapping) and not {"value", "assumption"}.isdisjoint(given)
+        value = _value(name, given, assumptions) if noted else given
+        plain[key] = _plain(value, f"{name}.", assumptions) if isinstance(value, Mapping) else value
+    return plain
+
+
+def _value(key: str, entry: Mapping[str, Any], assumptions: list[Assumption]) -> Any:
+    note = entry.get("assumption")
+    if set(entry) != {"value", "assumption"} or not isinstance(note, str) or not note.strip():
+        form = '{ value = "0.28 m", assumption = "read from a drawing" }'
+        raise StudyError(f"'{key}' must be a value or {form} (got the keys {', '.join(sorted(entry))})")
+    value = entry["value"]
+    shown = "as given in the file" if isinstance(value, Mapping) else str(value)
+    assumptions.append(Assumption(key, shown, checked_text(note.strip(), f"{key}.assumption")))
+    return value
+
+
+def _weight(file: _File) -> tuple[float, float | None]:
+    """Weight, and the gravity behind it where that is known."""
+    if (file.mass is None) == (file.weight is None):
+        given = "both" if file.mass is not None else "neither"
+        raise StudyError(f"needs either 'mass' or 'weight' (got {given})")
+    if file.weight is not None:
+        return file.weight, file.gravity
+    gravity = EARTH if file.gravity is None else file.gravity
+    return (file.mass or 0.0) * gravity, gravity
+
+
+def _left_out(file: _File) -> Iterator[Assumption]:
+    """What stands in for keys that were left out."""
+    if file.mass is not None and file.gravity is None:
+        yield Assumption("gravity", f"{EARTH} m/s²", "none is given, so the Earth's is taken")
+    if file.tow_height is None:
+        height = str(text(file.centre_of_gravity.height, "m"))
+        yield Assumption(
+            "tow_height", height, "none is given, so the height of the centre of gravity is taken"
+        )
+    if file.front_to_rear_speed == 1:
+        yield Assumption("front_to_rear_speed", "1", "all wheels turn at one speed and slip alike")
+
+
+def _wheel(
+    content: Mapping[str, Any], axle: str, wheels: Mapping[str, Wheel], phi: float
+) -> tuple[str, Wheel]:
+    """Name and dimensions of the wheels of an axle, its own or those of both."""
+    keys = [key for key in (f"{axle}_wheel", "wheel") if key in content]
+    if not keys:
+        first = next(iter(wheels), None)
+        hint = f' (e.g. wheel = "{first}", the study\'s)' if first else ""
+        raise StudyError(f"needs 'wheel', or 'front_wheel' and 'rear_wheel'{hint}")
+    key, given = keys[0], content[keys[0]]
+    if isinstance(given, str):
+        if given not in wheels:
+            raise StudyError(f"'{key}': unknown wheel '{given}'{did_you_mean(given, wheels)}")
+        return given, wheels[given]
+    if not isinstance(given, Mapping):
+        raise StudyError(f"'{key}' must be the name of a study's wheel or a table (got {given!r})")
+    try:
+        return key.replace("_", " "), resolved(wheel_of(key, given), phi)
+    except StudyError as error:
+        raise StudyError(str(error).replace("[wheels.", "[")) from error

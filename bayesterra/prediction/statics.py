@@ -1,0 +1,413 @@
+"""Statics of a rover: loads of its axles on a slope, and the slip at which it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+
+from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.forward import soil_at
+from bayesterra.models import Conditions, Status, Wheel, WheelSoilModel
+from bayesterra.prediction.rover import Rover
+
+SETTLED = 1e-11
+"""Change of the loads, relative to the weight, and of the slope, at which the balance is met."""
+
+REPETITIONS = 80
+
+_LEAST = 1e-6  # share of the weight at which an axle's load is held while others settle
+
+
+class Outcome(IntEnum):
+    """How the question for a slip ends."""
+
+    HELD = 0
+    CANNOT = 1
+    """No slip pulls enough."""
+    SINKS = 2
+    """A wheel would sink beyond its radius."""
+    LIFTS = 3
+    """An axle would carry no load."""
+    BRAKES = 4
+    """At slip 0 the wheels already pull more than is asked: slip 0 or below, where no model here reaches."""
+    NO_ANSWER = 5
+    """The model has no answer for these parameters at the slips that matter."""
+    UNSETTLED = 6
+    """The loads do not settle."""
+
+
+OUTCOMES = {
+    Outcome.HELD: "held",
+    Outcome.CANNOT: "no slip pulls enough",
+    Outcome.SINKS: "sinks beyond the wheel radius",
+    Outcome.LIFTS: "an axle lifts off",
+    Outcome.BRAKES: "rolls without slip",
+    Outcome.NO_ANSWER: "the model has no answer: N ≤ 0, or θm outside (θ2, θ1)",
+    Outcome.UNSETTLED: "the loads do not settle",
+}
+
+_OF_STATUS = np.full(max(Status) + 1, Outcome.NO_ANSWER, dtype=np.int64)
+
+_OF_STATUS[Status.OK] = Outcome.HELD
+
+_OF_STATUS[[Status.LOAD, Status.SINKAGE]] = Outcome.SINKS
+
+
+class Ground(Protocol):
+    """What the wheels drive on: n soils, known by their numbers."""
+
+    def respond(
+        self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Sinkage, F_DP and M_DR of a front and a rear wheel (p, 2, 3), and outcomes (p,).
+
+        For ``soils`` (p,), ``slip`` and ``load`` (p, 2), and the mean load per wheel (p,).
+        """
+
+
+@dataclass(frozen=True)
+class SoftGround:
+    """Soils, as every forward model takes them or as the model's own parameters, through a model."""
+
+    model: WheelSoilModel
+    rover: Rover
+    soil: FloatArray
+
+    @cached_property
+    def _parameters(self) -> tuple[FloatArray, ...]:
+        """The model's parameters (n, 9 or 13) under the wheels of each axle."""
+        if self.soil.shape[1] == len(self.model.parameters):
+            return (self.soil, self.soil)
+        return tuple(soil_at(self.soil, wheel.width) for wheel in self.rover.wheels)
+
+    def respond(
+        self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """See :class:`Ground`."""
+        values, outcomes = np.empty((*slip.shape, 3)), np.zeros(len(slip), dtype=np.int64)
+        for axle, theta in enumerate(self._parameters):
+            conditions = _conditions(self.rover.wheels[axle], slip[:, axle])
+            values[:, axle], status = self.model.response_of_pairs(
+                theta[soils], conditions, load[:, axle], mean_load=mean_load
+            )
+            outcomes = np.maximum(outcomes, _OF_STATUS[status])
+        return values, outcomes
+
+
+def _conditions(wheel: Wheel, slip: FloatArray) -> Conditions:
+    """As ``Conditions.of``, without its checks, which would take longer than the forces."""
+    radii = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
+    return Conditions(slip, *(np.full(len(slip), value) for value in radii))
+
+
+@dataclass(frozen=True)
+class State:
+    """Balanced states of a rover, p of them, or (n, k); axles front and rear along a last axis.
+
+    Attributes
+    ----------
+    slope, tow : α, rad, and T, N; (p,).
+    slip, load, sinkage, pull, moment : of one wheel of each axle, (p, 2); SI. NaN where there is no state.
+    outcome : (p,) an :class:`Outcome`.
+    """
+
+    slope: FloatArray
+    tow: FloatArray
+    slip: FloatArray
+    load: FloatArray
+    sinkage: FloatArray
+    pull: FloatArray
+    moment: FloatArray
+    outcome: IntArray
+
+
+def settle(
+    rover: Rover,
+    ground: Ground,
+    soils: IntArray,
+    slowest: FloatArray,
+    *,
+    slope: FloatArray | None = None,
+    tow: FloatArray | None = None,
+) -> State:
+    """Balance a rover whose slower axle slips by ``slowest`` (p,) on ``soils`` (p,).
+
+    With ``slope`` left out it is the one that is held against ``tow``; with ``tow`` left out, the tow force
+    that is held on ``slope``. With both given the loads are balanced, the forces along the slope are not.
+    """
+    count, weight = len(slowest), rover.weight
+    slip = rover.slips(slowest)
+    alpha = np.zeros(count) if slope is None else np.array(slope, dtype=np.float64)
+    pulled = np.zeros(count) if tow is None else np.array(tow, dtype=np.float64)
+    front = weight * np.cos(alpha) * rover.centre_ahead / rover.wheelbase
+    load, values = np.full((count, 2), np.nan), np.full((count, 2, 3), np.nan)
+    outcome = np.full(count, Outcome.UNSETTLED, dtype=np.int64)
+    active = np.arange(count)
+    for _ in range(REPETITIONS):
+        if not active.size:
+            break
+        a, across = alpha[active], weight * np.cos(alpha[active])
+        held = np.clip(front[active], _LEAST * weight, across - _LEAST * weight)
+        load[active] = 0.5 * np.column_stack([held, across - held])
+        found, codes = ground.respond(soils[active], slip[active], load[active], 0.25 * across)
+        values[active] = found
+        pull = 2 * found[:, :, 1].sum(axis=1)
+        if slope is None:
+            alpha[active] = np.arcsin(np.clip((pull - pulled[active]) / weight, -1, 1))
+        elif tow is None:
+            pulled[active] = pull - weight * np.sin(a)
+        front[active] = front_load(rover, found, alpha[active], pulled[active])
+        change = np.maximum(np.abs(front[active] - held) / weight, np.abs(alpha[active] - a))
+        lifts = np.minimum(held, across - held) <= _LEAST * weight * (1 + 1e-9)
+        done = (change < SETTLED) | (codes != Outcome.HELD) | (lifts & _stays_off(front[active], across))
+        codes = np.where((codes == Outcome.HELD) & (change >= SETTLED), Outcome.LIFTS, codes)
+        outcome[active[done]] = codes[done]
+        active = active[~done]
+    bad = outcome != Outcome.HELD
+    load[bad], values[bad] = np.nan, np.nan
+    sinkage, pulls, moment = np.moveaxis(values, 2, 0)
+    return State(alpha, pulled, slip, load, sinkage, pulls, moment, outcome)
+
+
+def _stays_off(front: FloatArray, across: FloatArray) -> BoolArray:
+    """Whether an axle that already carries next to nothing would carry less than nothing."""
+    return np.asarray((front <= 0) | (front >= across))
+
+
+def front_load(rover: Rover, values: FloatArray, slope: FloatArray, tow: FloatArray) -> FloatArray:
+    """F_N of both front wheels (p,), N, from the moments about the rear axle.
+
+    ``values`` (p, 2, 3) are sinkage, F_DP and M_DR of a front and a rear wheel.
+    """
+    sinkage, pull, moment = np.moveaxis(values, 2, 0)
+    (x_f, y_f), (x_g, y_g), (_, y_t) = positions(rover, sinkage)
+    weight = rover.weight
+    turning = 2 * moment.sum(axis=1) - 2 * y_f * pull[:, 0] + y_t * tow
+    return np.asarray((weight * (x_g * np.cos(slope) - y_g * np.sin(slope)) - turning) / x_f)
+
+
+def positions(rover: Rover, sinkage: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Front axle, centre of gravity and tow point relative to the rear axle, each x and y (p,), m."""
+    r_f, r_r = (wheel.radius for wheel in rover.wheels)
+    rise = r_f - r_r
+    distance = np.hypot(rover.wheelbase, rise)
+    tilt = np.arcsin((rise + sinkage[:, 1] - sinkage[:, 0]) / distance) - np.arcsin(rise / distance)
+    cos, sin = np.cos(tilt), np.sin(tilt)
+    places = (
+        (rover.wheelbase, rise),
+        (rover.centre_ahead, rover.centre_height - r_r),
+        (0.0, rover.tow_height - r_r),
+    )
+    return tuple((x * cos - y * sin, x * sin + y * cos) for x, y in places)
+
+
+Sought = Literal["slope", "tow"]
+
+SLIPS = np.linspace(0.0, 0.95, 51)
+"""Slips of the slower axle; what happens between neighbours and is over at once goes unseen."""
+
+_BALANCED = 1e-11  # misfit of the forces along the slope, relative to the weight
+
+_STEPS = 100
+
+_GAP = float(SLIPS[1])
+
+_ZOOMS = 5
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What n soils hold over ``SLIPS``.
+
+    Attributes
+    ----------
+    sought : whether slopes (rad) or tow forces (N) are asked for.
+    fixed : the tow force, or the slope, against which they are held.
+    held : (n, slips) slope or tow force; NaN where there is no balanced state.
+    outcome : (n, slips).
+    """
+
+    sought: Sought
+    fixed: float
+    held: FloatArray
+    outcome: IntArray
+
+    @property
+    def first(self) -> IntArray:
+        """First slip (n,) with an answer."""
+        return np.asarray((self.outcome == Outcome.HELD).argmax(axis=1))
+
+    @property
+    def runs(self) -> BoolArray:
+        """Slips (n, slips) that can be reached from the first with an answer, without a gap."""
+        good = self.outcome == Outcome.HELD
+        columns = np.arange(good.shape[1])
+        failed = ~good & (columns >= self.first[:, None])
+        return np.asarray(good & (np.cumsum(failed, axis=1) == 0))
+
+    @property
+    def ending(self) -> IntArray:
+        """Why (n,) slips beyond the last of the run have no answer; ``CANNOT`` where there are none."""
+        runs = self.runs
+        after = np.where(runs.any(axis=1), runs.shape[1] - runs[:, ::-1].argmax(axis=1), 0)
+        inside = np.minimum(after, runs.shape[1] - 1)
+        codes = self.outcome[np.arange(len(runs)), inside]
+        return np.asarray(np.where(after < runs.shape[1], codes, Outcome.CANNOT))
+
+
+def sweep(rover: Rover, ground: Ground, count: int, sought: Sought, fixed: float = 0.0) -> Sweep:
+    """What ``count`` soils hold at every slip: slopes against the tow force ``fixed``, or the other way."""
+    soils = np.repeat(np.arange(count), len(SLIPS))
+    slowest, given = np.tile(SLIPS, count), np.full(len(soils), fixed)
+    if sought == "slope":
+        state = settle(rover, ground, soils, slowest, tow=given)
+    else:
+        state = settle(rover, ground, soils, slowest, slope=given)
+    value = state.slope if sought == "slope" else state.tow
+    held = np.where(state.outcome == Outcome.HELD, value, np.nan)
+    shape = (count, len(SLIPS))
+    return Sweep(sought, fixed, held.reshape(shape), state.outcome.reshape(shape))
+
+
+def states_at(rover: Rover, ground: Ground, found: Sweep, values: FloatArray) -> State:
+    """The states (n, k) in which n soils hold slopes or tow forces ``values`` (k,), as ``found`` sought.
+
+    Where the outcome is ``BRAKES``, the state is that at slip 0, in which the wheels pull more than is asked.
+    """
+    shape = (len(found.held), len(values))
+    low, outcome = _brackets(found, values)
+    wanted = np.broadcast_to(values, shape)
+    fixed = np.full(shape, found.fixed)
+    slope, tow = (wanted, fixed) if found.sought == "slope" else (fixed, wanted)
+    soils = np.broadcast_to(np.arange(shape[0])[:, None], shape)
+    rows, alpha, pulled, start = soils.ravel(), slope.flatten(), tow.flatten(), low.ravel()
+    slip, load, sinkage, pull, moment = (np.full((rows.size, 2), np.nan) for _ in range(5))
+    whole = State(alpha, pulled, slip, load, sinkage, pull, moment, outcome.flatten())
+    todo, idle = (np.flatnonzero(whole.outcome == code) for code in (Outcome.HELD, Outcome.BRAKES))
+    _put(whole, todo, _refined(rover, ground, rows[todo], start[todo], alpha[todo], pulled[todo]))
+    still = settle(rover, ground, rows[idle], np.zeros(len(idle)), slope=alpha[idle], tow=pulled[idle])
+    settled = np.where(still.outcome == Outcome.HELD, Outcome.BRAKES, still.outcome)
+    _put(whole, idle, replace(still, outcome=settled))
+    return shaped(whole, shape)
+
+
+def _brackets(found: Sweep, values: FloatArray) -> tuple[IntArray, IntArray]:
+    """Index (n, k) of the last slip before a value is first held, and outcomes (n, k)."""
+    runs, first = found.runs, found.first
+    reached = runs[:, None, :] & (np.nan_to_num(found.held, nan=-np.inf)[:, None, :] >= values[:, None])
+    at = reached.argmax(axis=2)
+    outcome = np.where(reached.any(axis=2), Outcome.HELD, found.ending[:, None])
+    # Held at the first slip with an answer: at slip 0 it rolls by itself; else what keeps lower slips out.
+    before = found.outcome[np.arange(len(first)), np.maximum(first - 1, 0)]
+    early = np.where(first == 0, Outcome.BRAKES, before)
+    outcome = np.where((outcome == Outcome.HELD) & (at == first[:, None]), early[:, None], outcome)
+    return np.maximum(at - 1, 0), outcome.astype(np.int64)
+
+
+def _refined(
+    rover: Rover, ground: Ground, soils: IntArray, low: IntArray, slope: FloatArray, tow: FloatArray
+) -> State:
+    """Find the slip between ``SLIPS[low]`` and the next at which forces balance: false position, guarded.
+
+    Illinois' rule: an end that stays has its misfit halved; every third step cuts the bracket in the middle.
+    """
+
+    def misfit(rows: IntArray, slip: FloatArray) -> tuple[State, FloatArray]:
+        state = settle(rover, ground, soils[rows], slip, slope=slope[rows], tow=tow[rows])
+        wanted = rover.weight * np.sin(slope[rows]) + tow[rows]
+        return state, (2 * state.pull.sum(axis=1) - wanted) / rover.weight
+
+    every = np.arange(len(soils))
+    a, b = SLIPS[low], SLIPS[low + 1]
+    f_a, (result, f_b) = misfit(every, a)[1], misfit(every, b)
+    active = every[(np.abs(f_b) > _BALANCED) & np.isfinite(f_a) & np.isfinite(f_b)]
+    for step in range(_STEPS):
+        if not active.size:
+            break
+        left, right = a[active], b[active]
+        secant = right - f_b[active] * (right - left) / (f_b[active] - f_a[active])
+        middle = 0.5 * (left + right)
+        cut = (step % 3 == 2) | ~((secant > left) & (secant < right))
+        slip = np.where(cut, middle, secant)
+        state, f = misfit(active, slip)
+        _put(result, active, state)
+        below = f < 0
+        stays = np.where(below, f_b[active], f_a[active])
+        f_a[active] = np.where(below, f, np.where(cut, stays, 0.5 * stays))
+        f_b[active] = np.where(below, np.where(cut, stays, 0.5 * stays), f)
+        a[active], b[active] = np.where(below, slip, left), np.where(below, right, slip)
+        going = (np.abs(f) > _BALANCED) & np.isfinite(f) & (b[active] - a[active] > 1e-15)
+        active = active[going]
+    return result
+
+
+def shaped(state: State, shape: tuple[int, ...]) -> State:
+    """The same states in an array of another shape."""
+    arrays = {field.name: getattr(state, field.name) for field in fields(State)}
+    return State(**{name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()})
+
+
+def _put(target: State, rows: IntArray, state: State) -> None:
+    for field in fields(State):
+        getattr(target, field.name)[rows] = getattr(state, field.name)
+
+
+@dataclass(frozen=True)
+class Greatest:
+    """The greatest slope or tow force that each of n soils holds.
+
+    Attributes
+    ----------
+    value : (n,) rad or N; NaN where no slip has an answer.
+    slip : (n,) of the slower axle there.
+    rising : (n,) whether it still rises where the slips, or the answers, end.
+    """
+
+    value: FloatArray
+    slip: FloatArray
+    rising: BoolArray
+
+
+def greatest(rover: Rover, ground: Ground, found: Sweep, most: float = 1.0) -> Greatest:
+    """The greatest of what ``found`` sought, at slips up to ``most``."""
+    runs = found.runs
+    usable = runs & (most + 1e-12 >= SLIPS)
+    held = np.where(usable, found.held, -np.inf)
+    every, best = np.arange(len(held)), held.argmax(axis=1)
+    value, slip = held[every, best], SLIPS[best]
+    ends = np.minimum(SLIPS[len(SLIPS) - 1 - runs[:, ::-1].argmax(axis=1)], most)
+    low = np.maximum(slip - _GAP, SLIPS[found.first])
+    high = np.minimum(slip + _GAP, ends)
+    known = np.flatnonzero(np.isfinite(value))
+    for _ in range(_ZOOMS):
+        width = (high - low)[known]
+        inner = low[known, None] + width[:, None] * np.array([0.25, 0.5, 0.75, 1.0])
+        reached = _reached(rover, ground, found, known, inner)
+        top = reached.argmax(axis=1)
+        higher = reached[np.arange(len(known)), top]
+        better = higher > value[known]
+        slip[known] = np.where(better, inner[np.arange(len(known)), top], slip[known])
+        value[known] = np.where(better, higher, value[known])
+        low[known] = np.maximum(low[known], slip[known] - 0.25 * width)
+        high[known] = np.minimum(high[known], slip[known] + 0.25 * width)
+    answered = np.isfinite(value)
+    rising = answered & (slip >= ends - 1e-9)
+    return Greatest(np.where(answered, value, np.nan), np.where(answered, slip, np.nan), rising)
+
+
+def _reached(rover: Rover, ground: Ground, found: Sweep, soils: IntArray, slips: FloatArray) -> FloatArray:
+    """What ``soils`` (p,) hold at slips (p, m) of their own; −inf where there is no balanced state."""
+    count = slips.shape[1]
+    given = np.full(slips.size, found.fixed)
+    rows = np.repeat(soils, count)
+    if found.sought == "slope":
+        state = settle(rover, ground, rows, slips.ravel(), tow=given)
+        value = state.slope
+    else:
+        state = settle(rover, ground, rows, slips.ravel(), slope=given)
+        value = state.tow
+    return np.where(state.outcome == Outcome.HELD, value, -np.inf).reshape(slips.shape)

@@ -1,0 +1,248 @@
+"""Figure style, and densities of draws along the axis of a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import wraps
+from io import BytesIO
+from typing import Any, ParamSpec, TypeAlias, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bayesterra.arrays import FloatArray
+from bayesterra.parameters import Channel, Parameter
+
+P = ParamSpec("P")
+
+R = TypeVar("R")
+
+POSTERIOR = "#0072B2"
+
+PRIOR = "#8A8A8A"
+
+DATA = "#111111"
+
+INK = "#333333"
+
+GRID = "#D9D9D9"
+"""Okabe–Ito colours for what is inferred, greys for what is given."""
+
+PROBABILITIES = (0.5, 0.9)
+"""Masses of bands and contours."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How a point estimate is drawn everywhere."""
+
+    label: str
+    colour: str
+    marker: str
+    dashes: tuple[float, ...] = ()
+    hollow: bool = False
+
+
+MARKS = {
+    "IM1": Mark("IM1", "#D55E00", "^", (6.0, 2.0)),
+    "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
+    "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),
+    "joint": Mark("joint", "#E69F00", "X", (3.0, 2.0)),
+    "regression": Mark("lines", "#D55E00", "^", (6.0, 2.0)),
+    "nonlinear": Mark("one fit", "#E69F00", "X", (3.0, 2.0)),
+    "published": Mark("published", DATA, "o", hollow=True),
+    "truth": Mark("truth", DATA, "o", hollow=True),
+}
+
+SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "axes.unicode_minus": True,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "text.color": INK,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "mathtext.fontset": "dejavusans",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.hashsalt": "bayesterra",
+    "svg.fonttype": "path",
+}
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Draw with the shared settings, whatever the reader's own are, and leave those untouched."""
+
+    @wraps(draw)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update(SETTINGS)
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def one_of(kind: str, value: str, known: Iterable[str]) -> str:
+    """The value, if it is one of those known.
+
+    Raises
+    ------
+    ValueError : it is not.
+    """
+    known = list(known)
+    if value not in known:
+        raise ValueError(f"'{kind}' must be one of {', '.join(known)} (got {value!r})")
+    return value
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure (inches) that pyplot does not know of."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def own_axes(ax: Axes | None, width: float = 3.6, height: float = 2.5) -> Axes:
+    """Return the caller's axes, or those of a new figure."""
+    return ax if ax is not None else new_figure(width, height).subplots()
+
+
+def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
+    """Symbol and field unit as an axis label."""
+    symbol = f"${quantity.latex}$"
+    return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
+
+
+def literal(text: str) -> str:
+    """A name as it is: its dollars begin no formula, and no underscore hides it from a legend."""
+    return f" {text}".replace("$", r"\$") if text.startswith("_") else text.replace("$", r"\$")
+
+
+def unit_text(unit: str) -> str:
+    """A field unit for matplotlib."""
+    return unit.replace("m^N", "m$^N$")
+
+
+Drawn: TypeAlias = Axes | NDArray[Any]
+"""What a figure function returns: axes or an array of them."""
+
+
+def figure_of(drawn: Drawn) -> Figure:
+    """The figure that axes belong to."""
+    figure = np.asarray(drawn).ravel()[0].get_figure()
+    if not isinstance(figure, Figure):
+        raise TypeError("axes must belong to a figure")
+    return figure
+
+
+def css_width(drawn: Drawn) -> int:
+    """Width of the figure in CSS pixels, 96 to the inch."""
+    return round(96 * float(figure_of(drawn).get_size_inches()[0]))
+
+
+@styled
+def svg(drawn: Drawn) -> bytes:
+    """The figure as SVG, the same bytes each time."""
+    return _saved(drawn, format="svg", metadata={"Date": None, "Creator": None})
+
+
+@styled
+def png(drawn: Drawn, width: int) -> bytes:
+    """The figure as PNG, ``width`` dots wide, on a transparent ground, the same bytes each time."""
+    dpi = width / figure_of(drawn).get_size_inches()[0]
+    return _saved(drawn, format="png", dpi=dpi, metadata={"Software": None})
+
+
+def _saved(drawn: Drawn, **options: Any) -> bytes:
+    buffer = BytesIO()
+    figure_of(drawn).savefig(buffer, **options)
+    return buffer.getvalue()
+
+
+BINS = 400
+
+TAIL = 0.001
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A range, linear or logarithmic.
+
+    Attributes
+    ----------
+    low, high : its ends, field units.
+    log : whether equal distances are equal ratios.
+    bounds : the ends of the prior's range, infinite where it has none.
+    """
+
+    low: float
+    high: float
+    log: bool
+    bounds: tuple[float, float]
+
+    def position(self, values: FloatArray | float) -> FloatArray:
+        """Position along the axis, 0 at its low and 1 at its high end; beyond for values outside."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return np.asarray((self._scaled(values) - low) / (high - low))
+
+    def grid(self, n: int) -> FloatArray:
+        """``n`` values at equal distances along the axis."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        values = np.linspace(low, high, n)
+        return np.asarray(10.0**values if self.log else values)
+
+    def _scaled(self, values: FloatArray | float) -> FloatArray:
+        if not self.log:
+            return np.asarray(values, dtype=np.float64)
+        return np.log10(np.maximum(values, np.finfo(float).tiny))
+
+
+def density(draws: FloatArray, along: Axis, n: int = 200) -> FloatArray:
+    """Density of draws (m,) at ``n`` places at equal distances along an axis, greatest value 1.
+
+    A Gaussian kernel of Silverman's (1986, eq. 3.31) width for 4000 draws at most, mirrored at the ends.
+    """
+    position = along.position(draws)
+    inside = position[(position >= 0) & (position <= 1)]
+    if inside.size < 2:
+        return np.zeros(n)
+    counts, edges = np.histogram(inside, bins=BINS, range=(0.0, 1.0))
+    smooth = _smoothed(counts.astype(np.float64), _width(inside) * BINS)
+    heights = np.interp(np.linspace(0, 1, n), 0.5 * (edges[1:] + edges[:-1]), smooth)
+    return np.asarray(heights / heights.max())
+
+
+def _width(position: FloatArray) -> float:
+    quartiles = np.quantile(position, [0.25, 0.75])
+    spread = min(float(position.std()), float(quartiles[1] - quartiles[0]) / 1.34)
+    return float(0.9 * max(spread, 1.0 / BINS) * min(position.size, 4000) ** -0.2)
+
+
+def _smoothed(counts: FloatArray, width: float) -> FloatArray:
+    """Smooth bins with a Gaussian of ``width`` bins, mirrored at both ends."""
+    reach = min(len(counts), int(np.ceil(4 * width)) + 1)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(width, 0.3)) ** 2)
+    padded = np.pad(counts, reach, mode="symmetric")
+    return np.convolve(padded, kernel / kernel.sum(), mode="valid")

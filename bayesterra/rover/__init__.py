@@ -1,1 +1,0 @@
-"""A four-wheeled rover on a slope or against a tow force, from its wheels' forces by statics."""

@@ -1,0 +1,1 @@
+"""Files, folders, checkpoints, tasks and engines: what a long job needs of a machine."""

@@ -1,0 +1,147 @@
+"""One task for many numbers, on any engine: as they end, whatever dies on the way."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from itertools import islice
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from bayesterra.errors import EngineError
+from bayesterra.runtime.dask import dask_cluster
+from bayesterra.runtime.engines import Engine, WorkerDied, in_process, local_pool, usable_processors
+
+N = TypeVar("N", bound=Hashable)
+
+T = TypeVar("T")
+
+ATTEMPTS = 3
+"""Workers that may die at one task before it is given up."""
+
+AHEAD = 2
+"""Tasks handed over per worker, the one at work included: an interrupted run has little to wait for."""
+
+PATIENCE = 4.0
+"""Seconds for which short tasks are computed here, before workers are started for the rest: about what
+starting them costs."""
+
+GLANCE = 1.0
+"""Seconds without an outcome after which the engine is asked whether anybody is still there."""
+
+
+def chosen(workers: int | None, scheduler: str | None) -> Engine:
+    """Return the engine that a command's options ask for; by default a pool on all usable processors.
+
+    Raises
+    ------
+    EngineError : both are given, there are no workers, or no scheduler answers.
+    """
+    if scheduler is not None:
+        if workers is not None:
+            raise EngineError("'--workers' are those of this machine: leave it out with '--scheduler'")
+        return dask_cluster(scheduler)
+    number = usable_processors() if workers is None else workers
+    return in_process() if number == 1 else local_pool(number)
+
+
+def completed(
+    task: Callable[[N], T], numbers: Iterable[N], engine: Engine, *, short: bool = False
+) -> Iterator[tuple[N, T]]:
+    """Run a task for every number; yields (number, outcome) as they end, in any order; see :func:`ended`."""
+    for batch in ended(task, numbers, engine, short=short):
+        yield from batch
+
+
+def ended(
+    task: Callable[[N], T], numbers: Iterable[N], engine: Engine, *, short: bool = False
+) -> Iterator[list[tuple[N, T]]]:
+    """Run a task for every number; yields all (number, outcome) that have ended since the last time.
+
+    Linear algebra is held to one thread everywhere, so outcomes are the same on all engines. Tasks whose
+    worker died are run again. What waits is cancelled when the iteration ends early.
+
+    Parameters
+    ----------
+    task : picklable for engines with other processes; what it raises is raised here.
+    numbers : of the tasks, or whatever tells them apart and is quick to hand over.
+    short : tasks may all be over before workers have started. The first are then computed here, and
+        workers are started only if some are left after ``PATIENCE`` seconds.
+
+    Raises
+    ------
+    EngineError : workers died at one task ``ATTEMPTS`` times, or nobody is left to compute.
+    """
+    todo = iter(numbers)
+    if not engine.elsewhere:
+        yield from _here(task, todo)
+        return
+    packed = engine.packed(task)  # before anything is computed here that the task may keep
+    if short and engine.starting:
+        yield from _here(task, todo, PATIENCE)
+    yield from _elsewhere(packed, todo, engine)
+
+
+def _here(
+    task: Callable[[N], T], todo: Iterator[N], seconds: float = math.inf
+) -> Iterator[list[tuple[N, T]]]:
+    """Run tasks in this process, begin none after some seconds."""
+    end = time.monotonic() + seconds
+    with threadpool_limits(1):
+        for number in todo:
+            yield [(number, task(number))]
+            if time.monotonic() > end:
+                return
+
+
+def _elsewhere(task: Callable[[N], T], todo: Iterator[N], engine: Engine) -> Iterator[list[tuple[N, T]]]:
+    """Keep the workers busy, and hand over what they send."""
+    waiting: dict[Future[T], N] = {}
+    deaths: Counter[N] = Counter()
+    try:
+        while True:
+            for number in islice(todo, max(AHEAD * engine.workers - len(waiting), 0)):
+                waiting[engine.submit(task, number)] = number
+            if not waiting:
+                return
+            found: list[tuple[N, T]] = []
+            failure: Exception | None = None
+            for future in _done(waiting, engine):
+                number = waiting.pop(future)
+                try:
+                    found.append((number, engine.value(future)))
+                except WorkerDied as death:
+                    deaths[number] += death.at_work
+                    if death.final or deaths[number] >= ATTEMPTS:
+                        failure = _given_up(number)
+                    else:
+                        waiting[engine.submit(task, number)] = number
+                except Exception as error:
+                    failure = error
+            if found:
+                yield found  # what is there is handed over before anything is raised
+            if failure:
+                raise failure
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _done(waiting: dict[Future[T], N], engine: Engine) -> list[Future[T]]:
+    """Wait until some have ended; in the order in which they were submitted."""
+    while True:
+        done = wait(waiting, timeout=GLANCE, return_when=FIRST_COMPLETED).done
+        if done:
+            return [future for future in waiting if future in done]
+        engine.check()
+
+
+def _given_up(number: object) -> EngineError:
+    return EngineError(
+        f"task {number}: every worker that took it died (was memory short? does a script lack its"
+        ' if __name__ == "__main__"?); finished tasks are kept'
+    )

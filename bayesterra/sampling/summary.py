@@ -1,0 +1,121 @@
+"""The summary table: every parameter and derived quantity with its posterior, errors and prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.derived import derive
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.parameters import DERIVED, PARAMETERS, Parameter
+from bayesterra.report.failures import Failures
+from bayesterra.stats.diagnostics import Diagnosis, array_ess, array_r_hat, hdi, monte_carlo_error
+from bayesterra.study.study import Study
+
+CREDIBLE = 0.9
+
+DERIVED_DRAWS = 1000
+"""Draws per chain, at most, that derived quantities are computed for."""
+
+
+def summary_table(
+    study: Study,
+    posterior: Posterior,
+    chains: FloatArray,
+    prior: FloatArray,
+    mode: FloatArray,
+    diagnosis: Diagnosis,
+    failures: Failures,
+) -> pd.DataFrame:
+    """One row per free parameter, then one per derived quantity that has answers and varies, in field units.
+
+    Parameters
+    ----------
+    chains : near-independent draws (chains, draws, d).
+    prior : draws of the cut prior (n, d).
+    mode : posterior mode (d,).
+    diagnosis : effective sizes and R-hat of the parameters.
+    failures : takes note where derived quantities cannot be computed; the parameters stand without them.
+    """
+    rows = [
+        summary_row(
+            PARAMETERS[name],
+            chains[:, :, i],
+            prior[:, i],
+            float(mode[i]),
+            (diagnosis.ess_bulk[i], diagnosis.ess_tail[i], diagnosis.r_hat[i]),
+        )
+        for i, name in enumerate(posterior.names)
+    ]
+    derived = failures.attempt(
+        "derived", lambda: _derived_rows(study, posterior, chains, prior, mode), list[dict[str, Any]]
+    )
+    return pd.DataFrame(rows + derived)
+
+
+def _derived_rows(
+    study: Study, posterior: Posterior, chains: FloatArray, prior: FloatArray, mode: FloatArray
+) -> list[dict[str, Any]]:
+    subset = chains[:, :: max(1, chains.shape[1] // DERIVED_DRAWS)]
+    soil = posterior.prior.soil_values
+    drawn = derive(study, soil(subset.reshape(-1, subset.shape[2])))
+    before = derive(study, soil(prior[:DERIVED_DRAWS]))
+    best = derive(study, soil(mode[None]))
+    rows = []
+    for name, quantity in DERIVED.items():
+        if _varies(drawn[name]) and np.isfinite(before[name]).any():
+            values = drawn[name].reshape(subset.shape[:2])
+            diagnosis = _array_diagnosis(values)
+            rows.append(summary_row(quantity, values, before[name], float(best[name][0]), diagnosis))
+    return rows
+
+
+def _varies(values: FloatArray) -> bool:
+    """Whether there are answers, and not all the same, as they are where nothing behind them is free."""
+    known = values[np.isfinite(values)]
+    return bool(known.size and np.ptp(known) > 0)
+
+
+def _array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:
+    """ArviZ's bulk and tail sizes and R-hat; draws without an answer stand at the median."""
+    chains = np.where(np.isfinite(chains), chains, np.nanmedian(chains))
+    return array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)
+
+
+def summary_row(
+    quantity: Parameter, chains: FloatArray, prior: FloatArray, mode: float, diagnosis: Sequence[float]
+) -> dict[str, Any]:
+    """One row in field units.
+
+    Parameters
+    ----------
+    quantity : what the row is about.
+    chains : draws (chains, draws), SI; NaN where there is no answer.
+    prior : draws of the cut prior (n,), SI.
+    mode : value at the posterior mode, SI.
+    diagnosis : bulk and tail effective size and R-hat.
+    """
+    chains, prior = chains / quantity.scale, prior[np.isfinite(prior)] / quantity.scale
+    known = np.isfinite(chains)
+    draws = chains[known]
+    low, high = hdi(draws, CREDIBLE)
+    complete = chains if known.all() else draws[: len(draws) // 4 * 4].reshape(4, -1)
+    errors = {f"mcse_{s}": monte_carlo_error(complete, s) for s in ("mean", "median", "sd")}
+    return {
+        "parameter": quantity.name,
+        "unit": quantity.unit,
+        "mode": mode / quantity.scale,
+        "mean": draws.mean(),
+        "median": np.median(draws),
+        "sd": draws.std(),
+        "hdi90_lo": low,
+        "hdi90_hi": high,
+        **errors,
+        **dict(zip(("ess_bulk", "ess_tail", "r_hat"), diagnosis, strict=True)),
+        "prior_mean": prior.mean(),
+        "prior_sd": prior.std(),
+    }

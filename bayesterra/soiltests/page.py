@@ -1,0 +1,458 @@
+"""Soil test as a page and a terminal table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from bayesterra.checking.validation_page import misfit_text, misfit_warning
+from bayesterra.identifiability.verdicts import STRUCTURAL
+from bayesterra.parameters import MODULI
+from bayesterra.report.blocks import (
+    UNSEEN,
+    Cell,
+    Gallery,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    VerdictPage,
+    drawing,
+    missing,
+    photograph,
+    render,
+    section,
+    verdict,
+)
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.figures import TAIL, Axis
+from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
+from bayesterra.report.symbols import in_symbols, letters, listed
+from bayesterra.report.terminal import PlainConsole, print_failures
+from bayesterra.soiltests import figures
+from bayesterra.soiltests.analysis import SoilTestResult
+from bayesterra.soiltests.checks import ALARM, METHODS
+from bayesterra.soiltests.schema import QUANTITIES
+from bayesterra.soiltests.schema import QUANTITIES as SOIL_TEST_QUANTITIES
+from bayesterra.study.page import StripRow, axis_end, keys
+from bayesterra.study.page import drawing as strip_drawing
+from bayesterra.study.result import Row
+
+CHECK = "units, plate sizes or normal stresses, and priors"
+
+LAWS = {
+    "plate": Markup(
+        "Bekker: <i>p</i> = (<i>k</i><sub>c</sub>/<i>b</i> + <i>k</i><sub>φ</sub>) "
+        "<i>z</i><sup><i>n</i></sup>, "
+        "<i>b</i> the radius of the plate. Either modulus may be negative; the sum is positive under every "
+        "plate."
+    ),
+    "shear": Markup(
+        "Janosi and Hanamoto: <i>τ</i> = (<i>c</i> + <i>σ</i> tan <i>φ</i>) (1 − exp(−<i>j</i>/<i>K</i>)), "
+        "on the whole curve of every test."
+    ),
+}
+
+
+@dataclass(frozen=True)
+class SoilTestPage(VerdictPage):
+    """A :class:`VerdictPage` with a parameter strip."""
+
+    kind: str
+    strip: tuple[StripRow, ...]
+    legend: tuple[tuple[Markup, str], ...]
+
+
+def soil_test_page(result: SoilTestResult) -> SoilTestPage:
+    """Put the page together."""
+    record, test, failures = result.record, result.test, Failures()
+    kinds = {"plate": "plate sinkage", "shear": "annular shear"}
+    facts = (
+        kinds[test.kind],
+        test.content.soil,
+        f"{record['tests']} tests",
+        f"{record['readings']} readings",
+    )
+
+    def made(anchor: str, title: str, make: Callable[[SoilTestResult], Section], part: str = "") -> Section:
+        return section(failures, anchor, title, lambda: make(result), failed(record, part))
+
+    def strip() -> tuple[StripRow, ...]:
+        return tuple(_row(result, name) for name in result.names)
+
+    verdicts = (
+        verdict(failures, "Sampling", lambda: _sampling(result)),
+        verdict(failures, "New tests", lambda: _fit(result)),
+        verdict(failures, "Identifiability", lambda: _found(result)),
+    )
+    rows = failures.attempt("report: strip", strip, tuple[StripRow, ...])
+    sections = (
+        made("readings", "Readings", _readings),
+        made("tests", "Predictions of new tests", _tests, "left_out"),
+        made("parameters", "Parameters", _parameters),
+        made("least-squares", "Least squares", _squares, "fits"),
+        made("assumptions", "Assumptions and prior", _assumptions),
+        made("reproduce", "Reproduce this", _reproduce),
+    )
+    warning = (_misfit(result), _warning(result), missing(record, failures))
+    return SoilTestPage(
+        title=record["title"] or "Soil test",
+        kind=record["kind"],
+        facts=tuple(fact for fact in facts if fact),
+        warning=Markup(" ").join(filter(None, warning)),
+        verdicts=verdicts,
+        strip=rows,
+        legend=keys(result.least_squares["method"].unique()),
+        sections=sections,
+        version=record["versions"]["bayesterra"],
+        failures=failures,
+    )
+
+
+def _misfit(result: SoilTestResult) -> Markup:
+    """That tests are not as the others predict them; empty where they are, or where that is not known."""
+    if not result.record["alarm"]:
+        return Markup("")
+    return misfit_warning(Markup("{}.").format(result.misfit), CHECK, "another law, or wider [noise]")
+
+
+def _warning(result: SoilTestResult) -> Markup:
+    if result.converged:
+        return Markup("")
+    advice = listed(check["advice"] for check in result.record["verdict"]["checks"] if not check["passed"])
+    return Markup("The sampling has <b>not converged</b>. What to do: {}.").format(advice)
+
+
+def _sampling(result: SoilTestResult) -> Verdict:
+    verdict = result.record["verdict"]
+    text = Markup("R-hat {}, {} effective draws of {} ensembles.").format(
+        plain(verdict["r_hat"], 4), plain(verdict["ess"]), result.record["settings"]["ensembles"]
+    )
+    if result.converged:
+        return Verdict("Sampling", "converged", "good", Markup("{} {}").format(text, UNSEEN))
+    return Verdict("Sampling", "not converged", "poor", text)
+
+
+def _fit(result: SoilTestResult) -> Verdict:
+    """Whether new tests are predicted as well as the intervals say."""
+    table, checks = result.left_out, result.record["checks"]
+    if line := failed(result.record, "left_out"):
+        return Verdict("New tests", "not known", "fair", Markup("{}").format(line))
+    inside = int(((table["level_pit"] > 0.05) & (table["level_pit"] < 0.95)).sum())
+    text = Markup(
+        "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
+    ).format(inside, len(table))
+    if not checks:
+        return Verdict("New tests", "too few to tell", "fair", text)
+    worst = min(checks, key=lambda name: checks[name])
+    if result.record["alarm"]:
+        text += Markup(" Against the model: {} (p {}).").format(worst, probability(checks[worst]))
+        return Verdict("New tests", "not as predicted", "poor", text)
+    return Verdict("New tests", "as predicted", "good", text)
+
+
+def _found(result: SoilTestResult) -> Verdict:
+    directions = result.record.get("directions")
+    if directions is None:
+        why = failed(result.record, "identifiability")
+        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
+    determined, of = directions["determined"], directions["of"]
+    grade = "good" if determined == of else "fair" if determined else "poor"
+    return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
+
+
+def _row(result: SoilTestResult, name: str) -> StripRow:
+    quantity, along, row = QUANTITIES[name], _axis(result, name), summary_row_of(result, name)
+    column, step = result.names.index(name), resolution(*row.hdi)
+    prior, posterior = (result.values(group)[:, column] / quantity.scale for group in ("prior", "posterior"))
+    table = result.least_squares
+    points = {
+        str(method): float(value)
+        for method, parameter, value in zip(table["method"], table["parameter"], table["value"], strict=True)
+        if parameter == name
+    }
+    margin = 0.05 * (row.hdi90_hi - row.hdi90_lo)
+    word, remark = _words(result, name)
+    return StripRow(
+        symbol=letters(quantity.symbol),
+        description=Markup("{}{}").format(quantity.description, ", log scale" if along.log else ""),
+        unit=_unit(name),
+        low=axis_end(along.low, along),
+        high=axis_end(along.high, along),
+        drawing=strip_drawing((prior, posterior), along, row, points),
+        median=rounded(row.median, step),
+        hdi=interval(*row.hdi),
+        mode=rounded(row.mode, step),
+        mode_outside=not row.hdi90_lo - margin <= row.mode <= row.hdi90_hi + margin,
+        word=word,
+        remark=remark,
+    )
+
+
+def summary_row_of(result: SoilTestResult, name: str) -> Row:
+    """The row of the summary of a parameter."""
+    found = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
+    return Row(**{field.name: float(found[field.name]) for field in fields(Row)})
+
+
+def _axis(result: SoilTestResult, name: str) -> Axis:
+    """The prior's range, without the outer thousandth of priors without bounds."""
+    column, scale, prior = result.names.index(name), QUANTITIES[name].scale, result.posterior().prior
+    low, high = (end / scale for end in prior.laws[name].range)
+    if prior.reference != 1.0 and name in MODULI:
+        low, high = -np.inf, np.inf  # they hang on n: the prior has long tails, of which the middle is shown
+        most, least = np.quantile(result.values("prior")[:, column] / scale, [0.85, 0.15])
+    else:
+        least, most = prior.laws[name].quantile(np.array([TAIL, 1.0 - TAIL])) / scale
+    reach = np.quantile(result.values()[:, column] / scale, [TAIL, 1.0 - TAIL])
+    return Axis(
+        low if np.isfinite(low) else float(min(least, reach[0])),
+        high if np.isfinite(high) else float(max(most, reach[1])),
+        prior.laws[name].dist == "loguniform",
+        (low, high),
+    )
+
+
+def _words(result: SoilTestResult, name: str) -> tuple[str, Markup]:
+    row = result.identifiability.set_index("parameter").loc[name]
+    word = {"weakly": "weakly determined"}.get(str(row["verdict"]), str(row["verdict"]))
+    if word == "one-sided":
+        return word, Markup("at its {} bound").format(row["bound"])
+    if word in ("coupled", STRUCTURAL) and row["tied_to"] != name:
+        return word, Markup("with {}").format(letters(QUANTITIES[str(row["tied_to"])].symbol))
+    return word, Markup("")
+
+
+def _unit(name: str) -> Markup:
+    text = QUANTITIES[name].unit
+    if text == "-":
+        return Markup("")
+    before, power, _ = text.partition("m^n")
+    return Markup("{}m<sup>n</sup>").format(before) if power else Markup("{}").format(text)
+
+
+def _readings(result: SoilTestResult) -> Section:
+    kind = result.test.kind
+    scale = " Both axes are logarithmic." if kind == "plate" else ""
+    data = {"measured": "Measured", "simulated": "Simulated", "digitised": "Digitised"}[result.record["kind"]]
+    caption = (
+        f"{data} readings that are used (black, one line for each test), the mean curve (line: posterior "
+        f"median), and what new tests would read (bands: 50 and 90 %, test-to-test scatter included).{scale}"
+    )
+    picture = drawing(figures.readings(result), "Readings of every test with the bands of new tests")
+    notes = tuple(Text(f"{note}.") for note in (*result.test.notes, *result.record["fits"]["notes"]))
+    return Section("readings", "Readings", (Text(LAWS[kind]), Gallery("whole", (picture,), caption), *notes))
+
+
+def _tests(result: SoilTestResult) -> Section:
+    table = result.left_out
+    level = str(table.columns[1])
+    header: tuple[Cell, ...] = (
+        "test",
+        level.replace("_", " "),
+        "readings",
+        "level",
+        "slope",
+        "in 50 %",
+        "in 90 %",
+        "k̂",
+    )
+    rows = tuple(_test_row(row) for row in table.to_dict("records"))
+    share = Markup(
+        "Each test predicted from all others. Level and slope: share of the prediction below what was read "
+        "(level: mean log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the "
+        "test's readings inside the bands of a new test; readings of one test go together, so that these "
+        "shares scatter widely. k̂: reliability of the importance weights; * sampled anew without the test."
+    )
+    checks = result.record["checks"]
+    lines = tuple((name, probability(p)) for name, p in checks.items())
+    said = Markup("p values of the checks; {} is an alarm, as there are {} of them.").format(
+        f"one below {ALARM / max(len(checks), 1):.3g}", len(checks)
+    )
+    picture = drawing(figures.left_out(result), "Level and slope of every test within its prediction")
+    caption = (
+        "Where each test lies in its prediction from the others. Right predictions scatter evenly over the "
+        "height; grey: the middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
+    )
+    blocks = (
+        Gallery("half", (picture,), caption),
+        Table(said, "lr", ("check", "p"), lines),
+        Table(share, "lrrrrrrr", header, rows),
+    )
+    return Section("tests", "Predictions of new tests", blocks if checks else (blocks[0], blocks[2]))
+
+
+def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
+    level = next(value for key, value in row.items() if "[" in str(key))
+    shares = (probability(row["level_pit"]), probability(row["slope_pit"]))
+    inside = (f"{100 * row[name]:.0f} %" for name in ("covered_50", "covered_90"))
+    return (
+        str(row["test"]),
+        f"{level:g}",
+        str(row["readings"]),
+        *shares,
+        *inside,
+        f"{row['k_hat']:.2f}{'*' if row['anew'] else ''}",
+    )
+
+
+def _parameters(result: SoilTestResult) -> Section:
+    pairs = combinations([name for name in result.test.soil if name in result.names], 2)
+    pictures = tuple(
+        photograph(figures.pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}")
+        for a, b in pairs
+    )
+    caption = (
+        "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least "
+        "squares (marks)."
+    )
+    gallery = (Gallery("small", pictures, caption),) if pictures else ()
+    return Section("parameters", "Parameters", (*gallery, _posterior_table(result), _words_table(result)))
+
+
+def _posterior_table(result: SoilTestResult) -> Table:
+    header: tuple[Cell, ...] = ("", "unit", "median", "90 % HDI", "mode", "effective draws", "R-hat")
+    rows = []
+    for row in result.summary.to_dict("records"):
+        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
+        known = QUANTITIES.get(row["parameter"])
+        rows.append(
+            (
+                letters(known.symbol) if known else row["parameter"],
+                row["unit"],
+                rounded(row["median"], step),
+                interval(row["hdi90_lo"], row["hdi90_hi"]),
+                rounded(row["mode"], step),
+                plain(row["ess_bulk"]),
+                f"{row['r_hat']:.4f}",
+            )
+        )
+    said = (
+        "Posterior. The last rows are mean stresses at the middle of the readings (sinkage or displacement; "
+        "plate radius or normal stress), what such tests measure directly. The unit of moduli hangs on n: "
+        "moduli of different n cannot be compared as they stand."
+    )
+    return Table(said, "llrrrrr", header, tuple(rows))
+
+
+def _words_table(result: SoilTestResult) -> Table:
+    rows = tuple(
+        (
+            letters(QUANTITIES[str(row["parameter"])].symbol),
+            row["verdict"],
+            f"{max(row['contraction'], 0):.2f}",
+        )
+        for row in result.identifiability.to_dict("records")
+    )
+    at = ", of moduli at the sinkage where their laws are stated" if result.test.reference != 1.0 else ""
+    said = f"What the data say; contraction: share of the prior's variance that they took away{at}."
+    return Table(said, "llr", ("", "verdict", "contraction"), rows)
+
+
+def _squares(result: SoilTestResult) -> Section:
+    rows = tuple(
+        (METHODS[row["method"]], letters(QUANTITIES[row["parameter"]].symbol), row["unit"],
+         plain(row["value"], 4), plain(row["published"], 4), plain(row["posterior_share"], 2))
+        for row in result.least_squares.to_dict("records")
+    )  # fmt: skip
+    header = ("method", "", "unit", "value", "published or true", "posterior below")
+    caption = (
+        "Least squares as in usual practice, which takes all readings as independent; share of the posterior "
+        "below each value. What the tests cannot separate is missing."
+    )
+    return Section("least-squares", "Least squares", (Table(caption, "lllrrr", header, rows),))
+
+
+def _assumptions(result: SoilTestResult) -> Section:
+    rows = [
+        "The mean curve has exactly the form of the law above, the same for all tests.",
+        "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from "
+        "test to test, with correlation exp(−distance/ℓ) along the log of sinkage or displacement.",
+        "Plates: the zero of the sinkage is wrong by z_0 in all tests, and by a part that differs from test "
+        "to test, to first order in its ratio to the sinkage.",
+        "Readings outside the range, or closer together than the spacing of the file, are left out; leaving "
+        "out by pressure is leaving out by an outcome, which matters at the ends of the range only.",
+        "Errors of single readings are taken as part of the deviation.",
+    ]
+    if result.test.independent:
+        rows[1:3] = [
+            "Readings are independent of each other, as [noise] says: where they are not, intervals are far "
+            "too narrow."
+        ]
+    text = Markup("").join(Markup("{}<br>").format(row) for row in rows)
+    prior = Markup("").join(
+        Markup("{}: {}<br>").format(
+            letters(QUANTITIES[name].symbol), entry if isinstance(entry, float) else f"{entry} (SI)"
+        )
+        for name, entry in result.test.entries.items()
+    )
+    if result.test.reference != 1.0:
+        where = (
+            "Laws of k_c and k_φ are stated for k_c zⁿ and k_φ zⁿ, the parts of the pressure, at z = {:g} mm."
+        )
+        prior += Markup("{}").format(where.format(1e3 * result.test.reference))
+    return Section("assumptions", "Assumptions and prior", (Text(text), Text(prior)))
+
+
+def _reproduce(result: SoilTestResult) -> Section:
+    record = result.record
+    integral = record.get("evidence")
+    evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
+    rows = (
+        ("command", Markup("<code>bayesterra soiltest FILE --seed {}</code>").format(record["seed"])),
+        ("made", record["made"]),
+        ("source", record["source"] or "not given"),
+        ("log evidence", evidence),
+        (
+            "settings",
+            ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),
+        ),
+        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
+    )
+    return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
+
+
+def print_soil_test(found: SoilTestResult, report: Path, console: Console | None = None) -> None:
+    """Print the parameters of a soil test, what is against the model, and the name of the report."""
+    console = console or PlainConsole()
+    table = RichTable(title=found.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header in ("", "unit", "median", "90 % HDI", "verdict"):
+        table.add_column(header, justify="right" if header in ("median", "90 % HDI") else "left")
+    words = found.identifiability.set_index("parameter")["verdict"].to_dict()
+    for row in found.summary.to_dict("records"):
+        known = SOIL_TEST_QUANTITIES.get(row["parameter"])
+        low, high = row["hdi90_lo"], row["hdi90_hi"]
+        figures = rounded(row["median"], resolution(low, high)), interval(low, high)
+        symbol = known.symbol if known else row["parameter"]
+        table.add_row(symbol, row["unit"], *figures, words.get(row["parameter"], ""))
+    console.print(table)
+    for note in (*found.test.notes, *found.record["fits"]["notes"]):
+        console.print(f"note: {note}.", highlight=False, soft_wrap=True)
+    if found.misfit:
+        PlainConsole(stderr=True).print(misfit_text(found.misfit, CHECK), highlight=False, soft_wrap=True)
+    if not found.converged:
+        console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
+    if found.sentence:
+        console.print(found.sentence, highlight=False, soft_wrap=True)
+    print_failures(console, found.record)
+    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def soil_test_html(result: SoilTestResult) -> str:
+    """The result of a soil test as a self-contained HTML page."""
+    return soil_test_and_failures(result)[0]
+
+
+def soil_test_and_failures(result: SoilTestResult) -> tuple[str, Failures]:
+    """The same, and those of its sections that could not be made."""
+    made = soil_test_page(result)
+    return render(made, "soiltest.html"), made.failures

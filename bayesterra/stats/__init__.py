@@ -1,0 +1,1 @@
+"""Laws and estimators on plain arrays; knows no wheel."""

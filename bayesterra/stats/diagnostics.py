@@ -1,0 +1,359 @@
+"""Diagnostics of draws: convergence of independent ensembles, uniformity, divergence from a prior.
+
+The only module that imports ArviZ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from arviz_stats.base.array import array_stats
+from numpy.random import default_rng
+from scipy.special import chdtrc, digamma, logsumexp, ndtri
+from scipy.stats import binom, rankdata
+
+from bayesterra.arrays import FloatArray, IntArray
+
+R_HAT_LIMIT = 1.01
+
+STEPS_PER_TAU = 50
+
+DISAGREEMENT = 1e-3
+"""p value, over all parameters, below which halves of ensembles differ by more than Monte Carlo error."""
+
+TAILS = (0.05, 0.95)
+
+
+def autocovariance(chain: FloatArray) -> FloatArray:
+    """Walker-averaged autocovariance (..., steps) of chains (..., steps, walkers), by Fourier transform."""
+    steps = chain.shape[-2]
+    centred = chain - chain.mean(axis=(-2, -1), keepdims=True)
+    power = np.abs(np.fft.rfft(centred, n=2 * steps, axis=-2)) ** 2
+    return np.asarray(np.fft.irfft(power.mean(axis=-1), n=2 * steps, axis=-1)[..., :steps] / steps)
+
+
+def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
+    """Integrated autocorrelation time, in steps, of chains (..., steps, walkers).
+
+    Sokal's (1997) self-consistent window on the walker-averaged autocovariance; NaN for a constant chain.
+    """
+    covariance = autocovariance(chain)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / covariance[..., :1]
+    times = 2.0 * np.cumsum(correlation, axis=-1) - 1.0
+    lags = np.arange(times.shape[-1])
+    closed = lags >= window * times
+    stop = np.where(closed.any(axis=-1), closed.argmax(axis=-1), times.shape[-1] - 1)
+    return np.asarray(np.take_along_axis(times, stop[..., None], axis=-1)[..., 0])
+
+
+def effective_size(chains: FloatArray) -> float:
+    """Effective number of draws in (ensembles, steps, walkers): their number over the ensembles' mean τ.
+
+    Equal to walkers · steps / τ summed over ensembles where these agree on τ. Where they do not, that sum is
+    too large: pooled draws weigh a slow ensemble as much as a fast one (and so does ArviZ). None where an
+    ensemble stands still.
+    """
+    times = np.maximum(autocorrelation_time(chains), 1.0 / chains.shape[2])
+    return 0.0 if np.isnan(times).any() else float(chains.size / times.mean())
+
+
+def rank_scores(chains: FloatArray) -> FloatArray:
+    """Rank-normalised draws, of which mean and autocorrelation always exist (Vehtari et al. 2021)."""
+    ranks = rankdata(chains, axis=None).reshape(chains.shape)
+    return np.asarray(ndtri((ranks - 0.375) / (chains.size + 0.25)))
+
+
+def tail_indicators(chains: FloatArray) -> tuple[FloatArray, ...]:
+    """Whether draws lie at or below the 5 and the 95 % quantile, below it where it is the greatest value."""
+    greatest = chains.max()
+    below = (chains < q if q == greatest else chains <= q for q in np.quantile(chains, TAILS))
+    return tuple(inside.astype(float) for inside in below)
+
+
+def bulk_size(chains: FloatArray) -> float:
+    """Effective number of draws for the centre: that of the rank-normalised draws (Vehtari et al. 2021)."""
+    return effective_size(rank_scores(chains))
+
+
+def tail_size(chains: FloatArray) -> float:
+    """Effective number of draws for the tails: the smaller one of the 5 and 95 % indicators."""
+    return min(effective_size(inside) for inside in tail_indicators(chains))
+
+
+def disagreement(values: FloatArray, size: float) -> float:
+    """P value of the means of both halves of every ensemble being those of one law.
+
+    R-hat below its limit allows ensembles to differ by some hundredths of a standard deviation however many
+    draws there are; this allows what Monte Carlo error does. ``values`` (ensembles, steps, walkers) have
+    ``size`` effective draws.
+    """
+    half = values.shape[1] // 2
+    means = np.concatenate([values[:, :half].mean(axis=(1, 2)), values[:, -half:].mean(axis=(1, 2))])
+    error = values.var() * len(means) / max(size, 1e-300)
+    return float(chdtrc(len(means) - 1, ((means - means.mean()) ** 2).sum() / max(error, 1e-300)))
+
+
+def r_hat(chains: FloatArray) -> float:
+    """Rank-normalised split R-hat across ensembles.
+
+    Each ensemble is one chain, laid step after step, so that the split compares early with late steps.
+    """
+    return array_r_hat(chains.reshape(len(chains), -1))
+
+
+def array_r_hat(chains: FloatArray) -> float:
+    """ArviZ's rank-normalised split R-hat of chains (chains, draws); NaN where nothing varies."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+
+
+def thinning(chains: FloatArray, loss: float = 0.1) -> int:
+    """Largest step between kept draws that costs no quantity more than ``loss`` of its effective draws.
+
+    ``chains`` has shape (parameters, ensembles, steps, walkers).
+    """
+    varying = [chain for chain in chains if effective_size(chain) > 0]
+    full = [effective_size(chain) for chain in varying]
+    best = 1
+    for every in range(2, max(2, chains.shape[2] // STEPS_PER_TAU) + 1):
+        kept = [effective_size(chain[:, ::every]) for chain in varying]
+        if min((k / f for k, f in zip(kept, full, strict=True)), default=0.0) < 1.0 - loss:
+            break
+        best = every
+    return best
+
+
+def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
+    """Highest-density interval of draws (n,)."""
+    low, high = array_stats.hdi(np.asarray(draws).ravel(), prob=probability)
+    return float(low), float(high)
+
+
+def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
+    """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
+    if np.ptp(chains) == 0:
+        return 0.0
+    return float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
+
+
+def array_ess(chains: FloatArray, method: str = "bulk") -> float:
+    """ArviZ's own effective sample size of chains (chains, draws), to hold beside ours."""
+    prob = TAILS if method == "tail" else None
+    return float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
+
+
+def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
+    """Importance weights (n,) with a Pareto-smoothed tail, and its shape k̂ (Vehtari et al. 2024).
+
+    Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on;
+    it is infinite where the tail cannot be fitted, as so few draws have all the weight or the tail is one
+    weight over and over, and 0 where the largest fifth of the weights are one and the same.
+    """
+    raw = np.asarray(log_weights, dtype=float)
+    plain = raw - logsumexp(raw)
+    ordered, tail = np.sort(raw), _pareto_tail(len(raw))
+    if np.ptp(ordered[-max(5, len(raw) // 5) :]) == 0.0:
+        return plain, 0.0
+    if tail < 5 or np.ptp(ordered[-tail:]) == 0.0:  # the same draw over and over, from a walker that stood
+        return plain, np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smoothed, k = array_stats.psislw(-raw)
+    if np.isnan(smoothed).any() or np.isnan(k):
+        return plain, np.inf
+    return np.asarray(smoothed), float(k)
+
+
+def _pareto_tail(draws: int) -> int:
+    """Number of the largest weights that the Pareto law is fitted to, as ArviZ takes them."""
+    return int(3 * draws**0.5 if draws > 225 else draws / 5)
+
+
+def pareto_limit(draws: int) -> float:
+    """Largest k̂ at which this number of draws gives reliable means (Vehtari et al. 2024, eq. (13))."""
+    return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test of the sampling: what was measured, what was asked, and whether it passed."""
+
+    name: str
+    value: float
+    threshold: float
+    passed: bool
+    advice: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Verdict on a set of ensembles.
+
+    It tells whether they agree with each other and within themselves. It cannot tell of a mode that none of
+    them found: they follow one recipe, and a narrow mode that escapes it escapes all of them.
+
+    Attributes
+    ----------
+    names : parameters.
+    ess_bulk, ess_tail, r_hat, tau : per parameter; τ (steps) is pooled over ensembles.
+    acceptance : share of accepted steps, over all walkers.
+    steps : kept steps per walker.
+    checks : every test with its threshold.
+    """
+
+    names: tuple[str, ...]
+    ess_bulk: FloatArray
+    ess_tail: FloatArray
+    r_hat: FloatArray
+    tau: FloatArray
+    acceptance: float
+    steps: int
+    checks: tuple[Check, ...]
+
+    @property
+    def converged(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def ess(self) -> float:
+        """The smallest bulk or tail effective sample size."""
+        return float(min(self.ess_bulk.min(), self.ess_tail.min()))
+
+    @property
+    def worst_r_hat(self) -> float:
+        """The largest R-hat."""
+        return float(self.r_hat.max())
+
+
+def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, target_ess: float) -> Diagnosis:
+    """Judge ensembles.
+
+    Parameters
+    ----------
+    names : parameters (d).
+    chains : kept draws (ensembles, steps, walkers, d).
+    accepted : share of kept steps that each walker accepted (ensembles, walkers).
+    target_ess : effective draws asked for.
+    """
+    columns = np.ascontiguousarray(np.moveaxis(chains, -1, 0))
+    sizes, differing = np.array([_sizes(column) for column in columns]).transpose(1, 0, 2)
+    hats = np.array([r_hat(column) for column in columns])
+    with np.errstate(divide="ignore"):
+        tau = columns[0].size / np.array([effective_size(column) for column in columns])
+    measured = _Measured(sizes.min(axis=1), hats, tau, differing.min(axis=1) * differing.size)
+    checks = (*_on_draws(names, measured, chains.shape[1], target_ess), *_on_walkers(accepted))
+    bulk, tail = sizes[:, 0], sizes[:, 1:].min(axis=1)
+    return Diagnosis(
+        tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks
+    )
+
+
+def _sizes(column: FloatArray) -> tuple[list[float], list[float]]:
+    """Effective sizes and p values of disagreement for the centre and both tails of a parameter."""
+    parts = (rank_scores(column), *tail_indicators(column))
+    sizes = [effective_size(part) for part in parts]
+    return sizes, [disagreement(part, size) for part, size in zip(parts, sizes, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Per parameter (d,): smallest effective size, R-hat, τ, and p of disagreement times their number."""
+
+    ess: FloatArray
+    r_hat: FloatArray
+    tau: FloatArray
+    differing: FloatArray
+
+
+def _on_draws(names: Sequence[str], found: _Measured, steps: int, target_ess: float) -> tuple[Check, ...]:
+    ess, hat = found.ess, np.nan_to_num(found.r_hat, nan=np.inf)
+    needed = STEPS_PER_TAU * float(np.nan_to_num(found.tau, nan=np.inf).max())
+    slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
+    apart, p = names[int(found.differing.argmin())], min(1.0, float(found.differing.min()))
+    return (
+        Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
+              f"run longer: {slowest} is the slowest"),
+        Check("R-hat across ensembles", float(hat.max()), R_HAT_LIMIT, bool(hat.max() < R_HAT_LIMIT),
+              f"the ensembles disagree on {worst}: run longer, or look for a second mode"),
+        Check("agreement of ensembles and halves (p)", p, DISAGREEMENT, p >= DISAGREEMENT,
+              f"means or tails of {apart} differ by more than chance: run longer, or look for a second mode"),
+        Check("steps for a reliable autocorrelation time", float(steps), needed, steps >= needed,
+              f"run at least {STEPS_PER_TAU} autocorrelation times"),
+    )  # fmt: skip
+
+
+def _on_walkers(accepted: FloatArray) -> tuple[Check, ...]:
+    frozen = int((accepted == 0).sum())
+    slow = float(accepted.min() / max(np.median(accepted), 1e-300))
+    return (
+        Check("walkers that never moved", float(frozen), 0.0, frozen == 0,
+              "a walker is stuck where the proposals do not reach"),
+        Check("slowest walker's acceptance over the median", slow, 0.2, slow >= 0.2,
+              "a walker hardly moves: the proposals miss a part of the posterior"),
+    )  # fmt: skip
+
+
+@lru_cache
+def ecdf_band(n: int, probability: float = 0.95, simulations: int = 2000) -> tuple[FloatArray, FloatArray]:
+    """Simultaneous band of the empirical distribution of n uniform values (Säilynoja et al. 2022).
+
+    Returns lower and upper ends at 1/n, 2/n, ..., 1, such that the whole curve lies inside with the
+    probability given; found by simulation with a fixed stream.
+    """
+    points = np.arange(1, n + 1) / n
+    values = np.sort(default_rng(0).random((simulations, n)), axis=1)
+    counts = np.array([np.searchsorted(one, points, side="right") for one in values])
+    tails = np.minimum(binom.cdf(counts, n, points), binom.sf(counts - 1, n, points))[:, :-1].min(axis=1)
+    level = np.quantile(tails, 1.0 - probability)
+    return binom.ppf(level, n, points) / n, binom.isf(level, n, points) / n
+
+
+def calibrated(pit: Sequence[float]) -> bool:
+    """Whether PIT values, NaN left out, keep inside the 95 % band of uniform ones."""
+    values = np.sort([p for p in pit if np.isfinite(p)])
+    low, high = ecdf_band(len(values))
+    share = np.searchsorted(values, np.arange(1, len(values) + 1) / len(values), side="right") / len(values)
+    return bool(((share >= low) & (share <= high)).all())
+
+
+def divergence(draws: FloatArray, reference: FloatArray) -> tuple[float, float]:
+    """Divergence (nats) of the law of ``draws`` (n,) from that of ``reference`` (m,), and its standard error.
+
+    The mean over the draws of log p − log q. Both densities come from the width of a window of √n order
+    statistics to either side, cut off at the ends of the sample, so that a law may end abruptly there
+    (windows as Vasicek 1976; the digamma function makes the log of every width unbiased where the density is
+    even). Error by the delta method: var(log p/q)/n + (mean(p/q) − 1)/m. Both sets must be nearly
+    independent. A law many times narrower than the gaps of the reference has an error that says so.
+    """
+    k = round(np.sqrt(len(draws)))
+    ratio = _log_density_within(np.sort(draws), k) - _log_density_at(np.sort(draws), np.sort(reference), k)
+    error = ratio.var() / len(draws) + max(np.exp(ratio).mean() - 1.0, 0.0) / len(reference)
+    return float(ratio.mean()), float(np.sqrt(error))
+
+
+def _log_density_within(x: FloatArray, k: int) -> FloatArray:
+    """Log density (n,) at sorted draws, each from the gaps of its own window."""
+    place = np.arange(len(x))
+    low, high = np.maximum(place - k, 0), np.minimum(place + k, len(x) - 1)
+    return np.asarray(digamma(high - low) - np.log(_width(x[low], x[high])) - np.log(len(x)))
+
+
+def _log_density_at(points: FloatArray, x: FloatArray, k: int) -> FloatArray:
+    """Log density at points (n,) of the law of sorted draws (m,).
+
+    The gap that a point falls into is longer than others, by as much as one gap more: the window from the
+    k-th draw below to the k-th above has 2k − 1 gaps and the length of 2k.
+    """
+    below: IntArray = np.searchsorted(x, points)
+    low, high = np.maximum(below - k, 0), np.minimum(below + k - 1, len(x) - 1)
+    left, right = np.minimum(x[low], points), np.maximum(x[high], points)
+    gaps = high - low + 1.0
+    return np.asarray(digamma(gaps) - np.log(_width(left, right)) - np.log(len(x)))
+
+
+def _width(left: FloatArray, right: FloatArray) -> FloatArray:
+    return np.maximum(right - left, 1e-300)

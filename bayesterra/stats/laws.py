@@ -1,0 +1,304 @@
+"""Probability laws: any continuous ``scipy.stats`` law, cut to a range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from scipy import stats
+from scipy.special import ndtr, ndtri
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, check_number
+
+RANGED = ("uniform", "loguniform")
+"""Laws whose range is given by ``lower`` and ``upper`` themselves."""
+
+FINITE = (*RANGED, "norm", "halfnorm")
+"""Common laws whose density is finite everywhere."""
+
+CROWDED = 1e-6
+"""Probability that numbers cannot tell from an end, from which only normal scores do justice to it."""
+
+TOO_CROWDED = 0.5
+"""Such a probability, both ends together, beyond which numbers do not represent the law."""
+
+SLOW = frozenset(
+    (
+        "dpareto_lognorm", "gausshyper", "genhyperbolic", "geninvgauss", "irwinhall", "ksone", "kstwo",
+        "levy_stable", "norminvgauss", "rel_breitwigner", "studentized_range", "vonmises", "vonmises_line",
+    )
+)  # fmt: skip
+"""Laws of which scipy takes 2 ms to 1 s for a quantile, measured over all; many thousands are needed."""
+
+MOST = 1e30
+"""SI, at most, of a finite limit or argument of a law: beyond, sums and squares overflow."""
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """The law that is flat on [low, high], without the cost of ``scipy.stats``."""
+
+    low: float
+    high: float
+
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    def cdf(self, x: FloatArray | float) -> FloatArray:
+        return np.clip((np.asarray(x) - self.low) / (self.high - self.low), 0.0, 1.0)
+
+    def sf(self, x: FloatArray | float) -> FloatArray:
+        return np.clip((self.high - np.asarray(x)) / (self.high - self.low), 0.0, 1.0)
+
+    def ppf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(self.low + np.asarray(q) * (self.high - self.low))
+
+    def isf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(self.high - np.asarray(q) * (self.high - self.low))
+
+
+@dataclass(frozen=True)
+class Law:
+    """A one-dimensional probability law on ``[lower, upper]``.
+
+    Parameters
+    ----------
+    dist : name of a continuous ``scipy.stats`` law.
+    shape : its own arguments (``loc``, ``scale``, ``a``, ...), SI units.
+    lower, upper : the law is cut to this range and renormalised; for ``uniform`` and ``loguniform`` they
+        are the range itself.
+    source : where the law comes from, in words; two laws that differ in nothing else are equal.
+
+    Raises
+    ------
+    StudyError : unknown law or argument, an empty range, no probability inside it, or most of it nearer to an
+        end than numbers can tell.
+    """
+
+    dist: str
+    shape: Mapping[str, float] = field(default_factory=dict)
+    lower: float = -np.inf
+    upper: float = np.inf
+    source: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        known = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
+        if not isinstance(known, stats.rv_continuous):
+            raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
+        if self.dist in SLOW:
+            raise StudyError(
+                f"the law {self.dist} is too slow: scipy needs milliseconds or more for every quantile;"
+                ' give some of them, { dist = "tabulated", scores = [...], values = [...] } with values'
+                " at normal scores such as -3 to 3, or take another law"
+            )
+        if not isinstance(self.shape, Mapping):
+            raise StudyError(f"arguments of a law must be numbers by name (got {self.shape!r:.60})")
+        for name, value in {**self.shape, "lower": self.lower, "upper": self.upper}.items():
+            check_number(name, value)
+            if np.isfinite(value) and abs(value) > MOST:
+                raise StudyError(f"'{name}' must lie within ±{MOST:g} (got {value:g})")
+        if not self.lower < self.upper:
+            raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
+        if self.dist in RANGED and not np.isfinite([self.lower, self.upper]).all():
+            raise StudyError(f"a {self.dist} law needs finite 'lower' and 'upper'")
+        if self.dist == "loguniform" and self.lower <= 0:
+            raise StudyError(f"'lower' of a loguniform law must be above 0 (got {self.lower:g})")
+        if self.dist in RANGED and self.shape:
+            raise StudyError(
+                f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})"
+            )
+        self._check_mass()
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether equal ratios, not equal distances, are what the law is even or bell-shaped in."""
+        return self.dist == "loguniform" or (self.dist == "lognorm" and not self.shape.get("loc"))
+
+    def _check_mass(self) -> None:
+        try:
+            with np.errstate(all="ignore"):
+                mass = self._mass
+                middle = self.median if mass > 0 else 0.0
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise StudyError(f"wrong arguments for {self.dist}: {error}") from error
+        if not np.isfinite([mass, middle]).all():
+            raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
+        if mass <= 0:
+            raise StudyError(
+                f"{self.dist} with {_listed(self.shape)} has no probability"
+                f" between {self.lower:g} and {self.upper:g}"
+            )
+        if sum(self.crowds) > TOO_CROWDED:
+            raise StudyError(
+                f"{self.dist} with {_listed(self.shape)} has {sum(self.crowds):.0%} of its probability nearer"
+                " to an end of its range than numbers can tell: cut it by 'lower' and 'upper'"
+            )
+
+    @cached_property
+    def _base(self) -> Any:
+        if self.dist == "uniform":
+            return _Flat(self.lower, self.upper)
+        if self.dist == "loguniform":
+            return stats.loguniform(self.lower, self.upper)
+        return getattr(stats, self.dist)(**self.shape)
+
+    @cached_property
+    def _upper_tail(self) -> bool:
+        """Whether the range lies in the upper tail, where survival functions keep the digits."""
+        return bool(self._base.cdf(self.lower) > 0.5)
+
+    @cached_property
+    def _lower_tail(self) -> bool:
+        """Whether the range lies in the lower tail."""
+        return bool(self._base.cdf(self.upper) < 0.5)
+
+    @cached_property
+    def _mass(self) -> float:
+        """Probability of the uncut law inside the range."""
+        if self._upper_tail:
+            return float(self._base.sf(self.lower) - self._base.sf(self.upper))
+        return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
+
+    @cached_property
+    def _log_mass(self) -> float:
+        return float(np.log(self._mass))
+
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
+        """Log density at points inside the range; common laws without the cost of ``scipy.stats``."""
+        if self.dist == "uniform":
+            return np.full(x.shape, -np.log(self.upper - self.lower))
+        if self.dist == "loguniform":
+            return np.asarray(-np.log(x) - np.log(np.log(self.upper / self.lower)))
+        if self.dist in ("norm", "halfnorm"):
+            loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
+            peak = (np.log(2.0) if self.dist == "halfnorm" else 0.0) - np.log(scale * np.sqrt(2 * np.pi))
+            return np.asarray(peak - self._log_mass - 0.5 * ((x - loc) / scale) ** 2)
+        density = np.asarray(self._base.logpdf(x) - self._log_mass)
+        return np.where(np.isposinf(density), -np.inf, density)  # a pole is a point without probability
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest value that the cut law can take."""
+        low, high = self._base.support()
+        return max(self.lower, float(low)), min(self.upper, float(high))
+
+    @cached_property
+    def _inside(self) -> tuple[float, float]:
+        """Lowest and highest value that is drawn: the ends, or their neighbours where these have no density.
+
+        A pole is a point without density, so its neighbour stands for it. In coordinates of normal scores a
+        value has the probability of all scores that lead to it, and none is lost.
+        """
+        low, high = self.range
+        if self.dist in FINITE:
+            return low, high
+        return self._neighbour(low, high), self._neighbour(high, low)
+
+    def _neighbour(self, end: float, other: float) -> float:
+        """The first value with a density on the way from an end to the other one."""
+        width = abs(other - end)
+        with np.errstate(all="ignore"):
+            if not np.isfinite(end) or np.isfinite(self._log_density_inside(np.array([end]))[0]):
+                return end
+            steps = np.ldexp(abs(np.nextafter(end, other) - end), np.arange(1100))
+            values = end + np.sign(other - end) * steps[steps < 0.5 * min(width, 1e300)]
+            known = np.flatnonzero(np.isfinite(self._log_density_inside(values)))
+        return float(values[known[0]]) if known.size else end
+
+    @cached_property
+    def crowds(self) -> tuple[float, float]:
+        """Probability of the lowest and of the highest value that is drawn; large only at a pole.
+
+        Near 0 numbers lie close enough for any pole, near 1 they are 1e-16 apart: half the probability of a
+        beta law with a = b = 0.02, shifted to [1, 3], is nearer to its ends than that.
+        """
+        if self.dist in FINITE:
+            return 0.0, 0.0
+        low, high = self._inside
+        with np.errstate(all="ignore"):
+            found = self.cdf(np.array(low)), self.survival(np.array(high))
+        return np.nan_to_num(found[0]).item(), np.nan_to_num(found[1]).item()
+
+    @property
+    def crowded(self) -> bool:
+        """Whether some of its probability is nearer to an end of the range than numbers can tell."""
+        return max(self.crowds) > CROWDED
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density at ``x`` (any shape), −inf outside the range."""
+        low, high = self.range
+        inside = (x >= low) & (x <= high)
+        with np.errstate(over="ignore"):  # a value far out in the tail has the log density −inf
+            if inside.all():
+                return self._log_density_inside(x)
+            return np.where(inside, self._log_density_inside(np.where(inside, x, self.median)), -np.inf)
+
+    def cdf(self, x: FloatArray) -> FloatArray:
+        """Probability of a value up to ``x`` (any shape)."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._upper_tail:
+            return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
+        return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
+
+    def survival(self, x: FloatArray) -> FloatArray:
+        """Probability of a value above ``x`` (any shape), to the last digit where it is small."""
+        x = np.clip(x, self.lower, self.upper)
+        if self._lower_tail:
+            return np.asarray((self._base.cdf(self.upper) - self._base.cdf(x)) / self._mass)
+        return np.asarray((self._base.sf(x) - self._base.sf(self.upper)) / self._mass)
+
+    def upper_quantile(self, q: FloatArray) -> FloatArray:
+        """Value above which the probability is ``q`` (any shape), the inverse of :meth:`survival`."""
+        if self._lower_tail:
+            raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
+        return np.asarray(np.clip(raw, *self._inside))
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Value below which the probability is ``q`` (any shape)."""
+        if self._upper_tail:
+            raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
+        else:
+            raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
+        return np.asarray(np.clip(raw, *self._inside))
+
+    def score(self, x: FloatArray) -> FloatArray:
+        """Normal scores Φ⁻¹(cdf) of values ``x`` (any shape)."""
+        below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.cdf, self.survival))
+        return np.asarray(
+            np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
+        )
+
+    def at_score(self, z: FloatArray) -> FloatArray:
+        """Values at normal scores ``z`` (any shape), the inverse of :meth:`score`."""
+        # each half from its own tail: 1 − Φ(z) keeps no digits above z = 8
+        x, upper = np.empty_like(z), z > 0
+        x[~upper] = self.quantile(ndtr(z[~upper]))
+        x[upper] = self.upper_quantile(ndtr(-z[upper]))
+        return x
+
+    @cached_property
+    def median(self) -> float:
+        """The value that half of the probability lies below."""
+        return float(self.quantile(np.array(0.5)))
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw ``n`` independent values, shape (n,)."""
+        return self.quantile(rng.random(n))
+
+    def __str__(self) -> str:
+        inside = _listed(self.shape)
+        limits = "" if self.dist in RANGED or not np.isfinite([self.lower, self.upper]).any() else "cut to "
+        if limits or self.dist in RANGED:
+            limits += f"[{self.lower:g}, {self.upper:g}]"
+        return " ".join(part for part in (self.dist, f"({inside})" if inside else "", limits) if part)
+
+
+def _listed(shape: Mapping[str, float]) -> str:
+    return ", ".join(f"{key}={value:g}" for key, value in shape.items())

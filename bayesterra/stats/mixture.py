@@ -1,0 +1,240 @@
+"""Mixtures of multivariate Student-t laws: density, draws, weighted fits, resampling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+from scipy.special import gammaln
+
+from bayesterra.arrays import FloatArray
+from bayesterra.models.kernels import compiled
+
+
+@compiled
+def squared(points: FloatArray, inverse: FloatArray, offsets: FloatArray, out: FloatArray) -> None:
+    """Fill ``out`` (n, k) with squared lengths of L⁻¹ u − offset for points (n, d).
+
+    ``inverse`` (d, d, k) holds the lower triangles L⁻¹ of all components, ``offsets`` is (d, k).
+    """
+    d, k = offsets.shape
+    white = np.empty(k)
+    for row in range(points.shape[0]):
+        out[row, :] = 0.0
+        for a in range(d):
+            for c in range(k):
+                white[c] = -offsets[a, c]
+            for b in range(a + 1):
+                value = points[row, b]
+                for c in range(k):
+                    white[c] += inverse[a, b, c] * value
+            for c in range(k):
+                out[row, c] += white[c] * white[c]
+
+
+class RandomSource(Protocol):
+    """What both NumPy generators (new and legacy) offer."""
+
+    def random(self, size: int) -> FloatArray:
+        """Uniform draws."""
+
+    def standard_normal(self, size: tuple[int, ...]) -> FloatArray:
+        """Normal draws."""
+
+    def chisquare(self, df: float, size: int) -> FloatArray:
+        """Chi-square draws."""
+
+
+class ProposalLaw(Protocol):
+    """A law that proposals are drawn from, independently of where a walker stands."""
+
+    def sample(self, n: int, random: RandomSource) -> FloatArray:
+        """Draw n independent points (n, d)."""
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density (n,) at points (n, d)."""
+
+
+@dataclass(frozen=True)
+class StudentMixture:
+    """A mixture of k Student-t laws in d dimensions with common degrees of freedom.
+
+    Attributes
+    ----------
+    weights : (k,), summing to one.
+    means : (k, d).
+    factors : (k, d, d) lower Cholesky factors of the scale matrices.
+    dof : degrees of freedom.
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    factors: FloatArray
+    dof: float
+
+    @cached_property
+    def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Inverse factors (d, d, k) and what they make of the means (d, k); log constants (k,)."""
+        d = self.means.shape[1]
+        inverse = np.linalg.inv(self.factors)
+        offsets = np.einsum("kij,kj->ik", inverse, self.means)
+        log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
+        constants = (
+            gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
+        )
+        triangles: FloatArray = np.ascontiguousarray(np.moveaxis(inverse, 0, -1), dtype=np.float64)
+        return triangles, np.ascontiguousarray(offsets), np.log(self.weights) + constants - log_det
+
+    def distances(self, u: FloatArray) -> FloatArray:
+        """Squared Mahalanobis distance of points (n, d) from every component, (n, k)."""
+        pass  # numba is heavy: only where it is needed
+
+        inverse, offsets, _ = self._whitening
+        out = np.empty((len(u), len(self.weights)))
+        squared(np.ascontiguousarray(u, dtype=np.float64), inverse, offsets, out)
+        return out
+
+    def log_terms(self, distances: FloatArray) -> FloatArray:
+        """Log of weight times density of every component at given squared distances, (n, k)."""
+        d = self.means.shape[1]
+        return np.asarray(self._whitening[2] - 0.5 * (self.dof + d) * np.log1p(distances / self.dof))
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density (n,) at points (n, d)."""
+        return _shares(self.log_terms(self.distances(u)))[0]
+
+    def sample(self, n: int, random: RandomSource) -> FloatArray:
+        """Draw n independent points (n, d)."""
+        d = self.means.shape[1]
+        last = len(self.weights) - 1
+        chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), random.random(n)), last)
+        stretch = np.sqrt(self.dof / random.chisquare(self.dof, n))
+        normal = random.standard_normal((n, d))
+        steps = np.einsum("nij,nj->ni", self.factors[chosen], normal)
+        return np.asarray(self.means[chosen] + stretch[:, None] * steps)
+
+
+def _shares(terms: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log of the sum (n,) of exponentials of terms (n, k), and the share of each in it (n, k)."""
+    peak = terms.max(axis=1, keepdims=True)
+    peak = np.where(np.isfinite(peak), peak, 0.0)
+    share = np.exp(terms - peak)
+    total = share.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        return (peak + np.log(total))[:, 0], share / np.maximum(total, 1e-300)
+
+
+def fit_mixture(
+    u: FloatArray, weights: FloatArray, components: int, rng: Generator, *, dof: float = 4.0, steps: int = 25
+) -> StudentMixture:
+    """Fit a mixture to weighted points by expectation–maximisation (t laws: Liu and Rubin 1995).
+
+    Parameters
+    ----------
+    u : points (n, d).
+    weights : their weights (n,), any positive scale.
+    components : number of components to start with; those that lose their points are dropped.
+    rng : chooses the starting centres.
+    dof : degrees of freedom, held.
+    steps : EM steps at most; it stops when the mean log density gains less than 1e-3.
+    """
+    weights = weights / weights.sum()
+    centre = weights @ u
+    spread = np.sqrt(weights @ (u - centre) ** 2)
+    scale = np.where(spread > 0, spread, 1.0)
+    points = _Points.of((u - centre) / scale, weights)
+    mixture, level = _start(points, components, rng, dof), -np.inf
+    for _ in range(steps):
+        distances = mixture.distances(points.z)
+        total, share = _shares(mixture.log_terms(distances))
+        new_level = float(weights @ total)
+        if new_level - level < 1e-3:
+            break
+        level = new_level
+        mixture = _maximise(points, weights[:, None] * share, distances, mixture)
+    return StudentMixture(
+        mixture.weights, centre + scale * mixture.means, scale[:, None] * mixture.factors, dof
+    )
+
+
+def defended(mixture: StudentMixture, u: FloatArray, weights: FloatArray, share: float) -> StudentMixture:
+    """Add one wide component over all weighted points, so that nothing near them is proposed too rarely."""
+    weights = weights / weights.sum()
+    centre = weights @ u
+    factor = 1.3 * root(_spread(u - centre, weights))
+    return StudentMixture(
+        np.append((1 - share) * mixture.weights, share),
+        np.vstack([mixture.means, centre]),
+        np.concatenate([mixture.factors, factor[None]]),
+        mixture.dof,
+    )
+
+
+def root(covariance: FloatArray) -> FloatArray:
+    """Cholesky factors of covariances (..., d, d).
+
+    Where rounding left one indefinite, as points on a ridge of no width do, all get a little more of their
+    diagonals, and as much more as it takes.
+    """
+    diagonal = np.eye(covariance.shape[-1]) * (covariance + 1e-300)
+    for more in (0.0, 1e-6, 1e-3, 1.0):
+        try:
+            return np.asarray(np.linalg.cholesky(covariance + more * diagonal))
+        except np.linalg.LinAlgError:
+            continue
+    return np.sqrt(np.maximum(diagonal, 0.0))
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Standardised points (n, d), their weights (n,), outer products (n, d d) and overall spread (d, d)."""
+
+    z: FloatArray
+    weights: FloatArray
+    outer: FloatArray
+    spread: FloatArray
+
+    @classmethod
+    def of(cls, z: FloatArray, weights: FloatArray) -> _Points:
+        outer = (z[:, :, None] * z[:, None, :]).reshape(len(z), -1)
+        return cls(z, weights, outer, _spread(z, weights))
+
+
+def _spread(centred: FloatArray, weights: FloatArray) -> FloatArray:
+    """Covariance (d, d) of centred weighted points, kept positive definite."""
+    covariance = (centred * weights[:, None]).T @ centred
+    return np.asarray(covariance + np.diag(1e-9 * np.diagonal(covariance) + 1e-300))
+
+
+def _start(points: _Points, components: int, rng: Generator, dof: float) -> StudentMixture:
+    """Centres on points drawn by weight, each with the points' own covariance shrunk by the number."""
+    d = points.z.shape[1]
+    means = points.z[rng.choice(len(points.z), size=components, p=points.weights)]
+    factor = root(points.spread) * components ** (-1.0 / d)
+    factors = np.repeat(factor[None], components, axis=0)
+    return StudentMixture(np.full(components, 1.0 / components), means, factors, dof)
+
+
+def _maximise(
+    points: _Points, share: FloatArray, distances: FloatArray, mixture: StudentMixture
+) -> StudentMixture:
+    """One M step; covariances are shrunk towards the overall one where points are few."""
+    d = points.z.shape[1]
+    mass = share.sum(axis=0)
+    effective = mass**2 / np.maximum((share**2).sum(axis=0), 1e-300)
+    kept = (effective > 2 * d) & (mass > 1e-4)
+    if not kept.any():
+        return mixture
+    share, mass, effective = share[:, kept], mass[kept], effective[kept]
+    robust = share * (mixture.dof + d) / (mixture.dof + distances[:, kept])
+    total = robust.sum(axis=0)[:, None]
+    means = (robust.T @ points.z) / total
+    second = (robust.T @ points.outer).reshape(-1, d, d)
+    scatter = (second - total[:, :, None] * means[:, :, None] * means[:, None, :]) / mass[:, None, None]
+    shrink = (d / (effective + d))[:, None, None]
+    volume = (mass ** (2.0 / d))[:, None, None]
+    factors = root((1 - shrink) * scatter + shrink * volume * points.spread)
+    return StudentMixture(mass / mass.sum(), means, factors, mixture.dof)

@@ -1,1 +1,0 @@
-"""A posterior that learns row by row as a rover drives, and says when the soil has changed."""

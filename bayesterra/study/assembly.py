@@ -1,0 +1,468 @@
+"""The parts of a study put together: prior, wheels, what the drive conditions on, noise of the outcomes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray, frozen
+from bayesterra.errors import StudyError
+from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
+from bayesterra.parameters import (
+    CHANNELS,
+    LOAD_EFFECT,
+    MODULI,
+    OFFSET,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
+from bayesterra.stats.laws import Law
+from bayesterra.study.model_errors import ModelErrors
+from bayesterra.study.noise import Noise
+from bayesterra.study.observations import DRIVE_OUTCOMES, Observations, sifted
+from bayesterra.study.priors import LOAD_EFFECT_SETS, PRIOR_SETS, Entry, Prior, Tie
+from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
+
+if TYPE_CHECKING:
+    from bayesterra.study.previous import Taken
+
+
+DEFAULT_PRIOR_SET = "paper-box"
+
+_ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
+
+LOAD_EFFECT_MODEL = "M2L"
+
+HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, "c3": 0.0}
+"""Contact angles that Ding et al. 2015 hold where the load effect is identified, (42)."""
+
+LOAD_MARGIN = 6.0
+"""Standard deviations by which the range of a latent load reaches beyond the measured normal forces."""
+
+SoilPrior = dict[str, Entry]
+
+
+@dataclass(frozen=True)
+class StatedSoil:
+    """Prior of the soil parameters as a study states it.
+
+    Attributes
+    ----------
+    entries : laws, fixed values and ties of all soil parameters.
+    correlation : of normal scores, by pair.
+    taken : joint laws from earlier results, whose single laws stand among the entries.
+    notes : what was filled in, and what to keep in mind.
+    """
+
+    entries: SoilPrior
+    correlation: Mapping[str, float]
+    taken: tuple[Taken, ...]
+    notes: tuple[str, ...]
+
+
+def soil_prior(given: StatedPriors, model: str, *, constant_exponent: bool) -> StatedSoil:
+    """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
+
+    Parameters
+    ----------
+    given : the [priors] table.
+    model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
+    constant_exponent : N = n0, so n1 is held at 0.
+
+    Raises
+    ------
+    StudyError : a fixed value outside the set's range or the physical one; n1 beside a constant exponent; k_c
+        without k_φ, or beside K_s; an earlier result that gives no prior, or what is given already; the load
+        effect with a model that does not know it.
+    """
+    entries: SoilPrior = dict(given.entries)
+    if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
+        raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
+    idle = {"n1"} if constant_exponent else set()
+    found = _taken(given, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
+    notes = [note for one in found for note in one.notes]
+    correlation = dict(given.correlation)
+    for one in found:
+        _add(entries, one.laws, "'{}' is given and taken from {}", one.label)
+        _add(correlation, one.correlation, "correlation of '{}' is given and taken from {}", one.label)
+    effects, held = _load_effect(entries, model)
+    notes += held
+    stiffness = _stiffness(entries)
+    needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
+    missing = [name for name in needed if name not in entries and name != "c3"]
+    if missing and given.chosen is None:
+        notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
+    chosen = given.chosen or (DEFAULT_PRIOR_SET if missing else None)
+    known: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
+    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, known, chosen)
+    from_set = {name: entry for name, entry in known.items() if name in needed}
+    return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, found, tuple(notes))
+
+
+def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Taken, ...]:
+    """Joint laws from earlier results of what has use for them: not of the ``idle`` parameters."""
+    if not given.sources:
+        return ()
+    from bayesterra.study.previous import taken  # brings ArviZ along, which most studies need not wait for
+
+    other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
+    other |= {OFFSET, *idle}  # a zero error is that of its own test
+    known = tuple(name for name in PRIOR_PARAMETERS if name not in other)
+    try:
+        return tuple(taken(source, known) for source in given.sources)
+    except StudyError as error:
+        raise StudyError(f"[priors.from] {error}") from error
+
+
+def _add(into: dict[str, Any], found: Mapping[str, Any], rule: str, label: str) -> None:
+    """Add what nothing else gives; StudyError where something does."""
+    for name, value in found.items():
+        if name in into:
+            raise StudyError(f"[priors] {rule.format(name, label)}: leave one of them out")
+        into[name] = value
+
+
+def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
+    """Names of the load effect where the model knows it; holds what (42) holds, with a note."""
+    if model != LOAD_EFFECT_MODEL:
+        given = next((name for name in LOAD_EFFECT if name in entries), None)
+        if given:
+            raise StudyError(
+                f"[priors] '{given}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
+                f" (got model '{model}'): leave it out, or set model = \"{LOAD_EFFECT_MODEL}\""
+            )
+        return (), []
+    held = {name: value for name, value in HELD_UNDER_LOAD.items() if name not in entries}
+    entries.update(held)
+    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name != "c3")
+    return LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
+
+
+def wheel_soil_model(
+    name: str, options: ModelOptions, rows: Observations
+) -> tuple[WheelSoilModel, list[str]]:
+    """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
+
+    Raises
+    ------
+    StudyError : a mean load that the model does not know, or none known; an option outside its range.
+    """
+    given, notes = asdict(options), []
+    mean = given.pop("mean_load")
+    if name != LOAD_EFFECT_MODEL and mean is not None:
+        raise StudyError(
+            f"[model_options] 'mean_load' belongs to the model '{LOAD_EFFECT_MODEL}' (got '{name}')"
+        )
+    if name == LOAD_EFFECT_MODEL:
+        if mean is None:
+            mean = _mean_load(rows)
+            notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
+        given["mean_load"] = mean
+    try:
+        return MODELS[name](**given), notes
+    except ValueError as error:
+        raise StudyError(f"[model_options] {error}") from error
+
+
+def _mean_load(rows: Observations) -> float:
+    force = rows.values.get("normal_force", rows.load)
+    loads = np.where(np.isnan(rows.load), force, rows.load)
+    if np.isnan(loads).all():
+        raise StudyError(
+            f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no row"
+            " has a load"
+        )
+    return float(np.nanmean(loads))
+
+
+def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
+    """K_s, or k_c and k_φ in its place."""
+    found = [name for name in MODULI if name in entries]
+    if not found:
+        return ("Ks",)
+    if "Ks" in entries:
+        raise StudyError(f"[priors] '{found[0]}' stands in place of 'Ks': give either")
+    if len(found) == 1:
+        other = next(name for name in MODULI if name not in found)
+        raise StudyError(f"[priors] '{found[0]}' needs '{other}' beside it, as K_s = kc/b + kphi")
+    return MODULI
+
+
+def full_prior(
+    soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]
+) -> Prior:
+    """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
+    estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
+    entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
+    try:
+        return Prior(entries, width, soil.correlation)
+    except StudyError as error:
+        raise StudyError(f"[priors] {error}") from error
+
+
+def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Entry], chosen: str | None) -> None:
+    for name, value in fixed.items():
+        law = known.get(name)
+        if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
+            inside = f"{_field(name, law.range[0])} to {_field(name, law.range[1])}"
+            raise StudyError(
+                f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
+                f" (got {_field(name, value)})"
+            )
+    try:
+        Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
+    except ValueError as error:
+        raise StudyError(f"[priors] {error}") from error
+
+
+def _field(name: str, value: float) -> str:
+    parameter = PARAMETERS[name]
+    return f"{value / parameter.scale:g} {parameter.unit.removesuffix('-')}".strip()
+
+
+def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
+    """Wheels by name; a coefficient that is left out comes, once, from (2) at the prior median of phi."""
+    if not tables:
+        raise StudyError("[wheels] needs at least one wheel, e.g. [wheels.Wh1]")
+    if isinstance(phi, Tie):
+        raise StudyError("[priors] 'phi' must not be tied: it is the only angle")
+    at = phi.median if isinstance(phi, Law) else float(phi)
+    wheels, notes = {}, []
+    for name, table in tables.items():
+        try:
+            wheel = Wheel(**asdict(table))
+            wheels[name] = _with_coefficient(wheel, at)
+        except ValueError as error:
+            raise StudyError(f"[wheels.{name}] {error}") from error
+        if wheels[name] != wheel:
+            value = wheels[name].shearing_radius_coefficient
+            notes.append(
+                f"shearing-radius coefficient of {name} from (2) at φ = {np.degrees(at):.3g}°: {value:.4g}"
+            )
+    return wheels, notes
+
+
+def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+    if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
+        return wheel
+    coefficient = (float(wheel.shearing_radius(phi)) - wheel.radius) / wheel.lug_height
+    return replace(wheel, shearing_radius_coefficient=coefficient)
+
+
+def conditioned(
+    observations: Observations, drive: str, *, expected: bool = False
+) -> tuple[Observations, list[str]]:
+    """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
+
+    With drive ``load`` and no load, the normal force is the load; with drive ``sinkage`` and no normal
+    force, the load is the measured normal force; with drive ``both`` likewise, and nothing is conditioned on
+    but slip. Where readings are only ``expected``, a row needs none.
+    """
+    notes: list[str] = []
+    has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
+    if drive == "load" and not has_load and has_force:
+        observations = replace(observations, load=observations.values["normal_force"])
+        notes.append("no load column: the measured normal force is the load")
+    elif drive == "load" and has_load and has_force:
+        notes.append("normal_force is not used, as the drive 'load' conditions on the load")
+    elif drive in ("sinkage", "both") and has_load and not has_force:
+        observations = _with_normal_force(observations)
+        notes.append("no normal_force column: the load is the measured normal force")
+    elif drive == "both" and has_load:
+        notes.append("load is not used, as the drive 'both' infers it from the readings")
+    if drive != "both":
+        return _with_condition(observations, drive), notes
+    return observations if expected else _with_readings(observations), notes
+
+
+def _with_normal_force(observations: Observations) -> Observations:
+    sd = observations.given_sd.get("load", np.full(len(observations), np.nan))
+    values = {**observations.values, "normal_force": observations.load}
+    return replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
+
+
+def _with_condition(observations: Observations, drive: str) -> Observations:
+    absent = np.full(len(observations), np.nan)
+    values = observations.load if drive == "load" else observations.values.get("sinkage", absent)
+    if np.isnan(values).all():
+        needed = "'load [N]' or 'normal_force [N]'" if drive == "load" else "'sinkage [mm]'"
+        raise StudyError(f"the drive '{drive}' needs a column {needed} with values")
+    return sifted(
+        observations,
+        [_condition_problem(drive, v, row) for v, row in zip(values, observations.rows, strict=True)],
+    )
+
+
+def _with_readings(observations: Observations) -> Observations:
+    """Every row in use says something on its load: sinkage, normal force or both."""
+    none = np.full(len(observations), np.nan)
+    sinkage, force = (observations.values.get(name, none) for name in ("sinkage", "normal_force"))
+    silent = np.isnan(sinkage) & np.isnan(force)
+    rule = "with the drive 'both' every row needs 'sinkage' or 'normal_force'"
+    problems = [f"{rule} (row {r})" if s else None for r, s in zip(observations.rows, silent, strict=True)]
+    return sifted(observations, problems)
+
+
+def load_range(
+    observations: Observations,
+    noise: Mapping[str, Noise],
+    given: tuple[float, float] | None,
+    drive: str,
+) -> tuple[tuple[float, float] | None, list[str]]:
+    """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
+
+    Raises
+    ------
+    StudyError : no range is given and no normal force measured.
+    """
+    if drive != "both":
+        idle = [] if given is None else [f"load_range is not used with the drive '{drive}'"]
+        return None, idle
+    if given is not None:
+        return given, []
+    used = observations.used()
+    force = used.values.get("normal_force", np.full(len(used), np.nan))
+    if "normal_force" not in noise or np.isnan(force).all():
+        raise StudyError("the drive 'both' needs 'load_range' or readings of 'normal_force'")
+    margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
+    low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
+    high = float(np.nanmax(force + margin))
+    note = f"loads: flat prior from {low:.4g} to {high:.4g} N, the normal forces and six sd of noise"
+    return (low, high), [note]
+
+
+def _condition_problem(drive: str, value: float, row: int) -> str | None:
+    if value > 0:
+        return None
+    rule = f"'{drive}' must be above 0 in every row, as the drive conditions on it"
+    if np.isnan(value):
+        return f"{rule} (empty in row {row})"
+    return f"{rule} (got {value:g} {'N' if drive == 'load' else 'm from the rim'}, row {row})"
+
+
+def outcome_noise(
+    observations: Observations, given: Mapping[str, Noise], drive: str, *, expected: bool = False
+) -> tuple[dict[str, Noise], list[str]]:
+    """Noise of every outcome measured in a row in use, and notes on noise that is not used.
+
+    With ``expected`` an outcome that is yet to be measured, but has noise, counts as measured.
+
+    Raises
+    ------
+    StudyError : no outcome is measured, an outcome has no noise, or a sinkage is negative beyond its noise.
+    """
+    used = observations.used()
+    given = _renamed(given, drive)
+    measured = [
+        name
+        for name in DRIVE_OUTCOMES[drive]
+        if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in given)
+    ]
+    if not measured:
+        raise StudyError(_nothing_measured(drive, expected=expected))
+    noise = {name: _channel_noise(name, given.get(name), observations) for name in measured}
+    if drive != "sinkage" and "sinkage" in noise:
+        _check_negative_sinkage(used, noise["sinkage"])
+    conditions = {"slip", drive, "load" if drive == "both" else "slip"}
+    conditions |= {"normal_force"} if drive == "load" else set()
+    reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
+    notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
+    return noise, notes
+
+
+def errors_of_outcomes(
+    given: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: str
+) -> tuple[ModelErrors, list[str]]:
+    """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
+
+    Raises
+    ------
+    StudyError : beside a latent load or Student-t noise.
+    """
+    if not given:
+        return given, []
+    table = "discrepancy" if given.discrepancy else "ripple" if given.ripple else "slip"
+    if drive == "both":
+        raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got 'both')")
+    heavy = next((name for name, one in noise.items() if np.isfinite(one.dof)), None)
+    if heavy:
+        raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
+    parts = {"discrepancy": given.discrepancy, "ripple": given.ripple}
+    notes = [
+        f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"
+        for name, part in parts.items()
+        for channel in part
+        if channel not in noise
+    ]
+    return given.of(tuple(noise)), notes + (_several_loads(rows, drive) if given.discrepancy else [])
+
+
+def _several_loads(rows: Observations, drive: str) -> list[str]:
+    """Say where one curve of discrepancy stands for several loads."""
+    used = rows.used()
+    for wheel in dict.fromkeys(used.wheel):
+        loads = used.load[[name == wheel for name in used.wheel]]
+        if drive == "load" and np.ptp(loads) > 0.1 * np.mean(loads):
+            ends = f"{loads.min():.4g} to {loads.max():.4g} N"
+            return [f"the discrepancy of {wheel} is one curve over slip for all of its loads, {ends}"]
+    return []
+
+
+def _nothing_measured(drive: str, *, expected: bool) -> str:
+    outcomes = ", ".join(DRIVE_OUTCOMES[drive])
+    if expected:
+        return f"[noise] needs an entry for at least one of {outcomes}, which are yet to be measured"
+    return f"the rows in use must hold at least one reading of {outcomes} (before that: run --prior-only)"
+
+
+def awaited(observations: Observations, given: Mapping[str, Noise], drive: str) -> Observations:
+    """The same rows with an empty column for every outcome that has noise and no column."""
+    empty = frozen(np.full(len(observations), np.nan))
+    missing = [
+        n for n in DRIVE_OUTCOMES[drive] if n in _renamed(given, drive) and n not in observations.values
+    ]
+    return replace(
+        observations,
+        values={**observations.values, **dict.fromkeys(missing, empty)},
+        given_sd={**observations.given_sd, **dict.fromkeys(missing, empty)},
+    )
+
+
+def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
+    """With drives ``sinkage`` and ``both``, noise of the load is that of the normal force it stands for."""
+    if drive != "load" and "load" in given and "normal_force" not in given:
+        rest = {name: noise for name, noise in given.items() if name != "load"}
+        return {**rest, "normal_force": replace(given["load"], channel="normal_force")}
+    return dict(given)
+
+
+def _channel_noise(name: str, given: Noise | None, observations: Observations) -> Noise:
+    if given is not None:
+        return given
+    sd = observations.given_sd[name][~np.isnan(observations.values[name])]
+    if np.isnan(sd).any():
+        example = f'{name} = "1 {CHANNELS[name].unit}"'
+        raise StudyError(f"[noise] needs an entry for the measured channel '{name}', e.g. {example}")
+    return Noise(name, sd=float(np.median(sd)))  # overridden by the table in every row that has a reading
+
+
+def reading_sd(noise: Noise, values: FloatArray, given: FloatArray) -> FloatArray:
+    """Standard deviations (m,) of readings, before any model: estimated noise at its upper 97.5 % point."""
+    estimated = None if noise.law is None else np.array([float(noise.law.quantile(np.array(0.975)))])
+    scale: FloatArray = np.broadcast_to(noise.scale(values[None, :], estimated, given), (1, len(values)))[0]
+    return scale
+
+
+def _check_negative_sinkage(used: Observations, noise: Noise) -> None:
+    sinkage = used.values["sinkage"]
+    wrong = sinkage < -3 * reading_sd(noise, sinkage, used.given_sd["sinkage"])
+    if wrong.any():
+        index = int(np.argmax(wrong))
+        raise StudyError(
+            "'sinkage' must not be negative by more than three standard deviations of its noise"
+            f" (got {sinkage[index]:g} m from the rim, row {used.rows[index]})"
+        )

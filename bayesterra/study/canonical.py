@@ -1,0 +1,303 @@
+"""Canonical form of a study: written out in full as TOML, and all that a run depends on by name."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayesterra import models
+from bayesterra.models import M2L, Wheel
+from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.runtime.folders import write_text
+from bayesterra.runtime.tables import csv_text
+from bayesterra.stats.laws import Law
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.groups import Pooling, described
+from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple, Size
+from bayesterra.study.model_errors import described as errors_described
+from bayesterra.study.noise import Noise
+from bayesterra.study.observations import Observations
+from bayesterra.study.priors import Entry, Tie
+from bayesterra.study.schema import Reference
+from bayesterra.study.study import Study
+from bayesterra.study.units import text
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
+    """Write the study file of simulated measurements that stand in ``measurements.csv`` beside it.
+
+    Parameters
+    ----------
+    study : the study that was simulated; its slip and sinkage references are those of its converted rows.
+    truth : SI values of the parameters that the measurements were made with.
+    source : how they were made.
+    """
+    title = f"{study.title}, simulated" if study.title else "simulated"
+    head = {"title": title, "soil": study.soil}
+    data = {"kind": "simulated", "source": source}
+    return (
+        "\n".join(_lines(study, head, data, {"truth": Reference(source=source, values=dict(truth))})) + "\n"
+    )
+
+
+def write_study(study: Study, folder: Path) -> None:
+    """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
+    head = {"title": study.title, "soil": study.soil, "date": study.date}
+    data = {"kind": study.kind, "source": study.source}
+    references = {"published": study.published, "truth": study.truth}
+    write_text(folder / "study.toml", "\n".join(_lines(study, head, data, references)) + "\n")
+    write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))
+
+
+def _rows(rows: Observations) -> pd.DataFrame:
+    """All that is known of every row, in SI units, slip on the shearing radius, sinkage from the rim."""
+    measured = {"load": rows.load, **rows.values}
+    columns: dict[str, object] = {"wheel": rows.wheel, **rows.labels, "slip": rows.slip}
+    for name, values in measured.items():
+        if not np.isnan(values).all():
+            columns[f"{name} [{CHANNELS[name].dimension}]"] = values
+        given = rows.given_sd.get(name, np.array(np.nan))
+        if not np.isnan(given).all():
+            columns[f"{name}_sd [{CHANNELS[name].dimension}]"] = given
+    return pd.DataFrame({**columns, "use": rows.use.astype(int)})
+
+
+def _lines(
+    study: Study,
+    head: Mapping[str, object],
+    data: Mapping[str, object],
+    references: Mapping[str, Reference | None],
+) -> Iterator[str]:
+    yield from assignments({**head, "model": study.model.name, "drive": study.drive})
+    if study.load_range is not None:
+        yield from assignments({"load_range": [text(load, "N") for load in study.load_range]})
+    table = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
+    yield from toml_table("data", {**table, **data})
+    for name, wheel in study.wheels.items():
+        yield from toml_table(f"wheels.{_key(name)}", _wheel(wheel))
+    yield from toml_table("model_options", _model_options(study))
+    yield from toml_table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
+    yield from _errors(study.errors)
+    entries = study.prior.entries
+    priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
+    yield from toml_table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
+    yield from toml_table("priors.correlation", study.prior.correlation)
+    if study.pooling is not None:
+        yield from toml_table("pooling", _pooling(study.pooling))
+    yield from toml_table("least_squares", _least_squares(study))
+    for name, reference in references.items():
+        if reference is not None:
+            known = {n: _value(n, v) for n, v in reference.values.items()}
+            yield from toml_table(name, {"source": reference.source, **known})
+    yield from toml_table("sampling", asdict(study.sampling))
+
+
+def _model_options(study: Study) -> dict[str, object]:
+    loads = {"mean_load": text(study.model.mean_load, "N")} if isinstance(study.model, M2L) else {}
+    return {**asdict(study.model), **loads}
+
+
+def _pooling(pooling: Pooling) -> dict[str, object]:
+    hierarchical = {
+        name: {
+            part: law_entry(law, PARAMETERS[name].dimension)
+            for part, law in (("mean", population.mean), ("spread", population.spread))
+            if law is not None
+        }
+        for name, population in pooling.hierarchical.items()
+    }
+    lists = {"by": pooling.by, "shared": list(pooling.shared), "separate": list(pooling.separate)}
+    return {**lists, **({"hierarchical": hierarchical} if hierarchical else {})}
+
+
+def _least_squares(study: Study) -> dict[str, object]:
+    options: dict[str, object] = {}
+    for name, option in asdict(study.least_squares).items():
+        values = {key: _value(key, v) for key, v in option.items()} if isinstance(option, dict) else option
+        if values != {}:
+            options[name] = values
+    return options
+
+
+def _wheel(wheel: Wheel) -> dict[str, object]:
+    lengths = {name: text(getattr(wheel, name), "m") for name in ("radius", "width", "lug_height")}
+    coefficient = wheel.shearing_radius_coefficient
+    rest = {} if coefficient is None else {"shearing_radius_coefficient": coefficient}
+    return {**lengths, "lug_count": wheel.lug_count, **rest}
+
+
+def _noise(noise: Noise) -> object:
+    dimension = CHANNELS[noise.channel].dimension
+    tails: dict[str, object] = {} if np.isinf(noise.dof) else {"dof": noise.dof}
+    if noise.law is not None:
+        return {"estimate": law_entry(noise.law, dimension), **tails}
+    if noise.fraction is not None:
+        return {"fraction": noise.fraction, "floor": text(noise.floor, dimension), **tails}
+    sd = text(noise.sd or 0.0, dimension)
+    return {"sd": sd, **tails} if tails else sd
+
+
+def _errors(errors: ModelErrors) -> Iterator[str]:
+    """The tables of discrepancy, ripple and slip errors, as far as there are any."""
+    curves = {name: _discrepancy(one) for name, one in errors.discrepancy.items()}
+    yield from toml_table("discrepancy", curves)
+    yield from toml_table("ripple", {name: _ripple(one) for name, one in errors.ripple.items()})
+    if errors.slip is not None:
+        yield from toml_table("slip", {"sd": _size(errors.slip.size, "")})
+
+
+def _discrepancy(one: Discrepancy) -> dict[str, object]:
+    size = _size(one.size, CHANNELS[one.channel].dimension)
+    return {"sd": size, "length": one.length, "kernel": one.kernel}
+
+
+def _ripple(one: Ripple) -> dict[str, object]:
+    size, repeats = _size(one.size, CHANNELS[one.channel].dimension), np.isfinite(one.period)
+    return {"sd": size, "memory": one.memory, **({"period": one.period} if repeats else {})}
+
+
+def _size(size: Size, dimension: str) -> object:
+    if size.law is not None:
+        return {"estimate": law_entry(size.law, dimension)}
+    return text(size.sd or 0.0, dimension) if dimension else size.sd
+
+
+def _prior(name: str, entry: Entry) -> object:
+    if isinstance(entry, Tie):
+        return entry.to
+    return law_entry(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
+
+
+def law_entry(law: Law, dimension: str) -> dict[str, object]:
+    """Location, scale and limits have the unit of the parameter, shape arguments have none."""
+    known: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
+    rows: dict[str, object] = {}
+    if isinstance(law, Tabulated):
+        rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
+    dimensional = ("loc", "scale", "lower", "upper")
+    values = {
+        key: text(value, dimension if key in dimensional else "")
+        for key, value in known.items()
+        if np.isfinite(value)
+    }
+    return {"dist": law.dist, **rows, **values, **({"source": law.source} if law.source else {})}
+
+
+def _value(name: str, value: float) -> object:
+    return text(value, PARAMETERS[name].dimension)
+
+
+def toml_table(name: str, content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of a table; none where it is empty."""
+    if content:
+        yield from ("", f"[{name}]")
+        yield from assignments(content)
+
+
+def assignments(content: Mapping[str, object]) -> Iterator[str]:
+    """Lines of keys and values."""
+    for key, value in content.items():
+        yield f"{_key(key)} = {_toml(value)}"
+
+
+def _key(name: str) -> str:
+    return name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+
+
+def _toml(value: object) -> str:
+    """TOML text of a value; its strings, numbers, booleans and lists are written as in JSON."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + " }"
+    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
+
+
+LIBRARIES = ("numpy", "scipy", "numba", "emcee", "arviz-stats")
+"""Libraries whose arithmetic the draws, or the moment when sampling stops, depend on."""
+
+
+def identity(study: Study, seed: int) -> dict[str, Any]:
+    """Everything that must be the same for a run to go on, by name.
+
+    Names hold ``{}`` where their value stands in a sentence; without it the value follows.
+    """
+    return {
+        "seed": seed,
+        "model": study.model.name,
+        **_options("model_options", asdict(study.model)),
+        "drive": study.drive,
+        "load_range": study.load_range,
+        **asdict(study.sampling),
+        **dict(_wheels(study)),
+        **{f"noise of {name}": _without_source(noise) for name, noise in study.noise.items()},
+        **{f"prior of {name}": _without_source(entry) for name, entry in study.prior.entries.items()},
+        **{f"prior correlation of {pair}": value for pair, value in study.prior.correlation.items()},
+        **({"discrepancy, ripple and slip errors": errors_described(study.errors)} if study.errors else {}),
+        **({"pooling": described(study.pooling)} if study.pooling is not None else {}),
+        **_options("least_squares", asdict(study.least_squares)),
+        "{} rows of measurements": len(study.observations),
+        **dict(_readings(study.observations)),
+        "bayesterra": version("bayesterra"),
+        "build of bayesterra": source_digest(),
+        "Python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+@cache
+def source_digest() -> str:
+    """SHA-256 of the package's source files, names and content."""
+    digest = sha256()
+    root, of_models = Path(__file__).parents[1], Path(models.__file__).parent
+    files = {f"models/{path.relative_to(of_models).as_posix()}": path for path in of_models.rglob("*.py")}
+    files |= {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
+    for name in sorted(files):
+        digest.update(f"{name} {sha256(files[name].read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def _options(table: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    return {f"[{table}] {key} {{}}": value for key, value in options.items()}
+
+
+def _wheels(study: Study) -> Iterator[tuple[str, Any]]:
+    for name, wheel in study.wheels.items():
+        for key, value in asdict(wheel).items():
+            length = key in ("radius", "width", "lug_height")
+            yield f"{key} {{}} of wheel {name}", text(value, "m") if length else value
+
+
+def _without_source(content: Any) -> Any:
+    """A law, a noise or a fixed value without the text that it may carry."""
+    if not hasattr(content, "__dataclass_fields__"):
+        return content
+    items = {key: value for key, value in vars(content).items() if key in content.__dataclass_fields__}
+    return {key: _without_source(value) for key, value in items.items() if key != "source"}
+
+
+def _readings(rows: Observations) -> Iterator[tuple[str, Any]]:
+    """Every cell of the converted table, row by row."""
+    columns = {"slip": rows.slip, "load": rows.load, **rows.values}
+    for i, row in enumerate(rows.rows):
+        yield f"wheel {{}} in row {row}", rows.wheel[i]
+        yield f"use {{}} in row {row}", int(rows.use[i])
+        for name, values in columns.items():
+            yield f"{name} {{}} in row {row}", _cell(name, values[i])
+        for name, values in rows.given_sd.items():
+            yield f"{name}_sd {{}} in row {row}", _cell(name, values[i])
+
+
+def _cell(channel: str, value: float) -> str | float | None:
+    return None if np.isnan(value) else text(float(value), CHANNELS[channel].dimension)

@@ -1,0 +1,249 @@
+"""Single entries of a study: parameter values, prior laws and noise, as tables of text or as objects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from bayesterra.errors import StudyError, checked_text, did_you_mean, suggestion
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.stats.laws import RANGED, Law
+from bayesterra.stats.quantile_law import TABULATED, Tabulated
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import Entry, Source, Tie
+from bayesterra.study.units import quantity
+
+_LIMITS = ("lower", "upper")
+
+_SHIFTS = ("loc", "scale")
+
+_ROWS = ("scores", "values")
+
+_TAKEN = ("result", "take", "widen")
+
+_NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
+
+_NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+def table(value: object, name: str) -> dict[str, Any]:
+    """A copy of a table, or a StudyError naming it."""
+    if not isinstance(value, Mapping):
+        raise StudyError(f"'{name}' must be a table (got {value!r})")
+    return {str(key): entry for key, entry in value.items()}
+
+
+def parameter_value(name: str, value: object, known: Iterable[str], *, bare: bool) -> float:
+    """SI value of the parameter ``name``, which must be one of ``known``."""
+    known = list(known)
+    if name not in known:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+
+
+def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
+    """The prior of one parameter: a law, the number at which it is fixed, or what it is tied to.
+
+    Parameters
+    ----------
+    name : one of ``PRIOR_PARAMETERS``.
+    value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is.
+    bare : take numbers as SI values.
+    """
+    if name not in PRIOR_PARAMETERS:
+        known = ("set", "from", "correlation", *PRIOR_PARAMETERS)
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+    if isinstance(value, Law | Tie):
+        return value
+    if isinstance(value, Mapping):
+        return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
+    if isinstance(value, str) and _NAME.fullmatch(value.strip()):
+        return _tie(name, value.strip())
+    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+
+
+def _tie(name: str, to: str) -> Tie:
+    if to not in PRIOR_PARAMETERS:
+        hint = did_you_mean(to, PRIOR_PARAMETERS)
+        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
+    return Tie(to)
+
+
+def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
+    """A probability law from its table: ``dist``, the law's own arguments, ``lower`` and ``upper``.
+
+    ``loc``, ``scale``, ``lower`` and ``upper`` have the dimension of the parameter, shape arguments none; a
+    ``source`` is text.
+    """
+    dist = entry.pop("dist", None)
+    if dist == TABULATED:
+        return _tabulated(name, entry, dimension, bare=bare)
+    if dist is None:
+        raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
+    source = _source(name, entry)
+    shapes = _shape_arguments(name, dist)
+    _check_arguments(name, dist, entry, shapes)
+    values = {
+        key: quantity(item, "" if key in shapes else dimension, f"{name}.{key}", bare=bare)
+        for key, item in entry.items()
+    }
+    limits = {key: values.pop(key) for key in _LIMITS if key in values}
+    try:
+        return Law(dist, values, **limits, source=source)
+    except StudyError as error:
+        raise StudyError(f"'{name}': {error}") from error
+
+
+def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Tabulated:
+    """A law by the values at its normal scores."""
+    source = _source(name, entry)
+    for key in entry:
+        if key not in (*_ROWS, *_LIMITS):
+            known = (*_ROWS, *_LIMITS, "source")
+            raise StudyError(f"'{name}': unknown argument '{key}' of {TABULATED}{did_you_mean(key, known)}")
+    columns: dict[str, tuple[float, ...]] = {}
+    for key, unit in zip(_ROWS, ("", dimension), strict=True):
+        column = entry.get(key)
+        if not isinstance(column, list | tuple):
+            raise StudyError(f"'{name}': {TABULATED} needs a list '{key}' (got {column!r})")
+        columns[key] = tuple(quantity(item, unit, f"{name}.{key}", bare=bare) for item in column)
+    limits: dict[str, Any] = {
+        key: quantity(entry[key], dimension, f"{name}.{key}", bare=bare) for key in _LIMITS if key in entry
+    }
+    try:
+        return Tabulated(source=source, scores=columns["scores"], values=columns["values"], **limits)
+    except StudyError as error:
+        raise StudyError(f"'{name}': {error}") from error
+
+
+def _source(name: str, entry: dict[str, Any]) -> str:
+    """Take the text out of an entry that says where it comes from."""
+    source = entry.pop("source", "")
+    if not isinstance(source, str):
+        raise StudyError(f"'{name}.source' must be text (got {source!r})")
+    return checked_text(source, f"{name}.source")
+
+
+def pair(*names: str) -> str:
+    """Name a pair of parameters, in the package's order: ``"c, phi"``."""
+    return ", ".join(sorted(names, key=list(PARAMETERS).index))
+
+
+def correlations(value: object) -> dict[str, float]:
+    """Correlations of normal scores by pair from a table such as ``{"c, phi" = -0.8}``."""
+    found: dict[str, float] = {}
+    for key, item in table(value, "correlation").items():
+        names = [part.strip() for part in key.split(",")]
+        unknown = [name for name in names if name not in PARAMETERS]
+        if unknown:
+            raise StudyError(
+                f"correlation: unknown parameter '{unknown[0]}'{did_you_mean(unknown[0], PARAMETERS)}"
+            )
+        if len(names) != 2 or names[0] == names[1]:
+            raise StudyError(f"correlation: a key must name two parameters, e.g. \"c, phi\" (got '{key}')")
+        number = quantity(item, "", f"correlation of '{key}'", bare=True)
+        if not -1.0 < number < 1.0:
+            raise StudyError(f"correlation of '{key}' must lie between -1 and 1 (got {number:g})")
+        if pair(*names) in found:
+            raise StudyError(f"correlation of '{pair(*names)}' is given twice")
+        found[pair(*names)] = number
+    return found
+
+
+def sources(value: object) -> tuple[Source, ...]:
+    """What is taken from earlier results, from a list of tables or of :class:`Source`."""
+    items = [value] if isinstance(value, Mapping | Source) else value
+    if not isinstance(items, list | tuple):
+        raise StudyError(f"'from' must be tables [[priors.from]] with a 'result' (got {value!r})")
+    return tuple(item if isinstance(item, Source) else _taken(item) for item in items)
+
+
+def _taken(value: object) -> Source:
+    entry = table(value, "from")
+    for key in entry:
+        if key not in _TAKEN:
+            raise StudyError(f"'from': unknown key '{key}'{did_you_mean(key, _TAKEN)}")
+    if "result" not in entry:
+        raise StudyError("'from' needs a 'result', the folder of a finished result")
+    widen = quantity(entry.get("widen", 1.0), "", "widen")
+    if not widen >= 1.0:
+        raise StudyError(f"'widen' must be at least 1 (got {widen:g})")
+    take = entry.get("take")
+    if take is None:
+        return Source(entry["result"], None, widen)
+    if not isinstance(take, Mapping) or not all(isinstance(there, str) for there in take.values()):
+        raise StudyError(f"'take' must be a table such as {{ n0 = \"n\" }}: here = there (got {take!r})")
+    return Source(entry["result"], table(take, "take"), widen)
+
+
+def _shape_arguments(name: str, dist: object) -> list[str]:
+    """Names of a law's own arguments beside location and scale."""
+    known = getattr(stats, dist, None) if isinstance(dist, str) else None
+    if not isinstance(known, stats.rv_continuous):
+        laws = (n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous))
+        hint = suggestion(str(dist), laws)
+        raise StudyError(f"'{name}': 'dist' must be a continuous scipy.stats law, got {dist!r}{hint}")
+    return [] if dist in RANGED else [part.strip() for part in (known.shapes or "").split(",") if part]
+
+
+def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: list[str]) -> None:
+    known = (*shapes, *_SHIFTS, *_LIMITS, "source")
+    for key in entry:
+        if key not in known:
+            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")
+    for key in shapes:
+        if key not in entry:
+            raise StudyError(f"'{name}': {dist} needs its argument '{key}'")
+
+
+def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
+    """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`.
+
+    A table may add ``dof``, the degrees of freedom of a Student-t law; a value is then written ``sd``.
+    """
+    if channel not in CHANNELS:
+        raise StudyError(f"unknown channel '{channel}'{did_you_mean(channel, CHANNELS)}")
+    if isinstance(value, Noise):
+        return value
+    if isinstance(value, Law):
+        return Noise(channel, law=value)
+    entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
+    dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
+    size = _noise_size(channel, entry, bare=bare)
+    return Noise(channel, dof=dof, **size)
+
+
+def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:
+    """What says how large the noise is, as arguments of :class:`Noise`."""
+    dimension = CHANNELS[channel].dimension
+    if set(entry) == {"sd"}:
+        return {"sd": quantity(entry["sd"], dimension, channel, bare=bare)}
+    if set(entry) == {"fraction", "floor"}:
+        fraction = quantity(entry["fraction"], "", f"{channel}.fraction")
+        return {"fraction": fraction, "floor": _floor(entry["floor"], channel, bare=bare)}
+    if set(entry) == {"estimate"}:
+        return {"law": _estimate(channel, entry["estimate"], bare=bare)}
+    raise StudyError(f"'{channel}' must be {_NOISE_FORMS} (got {', '.join(entry) or 'nothing'})")
+
+
+def _floor(value: object, channel: str, *, bare: bool) -> float:
+    return quantity(value, CHANNELS[channel].dimension, f"{channel}.floor", bare=bare)
+
+
+def _estimate(channel: str, value: object, *, bare: bool) -> Law:
+    """Law of an unknown standard deviation; ``lower`` is a tenth of the scale unless given."""
+    if isinstance(value, Law):
+        return value
+    if channel not in OUTCOMES:
+        raise StudyError(f"noise of '{channel}' cannot be estimated, as it is never an outcome")
+    entry, dimension = table(value, f"{channel}.estimate"), CHANNELS[channel].dimension
+    if "lower" not in entry:
+        if "scale" not in entry:
+            raise StudyError(f"'{channel}.estimate' needs a 'lower' above 0 or a 'scale'")
+        scale = quantity(entry["scale"], dimension, f"{channel}.estimate.scale", bare=bare)
+        entry["lower"] = f"{scale / 10!r} {dimension}"
+    return law(f"{channel}.estimate", entry, dimension, bare=bare)

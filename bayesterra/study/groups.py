@@ -1,0 +1,166 @@
+"""The [pooling] table: which parameters groups share, which each has alone, which come from one law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.parameters import PARAMETERS
+from bayesterra.stats.laws import Law
+from bayesterra.study.entries import law, table
+
+SPREAD_SHARE = 0.5
+"""Scale of the default prior of a spread, half-normal, as a share of the parameter's prior sd."""
+
+GROUPINGS = ("wheel", "site", "run")
+"""Columns of a table of measurements that may say which group a row belongs to."""
+
+_KEYS = ("by", "shared", "separate", "hierarchical")
+
+
+@dataclass(frozen=True)
+class Population:
+    """Priors of a hierarchical parameter's population; None for the default.
+
+    Attributes
+    ----------
+    mean : law of the population mean; by default the parameter's own prior.
+    spread : law of the population's standard deviation, above 0; by default half-normal, its scale half of
+        the standard deviation of the parameter's own prior.
+    """
+
+    mean: Law | None = None
+    spread: Law | None = None
+
+    def laws(self, own: Law) -> tuple[Law, Law]:
+        """Laws of mean and spread, the defaults from the parameter's own prior."""
+        return self.mean or own, self.spread or default_spread(own)
+
+
+def law_sd(own: Law) -> float:
+    """Standard deviation of a law, from its quantiles."""
+    values: FloatArray = own.quantile((np.arange(4000) + 0.5) / 4000)
+    return float(values.std())
+
+
+def default_spread(own: Law) -> Law:
+    """Prior of the spread of a parameter between groups where none is given."""
+    return Law("halfnorm", {"scale": SPREAD_SHARE * law_sd(own)})
+
+
+@dataclass(frozen=True)
+class Pooling:
+    """What groups of rows have in common.
+
+    Parameters that no list names are shared, noise too.
+
+    Attributes
+    ----------
+    by : the column that says which group a row belongs to.
+    shared : parameters with one value for all groups.
+    separate : parameters with a value for each group, each under the parameter's own prior.
+    hierarchical : parameters with a value for each group, drawn from a normal law of unknown mean and spread
+        that is cut to the range of the parameter's own prior.
+    """
+
+    by: str = "wheel"
+    shared: tuple[str, ...] = ()
+    separate: tuple[str, ...] = ()
+    hierarchical: Mapping[str, Population] = field(default_factory=dict)
+
+    def checked(self, laws: Mapping[str, Law]) -> Pooling:
+        """The same with every free parameter in one list and every population's priors known.
+
+        Raises
+        ------
+        StudyError : a parameter has no law of its own; nothing is common to the groups, or everything.
+        """
+        for name in (*self.shared, *self.separate, *self.hierarchical):
+            if name not in laws:
+                held = "is fixed or tied" if name in PARAMETERS else "is not known"
+                raise StudyError(f"[pooling] '{name}' {held}: name free parameters ({', '.join(laws)})")
+        own = (*self.separate, *self.hierarchical)
+        shared = tuple(name for name in laws if name not in own)
+        if not own:
+            raise StudyError("[pooling] needs a 'separate' or 'hierarchical' parameter: else leave it out")
+        if not shared and not self.hierarchical:
+            raise StudyError("[pooling] needs a 'shared' or 'hierarchical' parameter: else run groups alone")
+        separate = tuple(name for name in laws if name in self.separate)
+        named = [name for name in laws if name in self.hierarchical]
+        populations = {name: Population(*self.hierarchical[name].laws(laws[name])) for name in named}
+        return Pooling(self.by, shared, separate, populations)
+
+
+def pooling_table(value: object, *, bare: bool) -> Pooling | None:
+    """Read the [pooling] table; None where there is none.
+
+    Raises
+    ------
+    StudyError : an unknown key, column or parameter, or a parameter in two lists.
+    """
+    if value is None or isinstance(value, Pooling):
+        return value
+    content = table(value, "pooling")
+    for key in content:
+        if key not in _KEYS:
+            raise StudyError(f"unknown key '{key}'{did_you_mean(key, _KEYS)}")
+    by = content.get("by", "wheel")
+    if by not in GROUPINGS:
+        raise StudyError(f"'by' must be one of the columns {', '.join(GROUPINGS)} (got {by!r})")
+    shared, separate = (_names(content.get(key, ()), key) for key in ("shared", "separate"))
+    given = table(content.get("hierarchical", {}), "hierarchical")
+    populations = {_known(name): _population(name, entry, bare=bare) for name, entry in given.items()}
+    named = [*shared, *separate, *populations]
+    for name in named:
+        if named.count(name) > 1:
+            raise StudyError(f"'{name}' must stand in one list only")
+    return Pooling(str(by), shared, separate, populations)
+
+
+def _names(value: object, key: str) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise StudyError(f"'{key}' must be a list of parameters (got {value!r})")
+    return tuple(_known(str(name)) for name in value)
+
+
+def _known(name: str) -> str:
+    if name not in PARAMETERS:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
+    return name
+
+
+def _population(name: str, value: object, *, bare: bool) -> Population:
+    content = table(value, f"hierarchical.{name}")
+    laws: dict[str, Law] = {}
+    for key, entry in content.items():
+        if key not in ("mean", "spread"):
+            raise StudyError(f"'hierarchical.{name}' takes 'mean' and 'spread' (got '{key}')")
+        laws[key] = _law(f"{name}.{key}", entry, PARAMETERS[name].dimension, bare=bare)
+    if "spread" in laws and laws["spread"].range[0] < 0:
+        low = laws["spread"].range[0] / PARAMETERS[name].scale
+        raise StudyError(f"'{name}.spread' must be a law of numbers from 0 on (got one from {low:g} on)")
+    return Population(laws.get("mean"), laws.get("spread"))
+
+
+def _law(name: str, value: Any, dimension: str, *, bare: bool) -> Law:
+    return value if isinstance(value, Law) else law(name, table(value, name), dimension, bare=bare)
+
+
+def described(pooling: Pooling) -> dict[str, object]:
+    """The roles and laws as plain values, whatever text the laws carry."""
+
+    def plain(one: Law | None) -> object:
+        return one and {key: value for key, value in asdict(one).items() if key != "source"}
+
+    populations = {n: [plain(p.mean), plain(p.spread)] for n, p in pooling.hierarchical.items()}
+    return {
+        "by": pooling.by,
+        "shared": list(pooling.shared),
+        "separate": list(pooling.separate),
+        "hierarchical": populations,
+    }

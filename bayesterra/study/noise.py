@@ -1,0 +1,119 @@
+"""Measurement noise of a channel: given (absolute, relative with a floor, per row) or estimated.
+
+Its law is Gaussian, or Student's with given degrees of freedom, whose tails let single readings be far out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+from scipy.special import gammaln, ndtri, stdtr
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, check_number
+from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.stats.laws import Law
+
+LEAST = 1e-15
+"""SI, at least, of a given standard deviation."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one channel; exactly one of ``sd``, ``fraction`` and ``law`` is given.
+
+    Parameters
+    ----------
+    channel : name of the measured channel.
+    sd : standard deviation, SI unit of the channel.
+    fraction, floor : standard deviation max(fraction · |modelled value|, floor). The modelled value is
+        meant, so that simulation, likelihood and evidence use one and the same law.
+    law : prior law of an unknown standard deviation, which is then estimated.
+    dof : degrees of freedom of a Student-t law; infinite for a Gaussian one. What is called standard
+        deviation here is then the scale of the law, which is less: σ √(dof / (dof − 2)) is the deviation.
+    """
+
+    channel: str
+    sd: float | None = None
+    fraction: float | None = None
+    floor: float = 0.0
+    law: Law | None = None
+    dof: float = np.inf
+
+    def __post_init__(self) -> None:
+        if sum(given is not None for given in (self.sd, self.fraction, self.law)) != 1:
+            raise StudyError(f"noise of '{self.channel}' must be one of: a value, a fraction, an estimate")
+        for value in (self.sd, self.fraction, self.floor, self.dof):
+            check_number(f"noise of '{self.channel}'", 0.0 if value is None else value)
+        if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
+            raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
+        smallest = min(size for size in (self.sd, self.floor or None, np.inf) if size is not None)
+        if smallest < LEAST:
+            raise StudyError(
+                f"noise of '{self.channel}' must be at least {LEAST:g} in SI units (got {smallest:g})"
+            )
+        if self.fraction is not None and not (0 < self.fraction < 10 and self.floor > 0):
+            raise StudyError(
+                f"noise of '{self.channel}' needs a fraction above 0 and a floor above 0"
+                f" (got {self.fraction:g} and {self.floor:g})"
+            )
+        if self.law is not None and not self.law.range[0] > 0:
+            raise StudyError(f"estimated noise of '{self.channel}' needs a 'lower' above 0")
+        if not self.dof >= 1:
+            raise StudyError(f"'dof' of the noise of '{self.channel}' must be at least 1 (got {self.dof:g})")
+
+    @property
+    def parameter(self) -> str | None:
+        """Name of the estimated standard deviation, None where the noise is given."""
+        return NOISE_PREFIX + self.channel if self.law is not None else None
+
+    def scale(self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray) -> FloatArray:
+        """Standard deviation of every reading.
+
+        Parameters
+        ----------
+        predicted : modelled values (n, m), SI.
+        estimated : values of the estimated standard deviation (n,), None where the noise is given.
+        given : standard deviations from the table (m,), NaN where the row has none; they override.
+
+        Returns
+        -------
+        Standard deviations, shape broadcastable to (n, m).
+        """
+        if self.sd is not None:
+            scale: FloatArray = np.full((1, predicted.shape[1]), self.sd)
+        elif self.fraction is not None:
+            scale = np.maximum(self.fraction * np.abs(predicted), self.floor)
+        elif estimated is None:
+            raise ValueError(f"noise of '{self.channel}' is estimated: its value must be given")
+        else:
+            scale = np.broadcast_to(estimated[:, None], predicted.shape)
+        return np.where(np.isnan(given), scale, given)
+
+    @cached_property
+    def log_peak(self) -> float:
+        """Log density of the law of unit scale at its centre."""
+        if np.isinf(self.dof):
+            return float(-0.5 * np.log(2 * np.pi))
+        half = 0.5 * self.dof
+        return float(gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(self.dof * np.pi))
+
+    def log_density(self, standard: FloatArray) -> FloatArray:
+        """Log density of standardised residuals (any shape), under the law of unit scale."""
+        if np.isinf(self.dof):
+            return np.asarray(self.log_peak - 0.5 * standard**2)
+        return np.asarray(self.log_peak - 0.5 * (self.dof + 1) * np.log1p(standard**2 / self.dof))
+
+    def normal_score(self, standard: FloatArray) -> FloatArray:
+        """Standardised residuals as the normal ones that are as far out; themselves for a Gaussian law."""
+        if np.isinf(self.dof):
+            return standard
+        score = ndtri(np.maximum(stdtr(self.dof, -np.abs(standard)), 1e-300))
+        return np.asarray(-np.sign(standard) * score)
+
+    def draw(self, shape: tuple[int, ...], rng: Generator) -> FloatArray:
+        """Draw standardised residuals."""
+        return rng.standard_normal(shape) if np.isinf(self.dof) else rng.standard_t(self.dof, shape)

@@ -1,0 +1,346 @@
+"""Tables of measurements: CSV or DataFrame in, checked arrays in SI out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import BoolArray, FloatArray, frozen
+from bayesterra.errors import StudyError, checked_name, did_you_mean
+from bayesterra.models import Wheel
+from bayesterra.models.geometry import convert_slip
+from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.runtime.tables import read_cells
+from bayesterra.study.noise import LEAST
+from bayesterra.study.units import column_header, factor
+
+DRIVE_OUTCOMES = {
+    "load": ("sinkage", "drawbar_pull", "resistance_moment"),
+    "sinkage": ("normal_force", "drawbar_pull", "resistance_moment"),
+    "both": ("sinkage", "normal_force", "drawbar_pull", "resistance_moment"),
+}
+"""Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
+
+SD_SUFFIX = "_sd"
+
+MOST_LOAD = 1e12
+"""N, at most, of a load: beyond it sums and squares overflow."""
+
+MOST = 1e4
+"""Pull and moment (at an arm of 1 m), at most, as a multiple of the greatest load in the table."""
+
+LABELS = ("site", "run")
+"""Columns, beside the wheel, that may say which group a row belongs to."""
+
+_PLAIN = ("slip", "wheel", "use")
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measurements of m rows: SI units, slip on the shearing radius, sinkage from the rim; all read-only.
+
+    Attributes
+    ----------
+    wheel : name of the wheel of every row.
+    slip : (m,) slip ratio.
+    load : (m,) vertical load, N; NaN where absent.
+    values : (m,) for every channel of ``parameters.OUTCOMES`` that has a column; NaN = not measured.
+    given_sd : (m,) standard deviations from the table, at least for every channel in ``values``; NaN = none.
+    use : (m,) whether the row takes part in the fit.
+    rows : row numbers as in the file, the first data row is 1.
+    notes : rows that had to be left out altogether, and why; one sentence each.
+    labels : the columns of ``LABELS`` that the table has.
+    """
+
+    wheel: tuple[str, ...]
+    slip: FloatArray
+    load: FloatArray
+    values: Mapping[str, FloatArray]
+    given_sd: Mapping[str, FloatArray]
+    use: BoolArray
+    rows: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def used(self) -> Observations:
+        """Only the rows that take part in the fit."""
+        return self.take(self.use)
+
+    def label(self, by: str) -> tuple[str, ...]:
+        """Group of every row: its wheel, or what a column of ``LABELS`` says.
+
+        Raises
+        ------
+        StudyError : the table has no such column.
+        """
+        if by == "wheel":
+            return self.wheel
+        if by not in self.labels:
+            known = ", ".join(("wheel", *self.labels))
+            raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {known})")
+        return self.labels[by]
+
+    def take(self, keep: BoolArray) -> Observations:
+        """Only the rows where ``keep`` (m,) holds."""
+        return Observations(
+            wheel=tuple(np.array(self.wheel, dtype=object)[keep]),
+            slip=frozen(self.slip[keep]),
+            load=frozen(self.load[keep]),
+            values={name: frozen(column[keep]) for name, column in self.values.items()},
+            given_sd={name: frozen(column[keep]) for name, column in self.given_sd.items()},
+            use=frozen(self.use[keep], np.bool_),
+            rows=tuple(int(row) for row in np.array(self.rows)[keep]),
+            notes=self.notes,
+            labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
+        )
+
+
+def read_table(path: str | Path) -> pd.DataFrame:
+    """Read a CSV file as text cells; blank lines do not count as rows.
+
+    Raises
+    ------
+    StudyError : no such file, not UTF-8 text, no rows, too many, or a row of another length than the header.
+    """
+    return _framed(read_cells(Path(path)))
+
+
+def _framed(lines: list[list[str]]) -> pd.DataFrame:
+    if len(lines) < 2:
+        raise StudyError("must hold a header and at least one row of measurements (the table is empty)")
+    header, *rows = lines
+    if len(header) == 1 and ";" in header[0]:
+        raise StudyError(f"columns must be separated by commas (got {header[0]!r})")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(header):
+            raise StudyError(f"every row must have {len(header)} cells (got {len(row)}, row {number})")
+    return pd.DataFrame(rows, columns=pd.Index(header), dtype=str)
+
+
+def observations(
+    table: pd.DataFrame,
+    wheels: Mapping[str, Wheel],
+    *,
+    slip_reference: str,
+    sinkage_reference: str = "rim",
+) -> Observations:
+    """Check a table and convert it, once, to SI, to slip on the shearing radius and to sinkage of the rim.
+
+    Parameters
+    ----------
+    table : columns as in the measurement files, units in the headers, e.g. ``sinkage [mm]``.
+    wheels : by name, with their shearing-radius coefficients known.
+    slip_reference : the radius behind the slip column: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
+    sinkage_reference : the zero of the sinkage column: ``rim``, or ``tip`` of the lugs (h is subtracted).
+
+    Raises
+    ------
+    StudyError : naming column, row, what must hold and the value got.
+    """
+    if len(table) == 0:
+        raise StudyError("must hold at least one row of measurements (the table is empty)")
+    columns = _named_columns(table)
+    raw = Observations(
+        wheel=_wheel_names(columns, len(table), tuple(wheels)),
+        slip=_required(columns, "slip"),
+        load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
+        values={name: columns[name].si() for name in OUTCOMES if name in columns},
+        given_sd=_given_sd(columns, len(table)),
+        use=_use(columns, len(table)),
+        rows=tuple(range(1, len(table) + 1)),
+        labels={name: _labels(columns[name]) for name in LABELS if name in columns},
+    )
+    rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
+    return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column as it stands in the table: cells, and the SI value of one of its unit."""
+
+    name: str
+    cells: list[Any]
+    scale: float
+
+    def si(self) -> FloatArray:
+        """The cells as SI numbers, NaN where empty."""
+        values = [self._number(cell, row) for row, cell in enumerate(self.cells, start=1)]
+        return np.array(values, dtype=np.float64) * self.scale
+
+    def _number(self, cell: Any, row: int) -> float:
+        if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
+            return float("nan")
+        truth = isinstance(cell, bool | np.bool_) and self.name != "use"  # which is what truth values are for
+        try:
+            if truth:
+                raise TypeError
+            value = float(cell.replace("_", "?")) if isinstance(cell, str) else float(cell)
+        except (TypeError, ValueError):
+            raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row})") from None
+        if np.isinf(value) or (isinstance(cell, str) and np.isnan(value)):
+            raise StudyError(f"'{self.name}' must be finite or empty (got {cell}, row {row})")
+        return value
+
+
+def _named_columns(table: pd.DataFrame) -> dict[str, Column]:
+    columns: dict[str, Column] = {}
+    for position, header in enumerate(table.columns):
+        name, unit = column_header(header)
+        scale = _column_scale(str(header), name, unit)
+        if name in columns:
+            raise StudyError(f"column '{name}' must appear once (it appears twice)")
+        columns[name] = Column(name, list(table.iloc[:, position]), scale)
+    return columns
+
+
+def _column_scale(header: str, name: str, unit: str | None) -> float:
+    channel = CHANNELS.get(name.removesuffix(SD_SUFFIX))
+    if name in ("wheel", "use", *LABELS) and unit is None:
+        return 1.0
+    if channel is None or name == "slip" + SD_SUFFIX:
+        raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}")
+    if not unit and channel.dimension:
+        raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
+    try:
+        return factor(unit, channel.dimension) if unit and unit != "-" else 1.0
+    except StudyError as error:
+        raise StudyError(f"column '{header}': {error}") from error
+
+
+def _known_columns() -> list[str]:
+    measured = [name for name in CHANNELS if name != "slip"]
+    return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
+
+
+def _required(columns: Mapping[str, Column], name: str) -> FloatArray:
+    if name not in columns:
+        raise StudyError(f"column '{name}' is missing")
+    values = columns[name].si()
+    if np.isnan(values).any():
+        raise StudyError(f"'{name}' must be given in every row (empty in row {_first(np.isnan(values))})")
+    return values
+
+
+def _first(mask: BoolArray) -> int:
+    return int(np.argmax(mask)) + 1
+
+
+def _wheel_names(columns: Mapping[str, Column], length: int, known: tuple[str, ...]) -> tuple[str, ...]:
+    if "wheel" not in columns and len(known) == 1:
+        return known * length
+    if "wheel" not in columns:
+        raise StudyError(f"column 'wheel' is needed with several wheels ({', '.join(known)})")
+    names = tuple(str(cell).strip() for cell in columns["wheel"].cells)
+    for row, name in enumerate(names, start=1):
+        if name not in known:
+            raise StudyError(f"unknown wheel '{name}' in row {row}{did_you_mean(name, known)}")
+    return names
+
+
+def _labels(column: Column) -> tuple[str, ...]:
+    names = tuple("" if cell is None or cell is pd.NA else str(cell).strip() for cell in column.cells)
+    for row, name in enumerate(names, start=1):
+        if not name:
+            raise StudyError(f"'{column.name}' must be given in every row (empty in row {row})")
+        checked_name(name, f"'{column.name}' in row {row}")
+    return names
+
+
+def _use(columns: Mapping[str, Column], length: int) -> BoolArray:
+    if "use" not in columns:
+        return np.ones(length, dtype=np.bool_)
+    values = columns["use"].si()
+    wrong = ~np.isin(values, (0.0, 1.0))
+    if wrong.any():
+        row = _first(wrong)
+        raise StudyError(f"'use' must be 0 or 1 (got {columns['use'].cells[row - 1]!r}, row {row})")
+    use: BoolArray = values == 1.0
+    return use
+
+
+def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArray]:
+    """Standard deviations of every measured channel, NaN where the table has none."""
+    given = {name: np.full(length, np.nan) for name in ("load", *OUTCOMES) if name in columns}
+    for name, column in columns.items():
+        if name in CHANNELS or not name.endswith(SD_SUFFIX):
+            continue
+        channel, values = name.removesuffix(SD_SUFFIX), column.si()
+        if channel not in columns:
+            raise StudyError(f"column '{name}' needs a column '{channel}' beside it")
+        if (values < LEAST).any():
+            row = _first(values < LEAST)
+            rule = "above 0" if values[row - 1] <= 0 else f"at least {LEAST:g} in SI units"
+            raise StudyError(f"'{name}' must be {rule} (got {column.cells[row - 1]}, row {row})")
+        given[channel] = values
+    return given
+
+
+def _referenced(
+    raw: Observations, wheels: Mapping[str, Wheel], slip_reference: str, sinkage_reference: str
+) -> Observations:
+    """Convert slip by (3) to the shearing radius, and sinkage to the rim."""
+    of_row = [wheels[name] for name in raw.wheel]
+    shearing = np.array([wheel.shearing_radius() for wheel in of_row])
+    lug = np.array([wheel.lug_height for wheel in of_row])
+    rim = np.array([wheel.radius for wheel in of_row])
+    behind = {"rim": rim, "tip": rim + lug, "shearing": shearing}[slip_reference]
+    slip = raw.slip if slip_reference == "shearing" else np.asarray(convert_slip(raw.slip, behind, shearing))
+    values = dict(raw.values)
+    if "sinkage" in values and sinkage_reference == "tip":
+        values["sinkage"] = values["sinkage"] - lug
+    return replace(raw, slip=slip, values=values)
+
+
+def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:
+    """Refuse rows in use that have a problem; leave unused ones out, with one note.
+
+    Parameters
+    ----------
+    observations : m rows.
+    problems : what is wrong with each row, None where nothing is.
+    """
+    for problem, used in zip(problems, observations.use, strict=True):
+        if problem and used:
+            raise StudyError(problem)
+    keep = np.array([problem is None for problem in problems])
+    found = [problem for problem in problems if problem]
+    more = f"; {len(found) - 1} more rows likewise" if len(found) > 1 else ""
+    notes = (f"row left out, as its 'use' is 0: {found[0]}{more}",) if found else ()
+    return replace(observations, notes=observations.notes + notes).take(keep)
+
+
+def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, Wheel]) -> str | None:
+    """What takes one row outside the model's range, or None."""
+    row, radius = rows.rows[index], wheels[rows.wheel[index]].radius
+    converted, load = float(rows.slip[index]), float(rows.load[index])
+    if not 0 <= converted < 1:
+        became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
+        return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row})"
+    for name, column in {"load": rows.load, **rows.values}.items():
+        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(
+            name, _most(rows, radius)
+        )
+        if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
+            unit = CHANNELS[name].dimension
+            return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"
+    if load <= 0:
+        return f"'load' must be above 0 (got {load:g} N, row {row})"
+    if "sinkage" in rows.values and rows.values["sinkage"][index] >= radius:
+        sinkage = rows.values["sinkage"][index]
+        return f"'sinkage' must be below the wheel radius {radius:g} m (got {sinkage:g} m, row {row})"
+    return None
+
+
+def _most(rows: Observations, radius: float) -> float:
+    """Greatest pull (N) or moment (N m) beside such loads; a wheel pulls less than it carries."""
+    loads = np.concatenate([rows.load, rows.values.get("normal_force", rows.load[:0])])
+    carried = np.abs(loads[np.isfinite(loads) & (np.abs(loads) <= MOST_LOAD)])
+    return MOST * float(carried.max(initial=10.0)) * max(1.0, radius)

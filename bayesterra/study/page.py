@@ -1,0 +1,204 @@
+"""How parameters and their laws are shown: laws in words, the axis of a prior, rows of the strip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from bayesterra.arrays import FloatArray
+from bayesterra.parameters import PARAMETERS, field_values
+from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
+from bayesterra.report.numbers import given, interval, plain
+from bayesterra.report.symbols import amount
+from bayesterra.stats.laws import RANGED, Law
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study.result import Result, Row
+
+
+def axis(result: Result, name: str) -> Axis:
+    """The range of a free parameter's prior, without the outer thousandth of priors without bounds.
+
+    It is widened where the posterior reaches beyond that.
+    """
+    law, scale = result.study.prior.laws[name], PARAMETERS[name].scale
+    low, high = (end / scale for end in law.range)
+    draws = field_values(name, result.values()[:, result.names.index(name)])
+    tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
+    reach = np.quantile(draws, [TAIL, 1.0 - TAIL])
+    return Axis(
+        low if np.isfinite(low) else float(min(tails[0], reach[0])),
+        high if np.isfinite(high) else float(max(tails[1], reach[1])),
+        law.dist == "loguniform",
+        (low, high),
+    )
+
+
+WIDTH, PAD = 560.0, 9.0
+
+BASE, TALL = 25.0, 22.0
+
+LANE, FIRST_LANE = 9.5, 34.0
+
+SHAPES = {
+    "^": "M0 -4.6L4.4 3.4L-4.4 3.4Z",
+    "s": "M-3.6 -3.6H3.6V3.6H-3.6Z",
+    "D": "M0 -4.8L4.8 0L0 4.8L-4.8 0Z",
+    "X": "M-4 -2.2L-2.2 -4L0 -1.8L2.2 -4L4 -2.2L1.8 0L4 2.2L2.2 4L0 1.8L-2.2 4L-4 2.2L-1.8 0Z",
+    "o": "M-4 0A4 4 0 1 1 4 0A4 4 0 1 1 -4 0Z",
+    "<": "M-5 0L3 -4L3 4Z",
+    ">": "M5 0L-3 -4L-3 4Z",
+}
+"""The marks of the figures as SVG paths about the origin."""
+
+
+@dataclass(frozen=True)
+class StripRow:
+    """A row of the strip, ready for the template."""
+
+    symbol: Markup
+    description: Markup
+    unit: Markup
+    low: str
+    high: str
+    drawing: Markup
+    median: str
+    hdi: str
+    mode: str
+    mode_outside: bool
+    word: str
+    remark: Markup
+
+
+def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
+    """What prior and posterior look like in the strip, and the marks of these methods."""
+    small = Markup(
+        '<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>'
+    )
+    fixed = (
+        (f'<rect x="-8" y="-4" width="16" height="8" fill="{PRIOR}" fill-opacity=".28"/>', "prior"),
+        (f'<path d="M-8 5C-3 5 -3 -5 0 -5S3 5 8 5Z" fill="{POSTERIOR}" fill-opacity=".5"/>', "posterior"),
+        (f'<rect x="-8" y="-2" width="16" height="4" fill="{POSTERIOR}"/>', "90 % HDI"),
+        (f'<rect x="-.9" y="-6" width="1.8" height="12" fill="{POSTERIOR}"/>', "mode"),
+    )
+    marks = tuple((small.format(_shape(name, MARKS[name].marker)), MARKS[name].label) for name in methods)
+    return (*((small.format(Markup(shape)), text) for shape, text in fixed), *marks)  # noqa: S704 (constants)
+
+
+def axis_end(value: float, along: Axis) -> str:
+    """An end of an axis: all digits of a bound that a person gave, three of one that was computed."""
+    return given(float(f"{value:.6g}")) if value in along.bounds else plain(value)
+
+
+def drawing(
+    draws: tuple[FloatArray, FloatArray],
+    along: Axis,
+    row: Row,
+    points: Mapping[str, float],
+    hollow: Sequence[str] = (),
+) -> Markup:
+    """The small drawing of a parameter.
+
+    Parameters
+    ----------
+    draws : of the cut prior and of the posterior, field units.
+    along : the range that is shown.
+    row : its row of the summary.
+    points : point estimates by method, keys of ``MARKS``; field units.
+    hollow : methods that held the parameter.
+    """
+    prior, posterior = draws
+    marks, lanes = _marks(points, hollow, along)
+    low, high, mode = (float(x) for x in _place(along.position(np.array([*row.hdi, row.mode]))))
+    height = FIRST_LANE + LANE * (lanes - 1) + 6
+    return Markup(
+        '<svg class="drawn" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{alt}">'
+        '<path d="{prior}" fill="{grey}" fill-opacity=".28"/>'
+        '<path d="{posterior}" fill="{blue}" fill-opacity=".5"/>'
+        '<path d="M{left:g} {base:g}H{right:g}" stroke="{grey}" stroke-width="1"/>'
+        '<path d="M{low:.1f} {base:g}H{high:.1f}" stroke="{blue}" stroke-width="4.4"/>'
+        '<path d="M{mode:.1f} 3V{below:g}" stroke="{blue}" stroke-width="1.8"/>{marks}</svg>'
+    ).format(
+        width=WIDTH + 2 * PAD, height=height, alt=_alternative(row), grey=PRIOR, blue=POSTERIOR,
+        prior=_outline(prior, along, 0.5), posterior=_outline(posterior, along, 1.0),
+        left=PAD, right=PAD + WIDTH, base=BASE, below=BASE + 4.5, low=low, high=high, mode=mode, marks=marks,
+    )  # fmt: skip
+
+
+def _alternative(row: Row) -> str:
+    return f"posterior median {plain(row.median)}, 90 % HDI {interval(*row.hdi)}, mode {plain(row.mode)}"
+
+
+def _place(position: FloatArray) -> FloatArray:
+    """Horizontal place of positions along the axis, held inside the drawing."""
+    return PAD + WIDTH * np.clip(position, 0.0, 1.0)
+
+
+def _outline(draws: FloatArray, along: Axis, tall: float) -> str:
+    """A density as a closed path on the base line."""
+    heights = density(draws, along, 161)
+    x, y = _place(np.linspace(0, 1, 161)), BASE - TALL * tall * heights
+    points = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+    return f"M{x[0]:.1f} {BASE:g}L{points}L{x[-1]:.1f} {BASE:g}Z"
+
+
+def _marks(points: Mapping[str, float], hollow: Sequence[str], along: Axis) -> tuple[Markup, int]:
+    """Point estimates below the line, and the number of lanes that they need not to overlap."""
+    places = [float(_place(along.position(value))) for value in points.values()]
+    lanes = _lanes(places)
+    drawn = (
+        _mark(method, value, (x, FIRST_LANE + LANE * lane), along, hollow=method in hollow)
+        for (method, value), x, lane in zip(points.items(), places, lanes, strict=True)
+    )
+    return Markup("").join(drawn), max(lanes, default=0) + 1
+
+
+def _lanes(places: list[float]) -> list[int]:
+    """The first lane of each mark in which no earlier one is nearer than a mark is wide."""
+    lanes: list[int] = []
+    for i, x in enumerate(places):
+        near = {lanes[j] for j in range(i) if abs(places[j] - x) < 11}
+        lanes.append(next(lane for lane in range(i + 1) if lane not in near))
+    return lanes
+
+
+def _mark(method: str, value: float, at: tuple[float, float], along: Axis, *, hollow: bool) -> Markup:
+    marker = "<" if value < along.low else ">" if value > along.high else MARKS[method].marker
+    text = f"{MARKS[method].label}: {plain(value)}{', held' if hollow else ''}"
+    moved = Markup('<g transform="translate({:.1f} {:g})"><title>{}</title>{}</g>')
+    return moved.format(*at, text, _shape(method, marker, hollow=hollow))
+
+
+def _shape(method: str, marker: str, *, hollow: bool = False) -> Markup:
+    mark = MARKS[method]
+    fill, stroke = ("none", mark.colour) if mark.hollow or hollow else (mark.colour, "none")
+    return Markup('<path d="{}" fill="{}" stroke="{}" stroke-width="1.4"/>').format(
+        SHAPES[marker], fill, stroke
+    )
+
+
+def law_text(name: str, law: Law) -> Markup:
+    """A prior law in field units.
+
+    >>> str(law_text("phi", Law("uniform", lower=0.0, upper=0.8726646259971648)))
+    'uniform on 0 to 50&nbsp;deg'
+    """
+    scale = PARAMETERS[name].scale
+    if isinstance(law, Tabulated):
+        low, middle, high = (plain(value / scale, 4) for value in law.quantile(np.array([0.05, 0.5, 0.95])))
+        return Markup("tabulated (median {}, 90 % in {} to {})").format(middle, low, amount(name, high))
+    limits = (law.lower / scale, law.upper / scale)
+    ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
+    if law.dist in RANGED:
+        return Markup("{} on {}").format(law.dist, ends)
+    inside = ", ".join(
+        f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items()
+    )
+    cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
+    return Markup("{} ({}){}").format(law.dist, inside, cut)
+
+
+def _end(value: float) -> str:
+    return given(value) if abs(value) < float("inf") else "−∞" if value < 0 else "∞"

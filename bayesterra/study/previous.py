@@ -1,0 +1,276 @@
+"""Priors from an earlier result: its posterior draws as laws of single parameters and their correlations.
+
+Every parameter keeps the quantiles of its draws (:mod:`bayesterra.stats.quantile_law`); the correlation of
+their normal scores joins them, a Gaussian copula. How far that stands for the draws is measured here: along
+the principal directions of the scores, scaled to one deviation, the copula is a product of standard normal
+laws; draws on a ridge that bends are not. Compared are the probabilities to lie below given cuts along one
+direction or two.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
+from bayesterra.runtime.netcdf import Drawn, read_drawn
+from bayesterra.stats.diagnostics import array_ess, rank_scores
+from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.study import entries
+from bayesterra.study.priors import Source
+from bayesterra.study.schema import read_toml
+
+ENOUGH = 400
+"""Effective draws of every parameter below which tails and correlations are not known well enough."""
+
+STEP = 0.5
+"""Distance of the scores in a table: 5 % of the draws lie between most rows even beyond two deviations."""
+
+BEYOND = 10.0
+"""Effective draws that lie beyond the first and the last row of a table."""
+
+HIGHEST = 3.5
+"""Largest score in a table."""
+
+CUTS = (-1.2815515655446004, -0.6744897501960817, 0.0, 0.6744897501960817, 1.2815515655446004)
+"""Scores at which probabilities are compared: the deciles 1 and 9, the quartiles and the median."""
+
+NOISE = 1.0
+"""Largest difference of a probability that n draws of the copula itself show, times √n."""
+
+POOR = 0.1
+"""Difference of a probability from which a copula stands badly for the draws."""
+
+PHYSICAL: Mapping[str, tuple[float, float]] = {
+    "Ks": (0.0, np.inf),
+    "c": (0.0, np.inf),
+    "phi": (0.0, np.pi / 2),
+    "K": (0.0, np.inf),
+}
+"""Physical ranges (SI); other parameters may take any value."""
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How well a Gaussian copula stands for draws.
+
+    Attributes
+    ----------
+    pair : the two parameters that weigh most in the direction for which it stands worst; empty for one.
+    difference : largest difference of a probability between copula and draws.
+    noise : largest difference that as many draws of the copula itself would show.
+    """
+
+    pair: tuple[str, ...]
+    difference: float
+    noise: float
+
+    @property
+    def poor(self) -> bool:
+        """Whether the copula stands badly for the draws, beyond their own noise."""
+        return self.difference > max(POOR, self.noise)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A joint law from an earlier result.
+
+    Attributes
+    ----------
+    label : where it comes from.
+    take : parameter there by parameter here.
+    widen : factor by which the normal scores were spread.
+    draws : effective draws behind it, of the worst parameter.
+    laws : by parameter here.
+    correlation : of normal scores, by pair.
+    fidelity : how well the joint law stands for the draws.
+    notes : what to keep in mind; one sentence each.
+    """
+
+    label: str
+    take: Mapping[str, str]
+    widen: float
+    draws: float
+    laws: Mapping[str, Tabulated]
+    correlation: Mapping[str, float]
+    fidelity: Fidelity
+    notes: tuple[str, ...]
+
+    def record(self) -> dict[str, Any]:
+        """What stands in ``run.json``."""
+        return {
+            "from": self.label,
+            "take": dict(self.take),
+            "widen": self.widen,
+            "effective_draws": self.draws,
+            "worst_pair": list(self.fidelity.pair),
+            "largest_difference": self.fidelity.difference,
+            "its_noise": self.fidelity.noise,
+            "poor": self.fidelity.poor,
+        }
+
+
+def taken(source: Source, known: tuple[str, ...] = PRIOR_PARAMETERS) -> Taken:
+    """The joint law that a study takes from an earlier result; ``known`` are the parameters it may have.
+
+    Raises
+    ------
+    StudyError : the result is missing, unfinished or too short, or lacks a parameter; or dimensions differ.
+    """
+    drawn, ranges = _opened(source.result)
+    take = _names(source, drawn, known)
+    columns = [drawn.draws[there] for there in take.values()]
+    sizes = [array_ess(column) for column in columns]
+    slowest = int(np.argmin(sizes))
+    if not sizes[slowest] >= ENOUGH:
+        there = list(take.values())[slowest]
+        raise StudyError(
+            f"a prior needs at least {ENOUGH} effective draws of every parameter"
+            f" (got {sizes[slowest]:.0f} of '{there}' from {drawn.label})"
+        )
+    size = float(sizes[slowest])
+    scores = np.column_stack([rank_scores(column).ravel() for column in columns])
+    matrix = np.atleast_2d(np.corrcoef(scores.T))
+    fidelity = _fidelity(tuple(take), scores, matrix, size)
+    text = _text(drawn, size, source.widen, fidelity)
+    laws = {
+        here: _law(here, there, drawn.draws[there], ranges.get(there), size, text).widened(source.widen)
+        for here, there in take.items()
+    }
+    pairs = combinations(enumerate(laws), 2)
+    correlation = {entries.pair(a, b): round(float(matrix[i, j]), 6) for (i, a), (j, b) in pairs}
+    notes = tuple(_notes(drawn, take, fidelity))
+    return Taken(drawn.label, take, source.widen, size, laws, correlation, fidelity, notes)
+
+
+def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
+    """Draws of a result folder or object, and the ranges that its own prior had."""
+    if isinstance(result, str | Path):
+        return read_drawn(Path(result)), _ranges(Path(result))
+    try:
+        drawn = Drawn.of(result.draws["posterior"].to_dataset(), result.record, "")
+    except (AttributeError, KeyError, TypeError) as error:
+        raise StudyError(f"'result' must be a result folder or a result (got {result!r:.60})") from error
+    prior = getattr(getattr(result, "study", None), "prior", None)
+    laws = {} if prior is None else prior.laws
+    return drawn, {name: law.range for name, law in laws.items()}
+
+
+def _ranges(folder: Path) -> dict[str, tuple[float, float]]:
+    """Ranges of the laws that the study in a result folder states; none where it is of another form."""
+    try:
+        stated = entries.table(read_toml(folder / "study.toml").get("priors", {}), "priors")
+    except StudyError:
+        return {}
+    found = {}
+    for name, entry in stated.items():
+        if name in PARAMETERS and isinstance(entry, Mapping) and "dist" in entry:
+            law = entries.law(name, dict(entry), PARAMETERS[name].dimension, bare=False)
+            found[name] = law.range
+    return found
+
+
+def _names(source: Source, drawn: Drawn, known: tuple[str, ...]) -> dict[str, str]:
+    """Parameter there by parameter here, in the package's order."""
+    if source.take is None:
+        take = {name: name for name in known if name in drawn.draws}
+        if not take:
+            raise StudyError(f"{drawn.label} has no parameter of this study's (has {', '.join(drawn.draws)})")
+        return take
+    for here, there in source.take.items():
+        if here not in PRIOR_PARAMETERS:
+            raise StudyError(f"'take': unknown parameter '{here}'{did_you_mean(here, PRIOR_PARAMETERS)}")
+        if there not in drawn.draws:
+            raise StudyError(
+                f"'take': {drawn.label} has no draws of '{there}' (has {', '.join(drawn.draws)})"
+            )
+        ours, theirs = PARAMETERS[here].dimension, _dimension(there, drawn.units[there])
+        if theirs is not None and theirs != ours:
+            kinds = f"{ours or 'pure number'} and {theirs or 'pure number'}"
+            raise StudyError(f"'take': '{here}' and '{there}' must have the same dimension (got {kinds})")
+    twice = [there for there in source.take.values() if list(source.take.values()).count(there) > 1]
+    if twice:
+        raise StudyError(f"'take': '{twice[0]}' is taken more than once")
+    return {name: source.take[name] for name in PARAMETERS if name in source.take}
+
+
+def _dimension(name: str, unit: str) -> str | None:
+    """SI unit of draws without the power of a sinkage exponent; None where nothing says it."""
+    if unit:
+        return re.sub(r"\s*/\s*m\^\w+$", "", unit).removesuffix("1")
+    return PARAMETERS[name].dimension if name in PARAMETERS else None
+
+
+def _law(
+    here: str, there: str, draws: FloatArray, stated: tuple[float, float] | None, size: float, text: str
+) -> Tabulated:
+    """The law of one parameter, within its physical range and that of the earlier prior."""
+    physical = (0.0, np.inf) if here.startswith(SIZES) else PHYSICAL.get(here, (-np.inf, np.inf))
+    low, high = (-np.inf, np.inf) if stated is None else stated
+    steps = np.arange(1, int(HIGHEST / STEP) + 1) * STEP
+    beyond = steps[ndtr(-steps) * size >= BEYOND]
+    scores = np.concatenate([-beyond[::-1], [0.0], beyond])
+    values = [float(f"{value:.6g}") for value in np.quantile(draws, ndtr(scores))]
+    try:
+        return Tabulated(
+            lower=max(low, physical[0]),
+            upper=min(high, physical[1]),
+            source=text,
+            scores=tuple(scores.tolist()),
+            values=tuple(values),
+        )
+    except StudyError as error:
+        raise StudyError(f"draws of '{there}' make no law: {error}") from error
+
+
+def _fidelity(names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float) -> Fidelity:
+    """Compare probabilities along the principal directions of scores (n, d) of correlation (d, d)."""
+    if len(names) < 2:
+        return Fidelity((), 0.0, NOISE / float(np.sqrt(size)))
+    values, directions = np.linalg.eigh(matrix)
+    below = (scores @ directions / np.sqrt(values))[:, :, None] <= np.array(CUTS)
+    flat = below.reshape(len(scores), -1).astype(np.float64)
+    shares = (flat.T @ flat / len(scores)).reshape(below.shape[1:] * 2)
+    p = ndtr(CUTS)
+    expected = np.where(
+        np.eye(len(names), dtype=bool)[:, None, :, None],
+        np.minimum.outer(p, p)[None, :, None, :],
+        np.multiply.outer(p, p)[None, :, None, :],
+    )
+    off = np.abs(shares - expected).max(axis=(1, 3))
+    narrow = min(np.unravel_index(int(off.argmax()), off.shape))  # eigenvalues rise
+    leading = np.argsort(-np.abs(directions[:, narrow]))[:2]
+    pair = tuple(names[i] for i in sorted(leading))
+    return Fidelity(pair, float(off.max()), NOISE / float(np.sqrt(size)))
+
+
+def _text(drawn: Drawn, size: float, widen: float, fidelity: Fidelity) -> str:
+    spread = f", scores spread by {widen:g}" if widen > 1.0 else ""
+    joint = ""
+    if fidelity.pair:
+        worst = " and ".join(fidelity.pair)
+        joint = f"; joint law off by at most {fidelity.difference:.2f} in probability, about {worst}"
+    return f"posterior of {drawn.label}, {size:.0f} effective draws{spread}{joint}"
+
+
+def _notes(drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity) -> list[str]:
+    notes = [] if drawn.converged else [f"{drawn.label}, whose posterior is a prior here, has not converged"]
+    if {"Ks", "kphi"} & set(take) and "n0" not in take:
+        name = next(name for name in ("Ks", "kphi") if name in take)
+        notes.append(f"{name} is taken from {drawn.label} without its exponent: its unit changes with n0")
+    if fidelity.poor:
+        a, b = fidelity.pair
+        notes.append(
+            f"correlations stand badly for the posterior of {drawn.label}, above all about {a} and {b}"
+            f" (probabilities off by up to {fidelity.difference:.2f}); single parameters keep their laws"
+        )
+    return notes

@@ -1,0 +1,394 @@
+"""Priors: a law, a fixed value or a tie for each parameter by name, and named sets of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from scipy.special import ndtri
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, check_number
+from bayesterra.parameters import (
+    LOAD_EFFECT,
+    MODEL_PARAMETERS,
+    MODULI,
+    OFFSET,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    SOIL_PARAMETERS,
+)
+from bayesterra.stats.laws import Law
+
+PAPER_BOX: dict[str, Law | float] = {
+    "Ks": Law("uniform", lower=0.1e6, upper=10e6),
+    "n0": Law("uniform", lower=0.0, upper=2.0),
+    "n1": Law("uniform", lower=0.0, upper=2.0),
+    "c": Law("uniform", lower=0.0, upper=5000.0),
+    "phi": Law("uniform", lower=0.0, upper=float(np.radians(50.0))),
+    "K": Law("uniform", lower=0.002, upper=0.050),
+    "c1": Law("uniform", lower=-1.0, upper=1.0),
+    "c2": Law("uniform", lower=-1.0, upper=1.0),
+    "c3": 0.0,
+}
+"""Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
+
+SINGULAR = 1e-9
+"""Smallest eigenvalue of a matrix of correlations that can hold at once."""
+
+
+@dataclass(frozen=True)
+class Tie:
+    """The prior of a parameter that always has the value of another one."""
+
+    to: str
+
+    def __str__(self) -> str:
+        return f"tied to {self.to}"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a study takes from an earlier result: its posterior becomes the prior of some parameters.
+
+    Attributes
+    ----------
+    result : the result's folder, or the result itself.
+    take : parameter there by parameter here; None for all of the same name.
+    widen : factor, at least 1, by which normal scores spread.
+    """
+
+    result: Any
+    take: Mapping[str, str] | None = None
+    widen: float = 1.0
+
+    def beside(self, study: Path) -> Source:
+        """The same, with a relative folder understood from that of a study file."""
+        if not isinstance(self.result, str | Path):
+            return self
+        return Source(study.parent / self.result, self.take, self.widen)
+
+
+Entry = Law | float | Tie
+"""What a prior says about one parameter: free, fixed, or tied."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Laws of the free parameters, before the physical cut, and the fixed and tied values.
+
+    The laws are independent but for ``correlation``: that of normal scores, which are jointly normal (a
+    Gaussian copula), so that every parameter keeps its own law.
+
+    Parameters
+    ----------
+    entries : a law (free), a number (fixed) or a tie for every soil parameter and every estimated noise, by
+        name; ``kc`` and ``kphi`` may stand for ``Ks``, and ``sinkage_offset`` is 0 where it is left out. All
+        four coefficients of the load effect, or none.
+    width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
+    correlation : correlations of normal scores by pair, ``"c, phi"``, in the package's order; 0 elsewhere.
+
+    Raises
+    ------
+    StudyError : a soil parameter is missing or doubled, a name is not known, a tie leads nowhere, or the
+        correlations contradict each other.
+    """
+
+    entries: Mapping[str, Entry]
+    width: float = np.nan
+    correlation: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.entries, Mapping):
+            raise StudyError(f"a prior needs laws or values by parameter (got {self.entries!r:.60})")
+        unknown = [name for name in self.entries if name not in PARAMETERS]
+        missing = [name for name in self._needed if name not in self.entries]
+        if unknown or missing:
+            raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
+        for name, entry in self.entries.items():
+            if not isinstance(entry, Law | Tie):
+                check_number(name, entry)
+        if self.uses_moduli and "Ks" in self.entries:
+            raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
+        for name in self.ties:
+            self.root(name)
+        for pair in self.correlation:
+            for name in pair.split(", "):
+                if name not in self.laws:
+                    raise StudyError(f"correlation of '{pair}': '{name}' must have a law of its own")
+                if self.laws[name].crowded:
+                    share = f"{max(self.laws[name].crowds):.2g}"
+                    raise StudyError(
+                        f"correlation of '{pair}': '{name}' must not have {share} of its probability nearer"
+                        " to an end than numbers can tell: cut its law by 'lower' and 'upper'"
+                    )
+        if self.correlation and np.linalg.eigvalsh(self.score_correlation)[0] <= SINGULAR:
+            pairs = "; ".join(f"'{pair}' {value:g}" for pair, value in self.correlation.items())
+            raise StudyError(f"correlations must be such that all can hold at once (got {pairs})")
+
+    @property
+    def _needed(self) -> tuple[str, ...]:
+        soil = (*MODULI, *SOIL_PARAMETERS[1:]) if self.uses_moduli else SOIL_PARAMETERS
+        return (*soil, *LOAD_EFFECT) if self.uses_load_effect else soil
+
+    @property
+    def uses_moduli(self) -> bool:
+        """Whether K_s follows from k_c and k_φ, and so from the width of each wheel."""
+        return any(name in self.entries for name in MODULI)
+
+    @property
+    def uses_load_effect(self) -> bool:
+        """Whether the coefficients of the load effect, (42), are among the entries."""
+        return any(name in self.entries for name in LOAD_EFFECT)
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Laws of the free parameters in the package's order."""
+        entries = ((name, self.entries.get(name)) for name in PARAMETERS)
+        return {name: entry for name, entry in entries if isinstance(entry, Law)}
+
+    @cached_property
+    def sources(self) -> dict[tuple[str, ...], str]:
+        """Where laws come from, by the free parameters of which that is said."""
+        said = {name: law.source for name, law in self.laws.items() if law.source}
+        return {
+            tuple(name for name in said if said[name] == source): source
+            for source in dict.fromkeys(said.values())
+        }
+
+    @cached_property
+    def fixed(self) -> dict[str, float]:
+        """Values of the fixed parameters, and of those that are tied to one of them."""
+        roots = ((name, self.entries[self.root(name)]) for name in PARAMETERS if name in self.entries)
+        return {name: float(entry) for name, entry in roots if isinstance(entry, int | float)}
+
+    @cached_property
+    def ties(self) -> dict[str, str]:
+        """What each tied parameter is tied to."""
+        return {name: entry.to for name, entry in self.entries.items() if isinstance(entry, Tie)}
+
+    def root(self, name: str) -> str:
+        """The free or fixed parameter whose value ``name`` has, itself where it is not tied.
+
+        Raises
+        ------
+        StudyError : the tie leads to itself, to a parameter without a prior, or to another dimension.
+        """
+        seen = [name]
+        while seen[-1] in self.ties:
+            seen.append(self.ties[seen[-1]])
+            if seen[-1] in seen[:-1]:
+                raise StudyError(f"'{name}' must not be tied to itself ({' = '.join(seen)})")
+        if seen[-1] not in self.entries:
+            raise StudyError(f"'{seen[-2]}' is tied to '{seen[-1]}', which must have a prior of its own")
+        dimensions = [PARAMETERS[one].dimension for one in (name, seen[-1])]
+        if dimensions[0] != dimensions[1]:
+            kinds = " and ".join(f"'{dimension or 'pure number'}'" for dimension in dimensions)
+            raise StudyError(f"'{name}' must be tied to a parameter of its own dimension (got {kinds})")
+        return seen[-1]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters, the columns of every parameter array."""
+        return tuple(self.laws)
+
+    @cached_property
+    def soil_columns(self) -> tuple[str, ...]:
+        """Columns of soil arrays: the parameters of the model, or these with k_c, k_φ and the offset."""
+        known = MODEL_PARAMETERS if self.uses_load_effect else SOIL_PARAMETERS
+        extended = self.uses_moduli or OFFSET in self.entries
+        return tuple(n for n in PRIOR_PARAMETERS if (extended and n not in LOAD_EFFECT) or n in known)
+
+    @cached_property
+    def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
+        """Fixed soil values (k,), and which soil columns are filled from which columns of x."""
+        template = np.array([{OFFSET: 0.0, **self.fixed}.get(name, np.nan) for name in self.soil_columns])
+        roots = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        free = [name for name, root in roots.items() if root in self.laws]
+        return (
+            template,
+            [self.soil_columns.index(name) for name in free],
+            [self.names.index(roots[name]) for name in free],
+        )
+
+    def soil_values(self, x: FloatArray) -> FloatArray:
+        """Soil array of free parameter sets ``x`` (n, d), which every forward model takes.
+
+        Shape (n, 9), columns ``SOIL_PARAMETERS``; or (n, 12) with k_c, k_φ (NaN where K_s itself has a prior)
+        and the sinkage offset behind them, where one of these belongs to it. K_s is that of ``width``. The
+        load effect, where there is one, has the last four columns more, (n, 13) or (n, 16).
+        """
+        template, into, source = self.soil_template
+        soil = np.repeat(template[None, :], len(x), axis=0)
+        soil[:, into] = x[:, source]
+        return self._with_modulus(soil)
+
+    def soil_of(self, values: Mapping[str, float]) -> FloatArray:
+        """Soil array (1, 9 or 12) of values by name, which override what is fixed and free alike."""
+        known = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        found = {name: values.get(name, values.get(root)) for name, root in known.items()}
+        row = {
+            OFFSET: 0.0,
+            **self.fixed,
+            **{name: value for name, value in found.items() if value is not None},
+        }
+        return self._with_modulus(np.array([[row.get(name, np.nan) for name in self.soil_columns]]))
+
+    def _with_modulus(self, soil: FloatArray) -> FloatArray:
+        if self.uses_moduli:
+            soil[:, 0] = soil[:, len(SOIL_PARAMETERS)] / self.width + soil[:, len(SOIL_PARAMETERS) + 1]
+        return soil
+
+    @cached_property
+    def score_correlation(self) -> FloatArray:
+        """Correlation matrix (d, d) of the normal scores of the free parameters."""
+        matrix = np.eye(len(self.names))
+        for pair, value in self.correlation.items():
+            i, j = (self.names.index(name) for name in pair.split(", "))
+            matrix[i, j] = matrix[j, i] = value
+        return matrix
+
+    @cached_property
+    def correlated(self) -> list[int]:
+        """Columns of parameters that correlate with another one."""
+        others = self.score_correlation - np.eye(len(self.names))
+        return np.flatnonzero(others.any(axis=1)).tolist()
+
+    def scores(self, x: FloatArray, columns: list[int] | None = None) -> FloatArray:
+        """Normal scores of parameter sets (n, d) under their own laws, of some columns or all."""
+        laws = list(self.laws.values())
+        chosen = range(len(laws)) if columns is None else columns
+        found = [laws[i].score(x[:, i]) for i in chosen]
+        return np.column_stack(found) if found else np.empty((len(x), 0))
+
+    def log_copula(self, x: FloatArray) -> FloatArray:
+        """Log of the joint density over the product of the laws (n,): −½ zᵀ(R⁻¹ − 1)z − ½ log |R|."""
+        if not self.correlated:
+            return np.zeros(len(x))
+        excess, level, _ = self._copula
+        z = self.scores(x, self.correlated)
+        return np.asarray(level - 0.5 * np.einsum("ni,ij,nj->n", z, excess, z, optimize=True))
+
+    @cached_property
+    def _copula(self) -> tuple[FloatArray, float, FloatArray]:
+        """R⁻¹ − 1, −½ log |R| and the Cholesky factor of R, of the correlated columns."""
+        matrix = self.score_correlation[np.ix_(self.correlated, self.correlated)]
+        factor = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+        excess = np.linalg.inv(matrix) - np.eye(len(matrix))
+        return np.asarray(excess), -float(np.log(np.diagonal(factor)).sum()), factor
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
+        columns, low, high, level = self._flat
+        flat = x[:, columns]
+        total = np.where(((flat >= low) & (flat <= high)).all(axis=1), level, -np.inf)
+        for column, law in enumerate(self.laws.values()):
+            if column not in columns:
+                total += law.log_density(x[:, column])
+        return total + self.log_copula(x) if self.correlated else total
+
+    @cached_property
+    def _flat(self) -> tuple[list[int], FloatArray, FloatArray, float]:
+        """Columns of the flat laws, their lowest and highest values, and their joint log density."""
+        laws = {column: law for column, law in enumerate(self.laws.values()) if law.dist == "uniform"}
+        ends = np.array([law.range for law in laws.values()]).reshape(-1, 2)
+        return list(laws), ends[:, 0], ends[:, 1], -float(np.log(ends[:, 1] - ends[:, 0]).sum())
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw parameter sets (n, d) from the stated laws, before the physical cut."""
+        return self.quantile(rng.random((n, len(self.names))))
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Parameter sets (n, d) at probabilities ``q`` (n, d): independent uniform ones give draws.
+
+        A column is the quantile of its own law, or, where it correlates, of its law given columns before it.
+        """
+        if not self.names:
+            return np.empty((len(q), 0))
+        x = np.column_stack([law.quantile(q[:, i]) for i, law in enumerate(self.laws.values())])
+        if self.correlated:
+            laws = list(self.laws.values())
+            z = ndtri(q[:, self.correlated]) @ self._copula[2].T
+            for i, column in zip(self.correlated, z.T, strict=True):
+                x[:, i] = laws[i].at_score(column)
+        return x
+
+
+NO_SOURCE = "no independent source"
+"""How the source of a law begins for which nothing but its limits speaks."""
+
+_DEGREE = float(np.pi / 180)
+
+_MOON = "Carrier, Olhoeft and Mendell 1991 (Lunar Sourcebook, ch. 9)"
+
+_APOLLO = "Scott et al. 1970 (Apollo 12 Preliminary Science Report, NASA SP-235, 161-182)"
+
+_ROVERS = "Sullivan et al. 2011 (J. Geophys. Res. 116, E02006)"
+
+_VIKING = "Moore, Clow and Hutton 1982 (J. Geophys. Res. 87, 10043-10050)"
+
+_PATHFINDER = "Moore et al. 1999 (J. Geophys. Res. 104, 8729-8746)"
+
+_SANDS = "Wong (Theory of Ground Vehicles)"
+
+_WHEELS = "Wong and Reece 1967 (J. Terramechanics 4(1), 81-98)"
+
+_SOURCES = {
+    "Ks": (
+        f"k_phi by plates: 0.82 MPa at n = 1 on the Moon, {_MOON}; 1.53 MPa at n = 1.1 in dry sand, "
+        f"5.3 MPa at n = 0.79 in LETE sand, {_SANDS}. Wide: the unit of K_s changes with N"
+    ),
+    "n0": (
+        f"By plates: 1.0 on the Moon, {_MOON}; 1.1 in dry sand, 0.79 in LETE sand, {_SANDS}. "
+        "Wide: a plate is no wheel"
+    ),
+    "n1": f"{NO_SOURCE}: flat on the range of the set paper-box",
+    "c": (
+        f"Mars: 0 to 2 kPa in wheel trenches, {_ROVERS}; 0.2 to 10 kPa in sample trenches, {_VIKING}. "
+        f"Moon: 0.35 to 0.7 kPa, {_APOLLO}. Dry sand: 1.0 kPa, {_SANDS}"
+    ),
+    "phi": (
+        f"Mars: 30 to 37 deg, {_ROVERS}; 27 to 39 deg, drift 18 deg, {_VIKING}; 34 to 39 deg, "
+        f"drift 26 to 28 deg, {_PATHFINDER}. Moon: 35 to 39 deg, {_APOLLO}. Dry sand: 28 deg, {_SANDS}"
+    ),
+    "K": (
+        f"18 mm on the Moon, {_MOON}; 10 mm in firm to 25 mm in loose sand, {_SANDS}. "
+        "Wide: K grows with the contact"
+    ),
+    "c1": f"Stresses under rigid wheels, 0.43 in compact sand, {_WHEELS}. Wide: one soil, no lugs",
+    "c2": f"Stresses under rigid wheels, 0.32 in compact sand, {_WHEELS}. Wide: one soil, no lugs",
+}
+
+PLANETARY: dict[str, Law | float] = {
+    "Ks": Law("lognorm", {"s": 0.9, "scale": 2e6}, 0.05e6, 20e6, _SOURCES["Ks"]),
+    "n0": Law("norm", {"loc": 1.0, "scale": 0.3}, 0.0, 2.0, _SOURCES["n0"]),
+    "n1": Law("uniform", {}, 0.0, 2.0, _SOURCES["n1"]),
+    "c": Law("halfnorm", {"scale": 1000.0}, 0.0, 10e3, _SOURCES["c"]),
+    "phi": Law(
+        "norm", {"loc": 35 * _DEGREE, "scale": 5 * _DEGREE}, 15 * _DEGREE, 50 * _DEGREE, _SOURCES["phi"]
+    ),
+    "K": Law("lognorm", {"s": 0.6, "scale": 0.016}, 0.001, 0.060, _SOURCES["K"]),
+    "c1": Law("norm", {"loc": 0.4, "scale": 0.2}, -1.0, 1.0, _SOURCES["c1"]),
+    "c2": Law("norm", {"loc": 0.3, "scale": 0.3}, -1.0, 1.0, _SOURCES["c2"]),
+    "c3": 0.0,
+}
+"""Informative, from what was measured on the Moon, on Mars and in dry sands, stated with each law; nothing
+was fitted to wheel tests of the laboratory of Ding et al. 2015. c3 is held at 0, as in ``PAPER_BOX``."""
+
+_COEFFICIENTS = f"{NO_SOURCE}: Ding et al. 2015, Table 16, has -0.45 to 0.63 for one rover on one sand. Wide"
+
+LOAD_EFFECT_SETS: dict[str, dict[str, Law]] = {
+    "paper-box": {name: Law("uniform", {}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT},
+    "planetary": {
+        name: Law("norm", {"loc": 0.0, "scale": 0.5}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT
+    },
+}
+"""What each set says beside that of the coefficients of the load effect, (42), for the model M2L. The paper
+bounds them nowhere; beyond 1 they would turn the sign of a pull or moment within twice the mean load."""
+
+PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX, "planetary": PLANETARY}

@@ -1,0 +1,408 @@
+"""The shape of a study: which tables and keys there are, of which kind, and what is wrong with others.
+
+Checked values are SI. The same tables describe study files, where every dimensional value is text with a
+unit, and calls from Python, where numbers are SI values (``bare`` in the validation context).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+from pydantic_core import ArgsKwargs, ErrorDetails
+
+from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, suggestion
+from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
+from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
+from bayesterra.study import entries
+from bayesterra.study.groups import Pooling, pooling_table
+from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
+from bayesterra.study.noise import Noise
+from bayesterra.study.priors import PRIOR_SETS, Entry, Source
+from bayesterra.study.units import quantity
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+
+def _bare(info: ValidationInfo) -> bool:
+    """Whether numbers are SI values: they are unless a file is read."""
+    return info.context is None or bool(info.context.get("bare"))
+
+
+def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | None:
+    return None if value is None else quantity(value, dimension, str(info.field_name), bare=_bare(info))
+
+
+def _parameters(known: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
+    items = entries.table(value, str(info.field_name)).items()
+    return {n: entries.parameter_value(n, item, known, bare=_bare(info)) for n, item in items}
+
+
+def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
+    items = entries.table(value, "noise").items()
+    return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
+
+
+def _discrepancy(value: object, info: ValidationInfo) -> dict[str, Discrepancy]:
+    return discrepancies(value, bare=_bare(info))
+
+
+def _ripple(value: object, info: ValidationInfo) -> dict[str, Ripple]:
+    return ripples(value, bare=_bare(info))
+
+
+def _slip(value: object, info: ValidationInfo) -> SlipError | None:
+    return slip_error(value, bare=_bare(info))
+
+
+def _priors(value: object, info: ValidationInfo) -> StatedPriors:
+    if isinstance(value, StatedPriors):
+        return value
+    content = entries.table(value, "priors")
+    sources, correlation = content.pop("from", ()), content.pop("correlation", {})
+    name = content.pop("set", None)
+    if name is not None and str(name) not in PRIOR_SETS:
+        raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
+    return StatedPriors(
+        {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()},
+        None if name is None else str(name),
+        entries.sources(sources),
+        entries.correlations(correlation),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class StatedPriors:
+    """The [priors] table as it was read.
+
+    Attributes
+    ----------
+    entries : laws, fixed values and ties by parameter.
+    chosen : name of the prior ``set`` for the other parameters; None where none is named.
+    sources : what is taken ``from`` earlier results.
+    correlation : of normal scores, by pair.
+    """
+
+    entries: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
+    chosen: str | None = None
+    sources: tuple[Source, ...] = ()
+    correlation: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def beside(self, study: Path) -> StatedPriors:
+        """The same, with folders of results understood from that of a study file."""
+        return dataclasses.replace(self, sources=tuple(source.beside(study) for source in self.sources))
+
+
+def _reference(value: object) -> object:
+    """Gather the parameters of a reference table, which stand beside its ``source``, under ``values``."""
+    if not isinstance(value, Mapping) or "values" in value:
+        return value
+    return {
+        "source": value.get("source", ""),
+        "values": {key: item for key, item in value.items() if key != "source"},
+    }
+
+
+def _plain(value: object) -> object:
+    """Let objects made in Python pass as tables."""
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+
+
+def _day(value: object) -> object:
+    """Let TOML's own dates pass as text."""
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f'\'load_range\' must be two loads, e.g. ["10 N", "40 N"] (got {value!r})')
+    low, high = (quantity(load, "N", "load_range", bare=_bare(info)) for load in value)
+    if not 0 < low < high:
+        raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
+    return low, high
+
+
+def _pooling(value: object, info: ValidationInfo) -> Pooling | None:
+    return pooling_table(value, bare=_bare(info))
+
+
+def _two_slips(value: object) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f"'transition_slips' must be two slips, e.g. [0.15, 0.5] (got {value!r})")
+    first, second = (quantity(slip, "", "transition_slips") for slip in value)
+    return first, second
+
+
+def _text(value: str, info: ValidationInfo) -> str:
+    return checked_text(value, str(info.field_name))
+
+
+def _named(value: object) -> object:
+    """Wheels, whose names stand in tables, plots and files."""
+    if isinstance(value, Mapping):
+        for name in value:
+            checked_name(str(name), "the name of a wheel")
+    return value
+
+
+T = TypeVar("T")
+
+Text = Annotated[StrictStr, AfterValidator(_text)]
+
+Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
+
+Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
+
+Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
+
+Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
+
+Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
+
+SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
+
+AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
+
+Method = Literal["IM1", "IM2", "IM3", "joint"]
+
+
+@dataclass(frozen=True, config=_CONFIG)
+class Table:
+    """A table of a study: strict types, and no other keys than its own."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        """Name unknown keys before anything else, as a mistyped key is also a missing one."""
+        known = list(cls.__dataclass_fields__)
+        for key in content if isinstance(content, Mapping) else ():
+            if key not in known:
+                hint = suggestion(str(key), known) or _home(str(key)) or did_you_mean(str(key), known)
+                raise StudyError(f"unknown key '{key}'{hint}")
+        return content
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class DataTable(Table):
+    """Where the measurements are."""
+
+    file: Text
+    slip_reference: Literal["rim", "tip", "shearing"]
+    sinkage_reference: Literal["rim", "tip"] = "rim"
+    kind: Literal["measured", "simulated", "digitised"] = "measured"
+    source: Text = ""
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class WheelTable(Table):
+    """A wheel, as :class:`bayesterra.models.Wheel`."""
+
+    radius: Length
+    width: Length
+    lug_height: Length = 0.0
+    lug_count: Annotated[StrictInt, Field(le=100_000)] = 0
+    shearing_radius_coefficient: Annotated[float | None, BeforeValidator(partial(_quantity, ""))] = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class ModelOptions(Table):
+    """Options of the wheel-soil model, as :class:`bayesterra.models.M2L`."""
+
+    transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
+    shear_start: Literal["transition", "rim", "tip"] = "transition"
+    constant_exponent: StrictBool = False
+    mean_load: Annotated[float | None, BeforeValidator(partial(_quantity, "N"))] = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class LeastSquaresOptions(Table):
+    """Options of the least-squares fits; soil parameters by name, SI units.
+
+    Attributes
+    ----------
+    hold : parameters held at a value.
+    start, lower, upper : replace the method's own start values and bounds.
+    delta : c1 and c2 change by less than this between the last passes of IM1.
+    methods : which fits to make.
+    """
+
+    hold: SoilValues = Field(default_factory=dict)
+    start: SoilValues = Field(default_factory=dict)
+    lower: SoilValues = Field(default_factory=dict)
+    upper: SoilValues = Field(default_factory=dict)
+    delta: Annotated[Number, Field(gt=0)] = 0.002
+    methods: tuple[Method, ...] = ("IM1", "IM2", "IM3", "joint")
+
+
+MANY_DRAWS = 10_000
+"""Effective draws asked for beyond which ensembles have twice the walkers."""
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class SamplingOptions(Table):
+    """When sampling stops, and how many walkers do it: by default 64 an ensemble, 128 for many draws."""
+
+    target_ess: Annotated[int, Field(ge=100, le=10_000_000, strict=True)] = 4000
+    ensembles: Annotated[int, Field(ge=4, le=256, strict=True)] = 4
+    walkers: Annotated[int, Field(ge=32, le=100_000, multiple_of=2, strict=True)] = 64
+    max_steps: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] = 20000
+
+    @model_validator(mode="before")
+    @classmethod
+    def _more_for_many(cls, content: Any) -> Any:
+        """Twice the walkers cost less than twice the steps."""
+        given = content.kwargs if isinstance(content, ArgsKwargs) else content
+        if not isinstance(given, Mapping) or "walkers" in given:
+            return content
+        asked = given.get("target_ess")
+        if not isinstance(asked, int) or asked <= MANY_DRAWS:
+            return content
+        more = {**given, "walkers": 128}
+        return ArgsKwargs(content.args, more) if isinstance(content, ArgsKwargs) else more
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class Reference(Table):
+    """Published or true parameter values, SI units, and where they come from."""
+
+    source: Text = ""
+    values: AnyValues = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class StudyContent(Table):
+    """All tables of a study; the same in files and in Python."""
+
+    title: Text = ""
+    soil: Text = ""
+    date: Annotated[Text, BeforeValidator(_day)] = ""
+    model: Literal["M1", "M2", "M3", "M2L"] = "M1"
+    drive: Literal["load", "sinkage", "both"] = "load"
+    load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
+    pooling: Annotated[Pooling | None, BeforeValidator(_pooling)] = None
+    data: DataTable
+    wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
+    model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
+    noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
+    discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(_discrepancy)] = Field(default_factory=dict)
+    ripple: Annotated[dict[str, Ripple], PlainValidator(_ripple)] = Field(default_factory=dict)
+    slip: Annotated[SlipError | None, PlainValidator(_slip)] = None
+    priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
+    least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
+    published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
+    truth: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
+    sampling: Annotated[SamplingOptions, BeforeValidator(_plain)] = SamplingOptions()
+
+
+def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
+    """Check the tables of a study and convert them to SI.
+
+    Parameters
+    ----------
+    tables : by name, as in a study file.
+    bare : take numbers as SI values, as calls from Python do; else every dimensional value needs a unit.
+
+    Raises
+    ------
+    StudyError : naming table, key, what must hold and the value got.
+    """
+    return checked_by(_ADAPTER, tables, bare=bare)
+
+
+def checked_by(adapter: TypeAdapter[T], tables: Mapping[str, Any], *, bare: bool) -> T:
+    """Check tables of another shape in the same way."""
+    try:
+        return adapter.validate_python(dict(tables), context={"bare": bare})
+    except ValidationError as error:
+        raise StudyError(one_line(error.errors()[0])) from error
+
+
+def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
+    """Read a TOML file of a kind; StudyError where that cannot be done."""
+    try:
+        text = read_text(path, MOST_TOML)
+        if any(part.count(".") > LONGEST_KEY for part in re.split(r"[\n=,{}\[\]]", text)):
+            raise StudyError("must be TOML: a key has too many parts")
+        content = tomllib.loads(text)
+        check_depth(content)
+        return content
+    except FileNotFoundError as error:
+        raise StudyError(f"no such {kind} file") from error
+    except OSError as error:
+        raise StudyError(f"cannot be read ({reason(error)})") from error
+    except RecursionError:
+        raise StudyError("must be TOML: it is nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+        raise StudyError(f"must be TOML: {error}") from error
+
+
+LONGEST_KEY = 500
+"""Dots, at most, between two signs: with many more the time that TOML needs grows as their square."""
+
+_ADAPTER = TypeAdapter(StudyContent)
+
+_HOMES: dict[str, Any] = {
+    "data": DataTable,
+    "wheels.<name>": WheelTable,
+    "model_options": ModelOptions,
+    "least_squares": LeastSquaresOptions,
+    "sampling": SamplingOptions,
+}
+
+
+def _home(key: str) -> str:
+    """Where a key belongs that stands in the wrong table, as it does after a header too early."""
+    if key in StudyContent.__dataclass_fields__ and key not in (*_HOMES, "wheels"):
+        return " (it belongs at the top, before the first table)"
+    homes = (table for table, shape in _HOMES.items() if key in shape.__dataclass_fields__)
+    return next((f" (it belongs in [{table}])" for table in homes), "")
+
+
+def one_line(error: ErrorDetails) -> str:
+    """What is wrong where, from the first of pydantic's errors."""
+    *path, key = [str(part) for part in error["loc"]] or [""]
+    if error["type"] == "missing":
+        return f"{_heading(path)}needs '{key}'"
+    if error["type"] == "value_error":  # our own checks name the key themselves
+        text = str(error["ctx"]["error"])
+        whole = isinstance(error["input"], Mapping) and key and not text.startswith(f"'{key}'")
+        return f"{_heading([*path, key] if whole else path)}{text}"
+    must = error["msg"].replace("Input should be", "must be", 1)
+    must = "must be a table" if error["type"] in ("dict_type", "dataclass_type") else must
+    return f"{_heading(path)}'{key}' {must} (got {_shortened(error['input'])})"
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _heading(path: list[str]) -> str:
+    table = ".".join(path).removesuffix(".values")
+    return f"[{table}] " if table else ""

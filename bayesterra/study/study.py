@@ -1,0 +1,282 @@
+"""A study: measurements, wheels, model, noise and prior, checked and in SI units; the input of everything."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import asdict, dataclass, fields, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from bayesterra.arrays import BoolArray, FloatArray, frozen
+from bayesterra.errors import check_kind, checked_path, errors_in
+from bayesterra.models import Wheel, WheelSoilModel
+from bayesterra.study import assembly, schema
+from bayesterra.study.groups import Pooling, described
+from bayesterra.study.model_errors import ModelErrors, check_groups
+from bayesterra.study.model_errors import described as errors_described
+from bayesterra.study.noise import Noise
+from bayesterra.study.observations import Observations, observations, read_table
+from bayesterra.study.priors import Entry, Prior
+from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
+
+if TYPE_CHECKING:
+    from bayesterra.study.previous import Taken
+
+
+STUDY_FILE = "study.toml"
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Study:
+    """Everything that a posterior and the fits beside it depend on.
+
+    Parameters
+    ----------
+    data : table of measurements, units in the column names, e.g. ``sinkage [mm]``; empty cells NaN.
+    wheels : by name, :class:`bayesterra.models.Wheel` or a table of its dimensions.
+    slip_reference : the radius behind the slip column: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
+    sinkage_reference : the zero of the sinkage column: ``rim`` or ``tip`` of the lugs.
+    kind : ``measured``, ``digitised`` or ``simulated``.
+    source : where the measurements come from.
+    path : the study file, where there is one.
+    prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
+    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
+        ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``,
+        ``truth`` and ``sampling`` as in a study file. Numbers are SI values, text has its unit; models, laws
+        and noises may be given as objects.
+
+    Attributes
+    ----------
+    observations : all rows, in use or not. ``load`` and ``values`` hold what the drive conditions on: with
+        drive ``load`` the load of every row, with ``sinkage`` the sinkage.
+    load_range : N, the flat prior of every row's load with drive ``both``; else None.
+    noise : noise of every outcome that is measured, in the order of ``parameters.OUTCOMES``.
+    errors : discrepancy and ripple of the measured outcomes, and errors of the slip readings.
+    prior : laws and fixed values of soil parameters and estimated noise.
+    taken : joint laws that the prior holds from earlier results, and how well they stand for those.
+    pooling : the role of every free parameter where there is a [pooling] table; else None.
+    notes : what was filled in, left out or not used; one sentence each.
+
+    Raises
+    ------
+    StudyError : one line that names what is wrong, where, and what was expected.
+    """
+
+    title: str
+    soil: str
+    date: str
+    kind: str
+    source: str
+    model: WheelSoilModel
+    drive: str
+    load_range: tuple[float, float] | None
+    pooling: Pooling | None
+    wheels: Mapping[str, Wheel]
+    observations: Observations
+    noise: Mapping[str, Noise]
+    errors: ModelErrors
+    prior: Prior
+    taken: tuple[Taken, ...]
+    least_squares: LeastSquaresOptions
+    published: Reference | None
+    truth: Reference | None
+    sampling: SamplingOptions
+    notes: tuple[str, ...]
+    path: Path | None
+
+    def __init__(
+        self,
+        data: pd.DataFrame,
+        wheels: Mapping[str, Wheel | Mapping[str, Any]],
+        *,
+        slip_reference: str,
+        sinkage_reference: str = "rim",
+        kind: str = "measured",
+        source: str = "",
+        path: Path | None = None,
+        prior_only: bool = False,
+        **tables: Any,
+    ) -> None:
+        check_kind("bt.Study", data, pd.DataFrame)
+        described = {
+            "file": tables.pop("file", "the table of measurements"),
+            "slip_reference": slip_reference,
+            "sinkage_reference": sinkage_reference,
+            "kind": kind,
+            "source": source,
+        }
+        given = {**_with_model_name(tables), "wheels": wheels, "data": described}
+        parts = _parts(data, schema.checked(given, bare=True), expected=prior_only)
+        for name, value in {**parts, "path": path}.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """Name the study in a line."""
+        return f"<Study {self.title!r}: {self.model.name}, drive {self.drive}, {len(self.observations)} rows>"
+
+    @property
+    def middle_load(self) -> float:
+        """Middle (N) of the range of latent loads; NaN where loads are given."""
+        return float(np.mean(self.load_range)) if self.load_range else np.nan
+
+    def with_data(self, values: Mapping[str, FloatArray]) -> Study:
+        """The same study with other outcomes: simulated ones, say.
+
+        Parameters
+        ----------
+        values : SI values (m,) by channel, one per row of ``observations``; other channels stay.
+        """
+        for name, column in values.items():
+            if name not in self.observations.values or np.shape(column) != (len(self.observations),):
+                raise ValueError(f"'{name}' must be a measured channel of {len(self.observations)} rows")
+        merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
+        other = copy(self)
+        object.__setattr__(other, "observations", replace(self.observations, values=merged))
+        return other
+
+    def with_use(self, use: BoolArray) -> Study:
+        """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
+        return self.with_rows(replace(self.observations, use=frozen(np.asarray(use), np.bool_)))
+
+    def with_rows(self, rows: Observations) -> Study:
+        """The same study with other rows, which hold what its drive conditions on and the same channels."""
+        other = copy(self)
+        object.__setattr__(other, "observations", rows)
+        return other
+
+    @property
+    def fingerprint(self) -> dict[str, str]:
+        """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
+        content = {
+            "model": [self.model.name, asdict(self.model)],
+            "drive": self.drive,
+            "load_range": self.load_range,
+            "wheels": {name: asdict(wheel) for name, wheel in self.wheels.items()},
+            "noise": [{**asdict(noise), "law": _plain(noise.law)} for noise in self.noise.values()],
+            "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
+            "least_squares": asdict(self.least_squares),
+            **({"correlation": self.prior.correlation} if self.prior.correlation else {}),
+        }
+        if self.errors:
+            content["errors"] = errors_described(self.errors)
+        if self.pooling is not None:
+            content["pooling"] = described(self.pooling)
+        named = (f.name for f in fields(Observations) if f.name not in ("notes", "labels"))
+        rows = {name: getattr(self.observations, name) for name in named}
+        rows |= {name: list(column) for name, column in self.observations.labels.items()}
+        return {"study": _digest(content), "data": _digest(rows)}
+
+
+def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None) -> Study:
+    """Read a study file, or the ``study.toml`` of a folder, and its measurements.
+
+    With ``prior_only`` the table needs no readings: it says what is going to be measured. A ``table`` that is
+    given takes the place of the file of measurements.
+
+    Raises
+    ------
+    StudyError : one line that begins with the file and names what is wrong and what was expected.
+    """
+    path = checked_path("bt.load_study", path, "a study file or its folder")
+    path = path / STUDY_FILE if path.is_dir() else path
+    with errors_in(path):
+        given = schema.checked(schema.read_toml(path), bare=False)
+        tables = {field.name: getattr(given, field.name) for field in fields(given)}
+        described = asdict(tables.pop("data"))
+        tables["priors"] = given.priors.beside(path)
+        described["file"] = str(path.parent / given.data.file) if table is None else "the rows"
+        with errors_in(described["file"]):
+            table = read_table(described["file"]) if table is None else table
+        return Study(table, path=path, prior_only=prior_only, **described, **tables)
+
+
+def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
+    """Take a model object apart into its name and options."""
+    model = tables.get("model")
+    if not isinstance(model, WheelSoilModel):
+        return tables
+    return {"model_options": asdict(model), **tables, "model": model.name}
+
+
+def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
+    """Build every attribute of a study from its checked tables."""
+    soil = assembly.soil_prior(
+        given.priors, given.model, constant_exponent=given.model_options.constant_exponent
+    )
+    wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil.entries["phi"])
+    with errors_in(given.data.file):
+        rows, row_notes = assembly.conditioned(
+            _rows(data, wheels, given.data), given.drive, expected=expected
+        )
+    rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
+    model, model_notes = assembly.wheel_soil_model(given.model, given.model_options, rows)
+    noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
+    errors = ModelErrors(given.discrepancy, given.ripple, given.slip)
+    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, given.drive)
+    loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
+    prior = assembly.full_prior(soil, noise, errors, wheels)
+    pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
+    if pooling is not None:
+        check_groups(errors, pooling.by)
+    notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
+    notes += load_notes
+    return {
+        **{name: getattr(given, name) for name in _KEPT},
+        **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
+        **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
+        "pooling": pooling,
+        "taken": soil.taken,
+        "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling)),
+    }
+
+
+_KEPT = ("title", "soil", "date", "drive", "least_squares", "published", "truth", "sampling")
+
+
+def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.DataTable) -> Observations:
+    return observations(
+        data,
+        wheels,
+        slip_reference=described.slip_reference,
+        sinkage_reference=described.sinkage_reference,
+    )
+
+
+def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:
+    """Say where there are fewer readings than free parameters, which a posterior can bear."""
+    used = rows.used()
+    readings = sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
+    if readings >= len(prior.names):
+        return []
+    return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
+
+
+def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
+    """Say what the groups are and which commands know of them."""
+    if pooling is None:
+        return []
+    groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))
+    return [
+        f"groups by {pooling.by}: {groups}; 'run' pools them, other commands let all share every parameter"
+    ]
+
+
+def _plain(entry: Entry | None) -> Any:
+    """A prior entry without the text that it may carry."""
+    if entry is None or isinstance(entry, int | float):
+        return entry
+    return {key: value for key, value in asdict(entry).items() if key != "source"}
+
+
+def _digest(content: Any) -> str:
+    return sha256(json.dumps(content, sort_keys=True, default=_jsonable).encode()).hexdigest()
+
+
+def _jsonable(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else dict(value)

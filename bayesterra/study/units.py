@@ -1,0 +1,152 @@
+"""Quantities with units: text at the edge, SI numbers inside. The only module that knows pint."""
+
+from __future__ import annotations
+
+import re
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+
+from bayesterra.errors import StudyError
+
+ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcsecond")
+"""Units of an angle. Pint counts angles as pure numbers; here they are kept apart."""
+
+_EXAMPLES = {
+    "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m",
+    "Pa m": "15.6 kPa m", "kg": "25 kg", "m/s^2": "9.81 m/s^2",
+}  # fmt: skip
+
+_NAMES = {
+    "": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque",
+    "Pa m": "pressure times length", "kg": "mass", "m/s^2": "acceleration",
+}  # fmt: skip
+
+_FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa", "Pa m": "kPa m"}
+
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
+
+_POWERS = re.compile(r"\d\s*\d|(\^|\*\*)[^*/]*(\^|\*\*)")
+"""Powers beyond one digit, or of powers: pint would work them out, however long it takes."""
+
+LONGEST = 200
+"""Characters, at most, of a quantity or the header of a column: patterns are slow on long texts."""
+
+_HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@lru_cache(1024)
+def factor(unit: str, dimension: str) -> float:
+    """SI value of one ``unit``.
+
+    Parameters
+    ----------
+    unit : e.g. ``"kPa"``.
+    dimension : an SI unit of the dimension that is expected; "" for pure numbers, "rad" for angles.
+
+    Raises
+    ------
+    StudyError : the unit is not known or has another dimension.
+    """
+    parsed = _parsed(unit)
+    angle = str(parsed) in ANGLES
+    expected = _registry().Unit(dimension)
+    if parsed.dimensionality != expected.dimensionality or angle != (dimension == "rad"):
+        raise StudyError(f"the unit '{unit}' is not a unit of {_wanted(dimension)}")
+    return float(_registry().Quantity(1.0, parsed).to(expected).magnitude)
+
+
+def _parsed(unit: str) -> Any:
+    if len(unit) > LONGEST or _POWERS.search(unit):
+        raise StudyError(f"unknown unit '{unit:.{LONGEST}}'")
+    try:
+        return _registry().parse_units(unit)
+    # Pint's parser lets errors of many kinds through, depending on where the text stops making sense.
+    except Exception as error:
+        raise StudyError(f"unknown unit '{unit}'") from error
+
+
+def _wanted(dimension: str) -> str:
+    return f'{_NAMES.get(dimension, dimension)} (e.g. "{_EXAMPLES.get(dimension, f"1 {dimension}")}")'
+
+
+def quantity(value: object, dimension: str, name: str, *, bare: bool = False) -> float:
+    """SI value of a quantity.
+
+    Parameters
+    ----------
+    value : text such as ``"32 deg"``, or a number where ``dimension`` is "" (or ``bare`` is set).
+    dimension : an SI unit of the expected dimension, "" for pure numbers, "rad" for angles.
+    name : what the value is called in error messages.
+    bare : take numbers as SI values.
+
+    Raises
+    ------
+    StudyError : no number, no unit or the wrong one, or not finite.
+    """
+    if isinstance(value, str):
+        return _from_text(value, dimension, name)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise StudyError(f"'{name}' must be {_form(dimension)} (got {value!r})")
+    if dimension and not bare:
+        raise StudyError(f"'{name}' needs a unit: {_form(dimension)} (got {value!r})")
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        number = np.inf
+    if not np.isfinite(number):
+        raise StudyError(f"'{name}' must be finite (got {value!r:.40})")
+    return number
+
+
+def _form(dimension: str) -> str:
+    return f'text with a unit, e.g. "{_EXAMPLES.get(dimension)}"' if dimension else "a number"
+
+
+def _from_text(text: str, dimension: str, name: str) -> float:
+    match = _NUMBER.fullmatch(text) if len(text) <= LONGEST else None
+    if match is None:
+        raise StudyError(f"'{name}' must be {_form(dimension)} (got {text!r})")
+    number, unit = match.groups()
+    if dimension and not unit:
+        raise StudyError(f"'{name}' needs a unit: {_form(dimension)} (got {text!r})")
+    try:
+        value = float(number) * (factor(unit, dimension) if unit else 1.0)
+    except StudyError as error:
+        raise StudyError(f"'{name}': {error} (got {text!r})") from error
+    return quantity(value, dimension, name, bare=True)
+
+
+def column_header(header: str) -> tuple[str, str | None]:
+    """Split a column header: ``"sinkage [mm]"`` into ``("sinkage", "mm")``; None where there is no unit."""
+    match = _HEADER.fullmatch(str(header)) if len(str(header)) <= LONGEST else None
+    if match is None:
+        return str(header).strip(), None
+    name, unit = match.groups()
+    return name, None if unit is None else unit.strip()
+
+
+def text(value: float, dimension: str) -> str | float:
+    """Write an SI value, in a field unit where that is exact, such that :func:`quantity` reads it back.
+
+    Parameters
+    ----------
+    value : SI value.
+    dimension : as in :func:`quantity`; pure numbers stay numbers.
+    """
+    if not dimension:
+        return float(value)
+    unit = _FIELD_UNITS.get(dimension, dimension)
+    scale = factor(unit, dimension)
+    near = value / scale
+    candidates = (f"{near:.{digits}g}" for digits in (15, 16, 17))
+    exact = next((number for number in candidates if float(number) * scale == value), None)
+    return f"{float(value)!r} {dimension}" if exact is None else f"{exact} {unit}"

@@ -1,0 +1,121 @@
+"""Wheels: files that describe one, wheels of a study by name, and the slips and loads that were driven."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, did_you_mean, errors_in
+from bayesterra.models import Wheel
+from bayesterra.stats.laws import Law
+from bayesterra.study import schema
+from bayesterra.study.study import Study
+
+_DATA = {"file": "none", "slip_reference": "shearing"}
+
+
+def read_wheel(path: Path) -> tuple[str, Wheel]:
+    """Name and dimensions of the wheel in a TOML file.
+
+    The file holds the keys of a wheel, and is named after it, or one table ``[wheels.<name>]`` as in a study
+    file; what else a study file holds is left alone.
+
+    Raises
+    ------
+    StudyError : no such file, several wheels, or a wrong key or value.
+    """
+    with errors_in(path):
+        content = schema.read_toml(path)
+        tables = content.get("wheels", {path.stem: content})
+        if not isinstance(tables, dict) or len(tables) != 1:
+            raise StudyError("must describe one wheel: its dimensions, or one table [wheels.<name>]")
+        ((name, table),) = tables.items()
+        return name, wheel_of(name, table)
+
+
+def wheel_of(name: str, table: object) -> Wheel:
+    """The wheel that a table ``[wheels.<name>]`` describes; StudyError for a wrong key or value."""
+    checked = schema.checked({"data": _DATA, "wheels": {name: table}}, bare=False).wheels[name]
+    try:
+        return Wheel(**asdict(checked))
+    except ValueError as error:
+        raise StudyError(f"[wheels.{name}] {error}") from error
+
+
+GRID = 61
+
+
+def driven_range(study: Study) -> FloatArray:
+    """Slips for smooth bands, from the lowest to the highest that was driven."""
+    slips = study.observations.used().slip
+    return np.linspace(slips.min(), slips.max(), GRID)
+
+
+def checked_slips(slip: ArrayLike) -> FloatArray:
+    """Slips in ascending order, each once; StudyError where one lies outside [0, 1)."""
+    if np.asarray(slip).dtype.kind not in "iuf":
+        raise StudyError(f"'slip' must be a number or numbers (got {slip!r:.60})")
+    slips = np.unique(np.atleast_1d(np.asarray(slip, dtype=np.float64)))
+    wrong = slips[~((slips >= 0) & (slips < 1))]
+    if wrong.size or not slips.size:
+        raise StudyError(f"'slip' must lie in [0, 1) (got {f'{wrong[0]:g}' if wrong.size else 'none'})")
+    return slips
+
+
+def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tuple[str, Wheel]:
+    """Name and dimensions of a wheel of the study, by default its first, or of another one.
+
+    A shearing-radius coefficient that is left out comes from (2) at the median of the prior of φ, as in the
+    study.
+    """
+    if isinstance(wheel, Wheel):
+        return name or "other wheel", resolved(wheel, prior_phi(study))
+    called = next(iter(study.wheels)) if wheel is None else wheel
+    if called not in study.wheels:
+        raise StudyError(f"unknown wheel '{called}'{did_you_mean(called, study.wheels)}")
+    return called, study.wheels[called]
+
+
+def prior_phi(study: Study) -> float:
+    """The friction angle, rad, at which (2) gives a wheel's shearing radius: the median of its prior."""
+    phi = study.prior.entries[study.prior.root("phi")]
+    return phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
+
+
+def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
+    """A wheel of the study by its name, by default its first, or another one from a file.
+
+    Raises
+    ------
+    StudyError : neither.
+    """
+    wheels = study.wheels
+    if given is None or given in wheels:
+        return chosen_wheel(study, given)
+    if not given.endswith(".toml") and not Path(given).is_file():
+        raise StudyError(f"'{given}' is neither a wheel of the study nor a file{did_you_mean(given, wheels)}")
+    name, wheel = read_wheel(Path(given))
+    return chosen_wheel(study, wheel, name)
+
+
+def resolved(wheel: Wheel, phi: float) -> Wheel:
+    """The same wheel with its shearing-radius coefficient, by (2) at ``phi`` (rad) where none is given."""
+    if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
+        return wheel
+    try:
+        radius = float(wheel.shearing_radius(phi))
+    except ValueError as error:
+        raise StudyError(f"the other wheel's {error}") from error
+    return replace(wheel, shearing_radius_coefficient=(radius - wheel.radius) / wheel.lug_height)
+
+
+def measured_loads(study: Study) -> tuple[float, ...]:
+    """Lowest and highest load (N) among the rows in the fit; nothing where none was measured."""
+    rows = study.observations.used()
+    loads = rows.load if not np.isnan(rows.load).all() else rows.values.get("normal_force", rows.load)
+    known = loads[~np.isnan(loads)]
+    return (float(known.min()), float(known.max())) if known.size else ()
