@@ -1,12 +1,16 @@
 """Array types shared by all layers, and read-only copies at the border."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
+
 IntArray = NDArray[np.int64]
+
 BoolArray = NDArray[np.bool_]
 
 

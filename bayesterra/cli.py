@@ -334,13 +334,13 @@ def calibrate(
     from bayesterra.study.study import load_study
 
     loaded = load_study(study)
-    from bayesterra.checking.calibration import Job, calibrate_study
+    from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
     from bayesterra.checking.calibration_page import print_calibration
     from bayesterra.runtime.parallel import chosen
 
     folder = out or beside(study, "calibration")
     with chosen(workers, scheduler) as engine:
-        job = Job(loaded, number, seed, engine)
+        job = CalibrationRequest(loaded, number, seed, engine)
         found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
     print_calibration(found, folder / "report.html")
     raise typer.Exit(0 if found.calibrated else 3)

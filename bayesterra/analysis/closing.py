@@ -21,8 +21,8 @@ from bayesterra.report.numbers import NOTHING, interval, number, plain, resoluti
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
 from bayesterra.stats.diagnostics import divergence, hdi
-from bayesterra.stats.quantile_law import Tabulated
-from bayesterra.study.result import Result, Row, summary_rows
+from bayesterra.stats.quantile_law import QuantileLaw
+from bayesterra.study.result import Result, SummaryRow, summary_rows
 
 
 def methods_section(result: Result) -> Section:
@@ -211,7 +211,7 @@ NOTABLE = 0.2
 
 def added_sections(result: Result) -> tuple[Section, ...]:
     """A section where some prior comes from an earlier result, else none."""
-    names = [name for name, law in result.study.prior.laws.items() if isinstance(law, Tabulated)]
+    names = [name for name, law in result.study.prior.laws.items() if isinstance(law, QuantileLaw)]
     if not names:
         return ()
     rows = {name: summary_rows(result)[name] for name in names}
@@ -224,7 +224,7 @@ def added_sections(result: Result) -> tuple[Section, ...]:
     return (Section("added", "What the wheel adds", blocks),)
 
 
-def _in_words(result: Result, rows: dict[str, Row]) -> Markup:
+def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
     """One sentence: how much is learnt in all, and about what."""
     ratios = {name: row.sd / row.prior_sd for name, row in rows.items()}
     narrowed = sorted((name for name in ratios if ratios[name] < NARROWED), key=ratios.__getitem__)
@@ -256,7 +256,7 @@ def _total(result: Result) -> str:
     return f"{value} ± {off} bit"
 
 
-def _disagreement(rows: dict[str, Row]) -> tuple[Text, ...]:
+def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
     """A warning where a parameter moves far from its prior."""
     shifts = {name: (row.mean - row.prior_mean) / row.prior_sd for name, row in rows.items()}
     far = [name for name, shift in shifts.items() if abs(shift) > APART]
@@ -270,7 +270,7 @@ def _disagreement(rows: dict[str, Row]) -> tuple[Text, ...]:
     return (Text(text.format(symbols(far), APART), "bad"),)
 
 
-def _parameters(result: Result, rows: dict[str, Row]) -> Table:
+def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
     prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
     body: list[tuple[Cell, ...]] = []
     for name, row in rows.items():
@@ -298,7 +298,7 @@ def _parameters(result: Result, rows: dict[str, Row]) -> Table:
     return Table(caption, "llrrrrrr", header, tuple(body))
 
 
-def _origins(result: Result, rows: dict[str, Row]) -> list[str]:
+def _origins(result: Result, rows: dict[str, SummaryRow]) -> list[str]:
     return list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))
 
 

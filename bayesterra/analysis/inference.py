@@ -15,7 +15,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra.analysis.draws import curves_dataset, draws_tree
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import point_estimates
-from bayesterra.checking.point_estimates import Standing, stand
+from bayesterra.checking.point_estimates import PointEstimate, locate
 from bayesterra.checking.predictive import (
     RowPredictions,
     no_rows,
@@ -35,12 +35,12 @@ from bayesterra.least_squares.results import Fit, report_table
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.report.failures import Failures, with_failures
-from bayesterra.runtime.checkpoints import Journal
+from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.importance import Evidence, evidence
 from bayesterra.sampling.mode import Mode, densest, find_mode
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
-from bayesterra.sampling.sampler import PRIOR_DRAWS, Kept, Progress, Samples, Target, keep, sample
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import summary_table
 from bayesterra.study import result
 from bayesterra.study.result import Result
@@ -56,7 +56,7 @@ def run(
     *,
     seed: int = 1,
     report: Callable[[Progress], None] = lambda progress: None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
     crosscheck: bool = False,
 ) -> Result:
     """Sample the posterior of a study and set it beside the least-squares estimates.
@@ -66,7 +66,7 @@ def run(
     study : what to analyse.
     seed : the same seed gives the same draws on one machine, whatever the number of cores.
     report : called as the sampling goes on.
-    journal : what to resume from and to note every stage in; see :func:`bayesterra.sampling.sampler.sample`.
+    checkpoint_store : what to resume from and to save every stage in.
 
     crosscheck : repeat the sampling by nested sampling and record whether it agrees.
 
@@ -87,9 +87,9 @@ def run(
     streams = SeedSequence(seed).spawn(8)
     sampling, prior_stream, predicting, validating, weighing, nesting, informing, loading = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
-    samples = sample(target, study.sampling, sampling, report, journal=journal)
+    samples = sample(target, study.sampling, sampling, report, checkpoint_store=checkpoint_store)
     report(Progress("comparing", 1.0))
-    kept = keep(samples.chains)
+    kept = thin(samples.chains)
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
     spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
@@ -126,7 +126,7 @@ class Analysis:
     posterior: Posterior
     prior: PriorDraws
     samples: Samples
-    kept: Kept
+    kept: ThinnedDraws
     mode: Mode
     evidence: Evidence | None
     fits: Mapping[str, Fit]
@@ -158,7 +158,7 @@ class Analysis:
         standings = failures.attempt(
             "standings",
             lambda: self.standings(draws["sample_stats"]["lp"].to_numpy().ravel()),
-            dict[str, Standing],
+            dict[str, PointEstimate],
         )
         table, directions = self.identifiability(default_rng(informing))
         checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
@@ -171,7 +171,7 @@ class Analysis:
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
             "standings": {
-                name: point_estimates.of_standing(standing) for name, standing in standings.items()
+                name: point_estimates.of_point_estimate(standing) for name, standing in standings.items()
             },
             **directions,
             **checked.record(),
@@ -242,15 +242,15 @@ class Analysis:
         references = {"published": self.study.published, "truth": self.study.truth}
         return points | {name: dict(known.values) for name, known in references.items() if known is not None}
 
-    def standings(self, densities: FloatArray) -> dict[str, Standing]:
+    def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
         """Where every point estimate stands among the draws' log densities (n,)."""
         soils = {
             method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
             for method, values in self.points().items()
         }
-        return stand(self.posterior, self.kept.flat, densities, soils)
+        return locate(self.posterior, self.kept.flat, densities, soils)
 
-    def least_squares(self, standings: Mapping[str, Standing]) -> pd.DataFrame:
+    def least_squares(self, standings: Mapping[str, PointEstimate]) -> pd.DataFrame:
         """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
         table = report_table(self.fits, self.study)
         levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}

@@ -45,7 +45,7 @@ from bayesterra.report.failures import Failures, failed
 from bayesterra.report.numbers import interval, moments, plain, resolution, rounded
 from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols, with_unit
 from bayesterra.study.page import StripRow
-from bayesterra.study.result import Result, found_rows, summary_rows
+from bayesterra.study.result import Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
 
@@ -226,7 +226,7 @@ def identifiability_verdict(result: Result) -> Verdict:
         return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
     counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
     determined, of = counts[0]["determined"], counts[0]["directions"]
-    alone = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
+    alone = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
     known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
     plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
         known
@@ -271,7 +271,7 @@ def _cut_moments(result: Result, name: str) -> tuple[str, str]:
 
 def result_table(result: Result) -> str:
     """Verdict on the sampling, then every parameter and derived quantity of a result."""
-    found = found_rows(result)
+    found = identifiability_rows(result)
     rows = []
     for name, row in summary_rows(result).items():
         step = resolution(*row.hdi)

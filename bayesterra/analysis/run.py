@@ -188,7 +188,7 @@ def run_study(
                 show(progress)
 
             update(Progress("drawing from the prior", 0.0))
-            how: dict[str, Any] = {"seed": seed, "report": update, "journal": checkpoints}
+            how: dict[str, Any] = {"seed": seed, "report": update, "checkpoint_store": checkpoints}
             with _from_segments(part) if resumed else nullcontext():
                 if study.pooling is None:
                     result = RunResult.of(inference.run(study, crosscheck=crosscheck, **how))

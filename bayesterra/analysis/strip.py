@@ -15,7 +15,7 @@ from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, Axis, density, la
 from bayesterra.report.numbers import MINUS, interval, resolution, rounded
 from bayesterra.report.symbols import angles, symbol, unit
 from bayesterra.study.page import StripRow, axis, axis_end, drawing, keys
-from bayesterra.study.result import Result, Row, found_rows, summary_rows
+from bayesterra.study.result import Result, SummaryRow, identifiability_rows, summary_rows
 
 
 def strip(result: Result) -> tuple[StripRow, ...]:
@@ -34,7 +34,7 @@ def mode_outside(result: Result) -> tuple[str, ...]:
     return tuple(name for name in result.names if _apart(rows[name]))
 
 
-def _apart(row: Row) -> bool:
+def _apart(row: SummaryRow) -> bool:
     margin = 0.05 * (row.hdi90_hi - row.hdi90_lo)
     return not row.hdi90_lo - margin <= row.mode <= row.hdi90_hi + margin
 
@@ -62,7 +62,7 @@ def _row(result: Result, name: str) -> StripRow:
 
 def _words(result: Result, name: str) -> tuple[str, Markup]:
     """The identifiability word and what stands beside it in small print."""
-    row = found_rows(result)[name]
+    row = identifiability_rows(result)[name]
     word = {"weakly": "weakly determined"}.get(row.verdict, row.verdict)
     if word == "moved":
         return word, Markup("{}prior and data disagree").format(moved_by(row.shift))

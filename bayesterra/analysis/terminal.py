@@ -23,11 +23,11 @@ from bayesterra.report.blocks import UNSEEN
 from bayesterra.report.numbers import interval, probability, resolution, rounded
 from bayesterra.report.terminal import PlainConsole, print_failures
 from bayesterra.stats.laws import RANGED, Law
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Tie
-from bayesterra.study.result import Found, Result, found_rows
+from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows
 from bayesterra.study.study import Study
 
 
@@ -85,7 +85,7 @@ def print_prior(result: PriorResult, report: Path) -> None:
 
 
 def _table(result: Result) -> Table:
-    words = {name: _verdict(row) for name, row in found_rows(result).items()}
+    words = {name: _verdict(row) for name, row in identifiability_rows(result).items()}
     table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("parameter", "unit"):
         table.add_column(header)
@@ -106,7 +106,7 @@ def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     return (PARAMETERS[row["parameter"]].symbol, row["unit"], *figures)
 
 
-def _verdict(row: Found) -> str:
+def _verdict(row: IdentifiabilityRow) -> str:
     """The word, with the partner of a coupled parameter."""
     if row.verdict != "coupled":
         return row.verdict
@@ -290,7 +290,7 @@ def _correlations(study: Study) -> Table:
 
 def _law(name: str, law: Law) -> str:
     """A law in field units; of its arguments ``loc`` and ``scale`` have one."""
-    if isinstance(law, Tabulated):
+    if isinstance(law, QuantileLaw):
         low, middle, high = law.quantile(np.array([0.05, 0.5, 0.95])) / PARAMETERS[name].scale
         unit = PARAMETERS[name].unit.removesuffix("-")
         return f"{law.dist}: median {middle:.4g}, 90 % {low:.4g} to {high:.4g} {unit}".rstrip()

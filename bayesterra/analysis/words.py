@@ -15,7 +15,7 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import MINUS, given, interval, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
-from bayesterra.study.result import COUPLED, Result, found_rows, summary_rows
+from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 
 FAR = 0.99
 """Share of denser draws from which a point counts as improbable."""
@@ -44,7 +44,7 @@ def findings(result: Result) -> tuple[Finding, ...]:
 
 def known_well(result: Result) -> Markup:
     """Parameters that the data determine on their own, with their intervals."""
-    names = [name for name, row in found_rows(result).items() if row.verdict == "determined"]
+    names = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
     if not names:
         return Markup("No parameter on its own; see the combinations below.")
     rows = summary_rows(result)
@@ -82,7 +82,7 @@ def _signed(correlation: float) -> str:
 
 def from_the_prior(result: Result) -> Markup:
     """Parameters that the data hardly narrow, and those that lean on a bound of the prior."""
-    found = found_rows(result)
+    found = identifiability_rows(result)
     moved = [name for name, row in found.items() if row.verdict == "moved"]
     names = [name for name, row in found.items() if row.contraction < WEAK and name not in moved]
     first = (
@@ -109,7 +109,7 @@ def from_the_prior(result: Result) -> Markup:
 def bounded(result: Result) -> list[tuple[str, str]]:
     """Parameters that lean on a bound of their prior, and on which: ``lower``, ``upper`` or both in turn."""
     ends = {"none": (), "both": ("lower", "upper")}
-    rows = found_rows(result).items()
+    rows = identifiability_rows(result).items()
     return [(name, end) for name, row in rows for end in ends.get(row.bound, (row.bound,))]
 
 

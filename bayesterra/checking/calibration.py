@@ -202,7 +202,7 @@ def calibrate(
 
 
 @dataclass(frozen=True)
-class Job:
+class CalibrationRequest:
     """What to calibrate, and how; see :func:`calibrate`."""
 
     study: Study
@@ -213,7 +213,7 @@ class Job:
 
 
 def calibrate_study(
-    job: Job,
+    job: CalibrationRequest,
     out: Path,
     *,
     resume: bool = False,
@@ -258,7 +258,7 @@ def calibrate_study(
     return found
 
 
-def _made_with(job: Job) -> dict[str, Any]:
+def _made_with(job: CalibrationRequest) -> dict[str, Any]:
     """What must be the same for replications to belong together, by names fit for a message."""
     origin = origin_of(job.study, job.seed, job.fit)
     names = {"study": "study", "data": "table of measurements"}

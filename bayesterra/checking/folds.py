@@ -12,12 +12,12 @@ import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
-from bayesterra.checking.holdout_scores import BASELINES, Answer, Known, Mixture
+from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
 from bayesterra.checking.predictive import predict_curves
 from bayesterra.checking.ranks import CONVERGED, FAILED, UNCONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import BayesterraError, StudyError, did_you_mean
-from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.forward import known_loads
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.parameters import CHANNELS
@@ -35,7 +35,7 @@ By: TypeAlias = str | Sequence[object]
 
 
 @dataclass(frozen=True)
-class Level:
+class Fold:
     """Rows that are left out together.
 
     Attributes
@@ -60,7 +60,7 @@ def clusters(values: FloatArray, tolerance: float) -> IntArray:
     return numbers
 
 
-def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple[Level, ...]:
+def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple[Fold, ...]:
     """Group the rows in use.
 
     Parameters
@@ -87,7 +87,7 @@ def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple
     return tuple(found)
 
 
-def _named(study: Study, by: str, tolerance: float) -> list[Level]:
+def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
     rows = study.observations
     if by == "wheel":
         return _labelled(study, rows.wheel)
@@ -101,16 +101,16 @@ def _named(study: Study, by: str, tolerance: float) -> list[Level]:
     number = np.full(len(rows), -1)
     number[used] = clusters(rows.slip[used], tolerance)
     parts = [number == k for k in range(number.max() + 1)]
-    return [Level(f"slip {rows.slip[part].mean():.3f}", part) for part in parts]
+    return [Fold(f"slip {rows.slip[part].mean():.3f}", part) for part in parts]
 
 
-def _labelled(study: Study, labels: Sequence[object]) -> list[Level]:
+def _labelled(study: Study, labels: Sequence[object]) -> list[Fold]:
     use = study.observations.use
     texts = np.array([str(label) for label in labels], dtype=object)
-    return [Level(text, np.asarray((texts == text) & use)) for text in dict.fromkeys(texts)]
+    return [Fold(text, np.asarray((texts == text) & use)) for text in dict.fromkeys(texts)]
 
 
-def _listed(study: Study, by: Sequence[object]) -> list[Level]:
+def _listed(study: Study, by: Sequence[object]) -> list[Fold]:
     """Groups of row numbers, or labels."""
     rows = study.observations
     if not any(isinstance(entry, list | tuple | np.ndarray) for entry in by):
@@ -129,7 +129,7 @@ def _listed(study: Study, by: Sequence[object]) -> list[Level]:
                 raise StudyError(f"'by' must name a row once (row {number} is named twice)")
             seen.add(int(number))
             left[known[int(number)]] = True
-        found.append(Level("row " + ", ".join(str(number) for number in numbers), left))
+        found.append(Fold("row " + ", ".join(str(number) for number in numbers), left))
     return found
 
 
@@ -192,7 +192,7 @@ class LeaveOneOut:
     """The task: the number of a level in, an outcome out, the same wherever and whenever it is run."""
 
     study: Study
-    levels: tuple[Level, ...]
+    levels: tuple[Fold, ...]
     seed: int
     fit: Fit = field(default_factory=lambda: REFITS)
 
@@ -226,7 +226,7 @@ class _Scorer:
     """Scores of predictive laws for the readings of one level."""
 
     study: Study
-    level: Level
+    level: Fold
 
     @property
     def places(self) -> IntArray:
@@ -248,7 +248,7 @@ class _Scorer:
                 rows += self._scored(name, int(place), channel, law, unanswered, "")
         return rows
 
-    def baseline(self, name: str, levels: tuple[Level, ...]) -> list[dict[str, Any]]:
+    def baseline(self, name: str, levels: tuple[Fold, ...]) -> list[dict[str, Any]]:
         """Rows of a baseline."""
         number = np.full(len(self.study.observations), -1)
         for i, level in enumerate(levels):
@@ -260,7 +260,7 @@ class _Scorer:
             answer = Answer(())
             if kept.sum() >= 2:
                 slip_level = clusters(known[kept, 0], TOLERANCE)
-                training = Known(known[kept], values[kept], number[kept], slip_level)
+                training = TrainingRows(known[kept], values[kept], number[kept], slip_level)
                 answer = BASELINES[name](training, known[self.level.left])
             laws = answer.laws or (None,) * len(self.places)
             for place, law in zip(self.places, laws, strict=True):
@@ -402,7 +402,7 @@ def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: 
     rows = study.observations
     rows = replace(rows, use=frozen(rows.use & ~left, np.bool_))
     likelihood = likelihood_of(study, rows)
-    assert isinstance(likelihood, JointRows)  # noqa: S101
+    assert isinstance(likelihood, CorrelatedLikelihood)  # noqa: S101
     noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
     centre, scale = likelihood.ahead(soil, noise, left)
     names = scored_channels(study)

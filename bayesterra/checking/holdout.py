@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import pandas as pd
 
-from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, LeaveOneOut, Level, Outcome, levels
+from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
@@ -40,7 +40,7 @@ class Holdout:
     """
 
     study: Study
-    levels: tuple[Level, ...]
+    levels: tuple[Fold, ...]
     outcomes: tuple[Outcome, ...]
     record: dict[str, Any]
 

@@ -219,7 +219,7 @@ _STARTS = np.log([[1.0, 0.5, 2.0, 0.1], [0.5, 0.2, 1.0, 0.3], [2.0, 1.0, 5.0, 0.
 
 
 @dataclass(frozen=True)
-class Known:
+class TrainingRows:
     """Training rows of one channel.
 
     Attributes
@@ -235,9 +235,11 @@ class Known:
     level: IntArray
     slip_level: IntArray
 
-    def take(self, keep: BoolArray) -> Known:
+    def take(self, keep: BoolArray) -> TrainingRows:
         """Some of the rows."""
-        return Known(self.conditions[keep], self.readings[keep], self.level[keep], self.slip_level[keep])
+        return TrainingRows(
+            self.conditions[keep], self.readings[keep], self.level[keep], self.slip_level[keep]
+        )
 
 
 @dataclass(frozen=True)
@@ -248,13 +250,13 @@ class Answer:
     detail: str = ""
 
 
-def training_mean(known: Known, new: FloatArray) -> Answer:
+def training_mean(known: TrainingRows, new: FloatArray) -> Answer:
     """The mean of the training rows, whatever the slip: a floor."""
     design, at = np.ones((len(known.readings), 1)), np.ones((len(new), 1))
     return Answer(_regressed(design, known.readings, at))
 
 
-def polynomial(known: Known, new: FloatArray) -> Answer:
+def polynomial(known: TrainingRows, new: FloatArray) -> Answer:
     """Least squares on powers of slip and on the other conditions, with Student-t predictive laws.
 
     The degree in slip is the one that, inside the training rows, predicts a level best that it has not seen
@@ -280,7 +282,7 @@ def _designs(conditions: FloatArray, new: FloatArray, degree: int) -> tuple[Floa
     return columns(conditions), columns(new)
 
 
-def _left_out_square(known: Known, degree: int) -> float:
+def _left_out_square(known: TrainingRows, degree: int) -> float:
     """Mean square by which training levels are missed when left out; infinite where that cannot be done."""
     design, _ = _designs(known.conditions, known.conditions, degree)
     if len(design) - design.shape[1] < LEAST_DOF or len(np.unique(known.level)) < 2:
@@ -313,7 +315,7 @@ def _regressed(design: FloatArray, readings: FloatArray, at: FloatArray) -> tupl
     return tuple(Mixture(np.array([centre]), np.array([scale]), float(dof)) for centre, scale in pairs)
 
 
-def gaussian_process(known: Known, new: FloatArray) -> Answer:
+def gaussian_process(known: TrainingRows, new: FloatArray) -> Answer:
     """A Gaussian process with a linear trend and a squared-exponential covariance.
 
     Amplitude, lengths and noise are those of the highest posterior density under wide log-normal priors;
@@ -358,7 +360,7 @@ def _misfit(log: FloatArray, x: FloatArray, y: FloatArray) -> float:
     return float(0.5 * y @ cho_solve((factor, lower), y) + np.log(np.diag(factor)).sum() + prior)
 
 
-BASELINES: dict[str, Callable[[Known, FloatArray], Answer]] = {
+BASELINES: dict[str, Callable[[TrainingRows, FloatArray], Answer]] = {
     "mean": training_mean,
     "polynomial": polynomial,
     "Gaussian process": gaussian_process,

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.replicates import normal_scores
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.sampling.importance import Pair, Surroundings, refined, systematic
+from bayesterra.sampling.importance import Pair, PosteriorProposal, refined, systematic
 from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.stats.mixture import ProposalLaw
 
@@ -132,7 +132,7 @@ def leave_one_out(
     few_rows : below this number of rows all are refitted, and no ``pit`` is computed.
     """
     x = draws[:: max(1, -(-len(draws) // DRAWS))]
-    near, density = Surroundings.of(posterior, x), posterior.log_rows(x)[1]
+    near, density = PosteriorProposal.of(posterior, x), posterior.log_rows(x)[1]
     own, *streams = seed.spawn(1 + density.shape[1])
     whole = near.mixture(default_rng(own))
     cases = [_Case(near, whole, x, density, i) for i in range(density.shape[1])]
@@ -192,7 +192,7 @@ class _Case:
     index : the row.
     """
 
-    near: Surroundings
+    near: PosteriorProposal
     whole: ProposalLaw
     x: FloatArray
     density: FloatArray
@@ -222,7 +222,7 @@ class _Case:
             if refitted.reliable:
                 return refitted
         # without this row the posterior is quite another one
-        return self._drawn(self.near.afresh(self._densities, rng), FINAL_DRAWS[-1], rng)
+        return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Parameters, log prior with Jacobian, log density of the row and the others, −inf where any is."""

@@ -14,7 +14,7 @@ from bayesterra.parameters import MODEL_PARAMETERS, PRIOR_PARAMETERS
 
 
 @dataclass(frozen=True)
-class Standing:
+class PointEstimate:
     """Where a point estimate stands in the posterior.
 
     Attributes
@@ -48,12 +48,12 @@ class Standing:
         return f"{100 * self.credible_level:.1f} % of the draws are denser"
 
 
-def stand(
+def locate(
     posterior: Posterior,
     draws: FloatArray,
     draw_densities: FloatArray,
     points: Mapping[str, Mapping[str, float]],
-) -> dict[str, Standing]:
+) -> dict[str, PointEstimate]:
     """Place point estimates in the posterior.
 
     Parameters
@@ -88,13 +88,13 @@ def _standing(
     values: Mapping[str, float],
     median: Mapping[str, float],
     draw_densities: FloatArray,
-) -> Standing:
+) -> PointEstimate:
     names, completed = posterior.names, _completed(posterior, median, values)
     x = np.array([[completed[name] for name in names]])
     reason = int(posterior.reasons(x)[0])
     density = float(posterior.log_density(x)[0])
     soil = {name: completed[name] for name in PRIOR_PARAMETERS if name in values}
-    return Standing(
+    return PointEstimate(
         method,
         soil,
         density,
@@ -113,7 +113,7 @@ def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
     return bool(min(abs(value - low), abs(value - high)) < 1e-3 * width)
 
 
-def of_standing(standing: Standing) -> dict[str, Any]:
+def of_point_estimate(standing: PointEstimate) -> dict[str, Any]:
     """Where a point estimate stands in the posterior."""
     return {
         "credible_level": standing.credible_level,

@@ -20,7 +20,7 @@ Statistic = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Discrepancy:
+class TestStatistic:
     """A statistic of standardised residuals.
 
     Attributes
@@ -61,26 +61,26 @@ def _neighbours(z: FloatArray, slip: FloatArray) -> FloatArray:
     return np.asarray((z[..., 1:] * z[..., :-1]).sum(axis=-1) / total)
 
 
-LARGEST = Discrepancy("largest", "largest reading", "has a largest reading that the model does not give",
+LARGEST = TestStatistic("largest", "largest reading", "has a largest reading that the model does not give",
                       True, 1, lambda readings, slip: np.asarray(readings.max(axis=-1)))  # fmt: skip
 """The one statistic that is taken of the readings themselves."""
 
 OF_RESIDUALS = (
-    Discrepancy("misfit", "sum of squared residuals", "scatters more than the noise allows",
+    TestStatistic("misfit", "sum of squared residuals", "scatters more than the noise allows",
                 False, 1, _misfit),
-    Discrepancy("level", "mean residual", "is shifted as a whole", True, 1, _contrast(0)),
-    Discrepancy("slope", "slope over slip", "rises or falls with slip otherwise than the model",
+    TestStatistic("level", "mean residual", "is shifted as a whole", True, 1, _contrast(0)),
+    TestStatistic("slope", "slope over slip", "rises or falls with slip otherwise than the model",
                 True, 2, _contrast(1)),
-    Discrepancy("curvature", "curvature over slip", "bends over slip otherwise than the model",
+    TestStatistic("curvature", "curvature over slip", "bends over slip otherwise than the model",
                 True, 3, _contrast(2)),
-    Discrepancy("neighbours", "correlation of neighbouring residuals", "has runs of residuals of one sign",
+    TestStatistic("neighbours", "correlation of neighbouring residuals", "has runs of residuals of one sign",
                 False, 4, _neighbours),
 )  # fmt: skip
 
-DISCREPANCIES: dict[str, Discrepancy] = {one.name: one for one in (*OF_RESIDUALS, LARGEST)}
+TEST_STATISTICS: dict[str, TestStatistic] = {one.name: one for one in (*OF_RESIDUALS, LARGEST)}
 
 
-def applicable(slip: FloatArray) -> tuple[Discrepancy, ...]:
+def applicable(slip: FloatArray) -> tuple[TestStatistic, ...]:
     """The statistics of residuals that readings at these slips (m,) can have."""
     distinct = len(np.unique(slip))
     return tuple(one for one in OF_RESIDUALS if distinct >= one.slips)
@@ -111,7 +111,7 @@ class Check:
     Attributes
     ----------
     channel : its name.
-    statistic : a key of :data:`bayesterra.checking.predictive_checks.DISCREPANCIES`.
+    statistic : a key of :data:`bayesterra.checking.predictive_checks.TEST_STATISTICS`.
     p : posterior predictive probability of a value at least as large.
     calibrated : share of replicated tables that are as strange in this statistic.
     """
@@ -124,7 +124,7 @@ class Check:
     @property
     def finding(self) -> str:
         """What its alarm says of the channel."""
-        return DISCREPANCIES[self.statistic].finding
+        return TEST_STATISTICS[self.statistic].finding
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class _Judge:
     unit: FloatArray
 
     @cached_property
-    def of_residuals(self) -> tuple[Discrepancy, ...]:
+    def of_residuals(self) -> tuple[TestStatistic, ...]:
         return applicable(self.slip)
 
     @cached_property
@@ -177,7 +177,7 @@ class _Judge:
         return [np.sort(one.value(self.unit, self.slip)) for one in self.of_residuals]
 
     @property
-    def statistics(self) -> tuple[Discrepancy, ...]:
+    def statistics(self) -> tuple[TestStatistic, ...]:
         return (*self.of_residuals, LARGEST)
 
     def p_values(self, readings: FloatArray, modelled: Modelled) -> FloatArray:
@@ -231,7 +231,7 @@ def _compared(
 ) -> PredictiveChecks:
     """Hold p values (checks,) against those of the replicates (n, checks)."""
     names = [(judge.channel, one.name) for judge in judges for one in judge.statistics]
-    two_sided = np.array([DISCREPANCIES[name].two_sided for _, name in names])
+    two_sided = np.array([TEST_STATISTICS[name].two_sided for _, name in names])
     own, others = _strangeness(observed, made, two_sided), _strangeness(made, made, two_sided)
     calibrated = (1 + (others >= own).sum(axis=0)) / (1 + len(made))
     overall = (1 + (others.max(axis=1) >= own.max()).sum()) / (1 + len(made))

@@ -17,12 +17,18 @@ from numpy.random import Generator, SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.correlated import DOUBLES, JointRows
+from bayesterra.likelihood.correlated import DOUBLES, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.sampling.importance import Proposed, Surroundings, effective_draws, normalised, systematic
+from bayesterra.sampling.importance import (
+    PosteriorProposal,
+    Proposed,
+    effective_draws,
+    normalised,
+    systematic,
+)
 from bayesterra.stats.mixture import ProposalLaw
 
 T = TypeVar("T")
@@ -104,7 +110,7 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
 
 def _joint(posterior: Posterior, x: FloatArray) -> TableLaw | None:
     likelihood, soil = posterior.likelihood, posterior.prior.soil_values(x)
-    if not isinstance(likelihood, JointRows):
+    if not isinstance(likelihood, CorrelatedLikelihood):
         return None
     return likelihood.law(soil, likelihood.forward(soil), posterior.noise_values(x))
 
@@ -112,7 +118,7 @@ def _joint(posterior: Posterior, x: FloatArray) -> TableLaw | None:
 def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
     """Readings (n, m, channels) as normal scores under their law given all other rows, NaN without one."""
     likelihood = posterior.likelihood
-    if isinstance(likelihood, JointRows):
+    if isinstance(likelihood, CorrelatedLikelihood):
         return likelihood.scores(posterior.prior.soil_values(x), posterior.noise_values(x))
     predicted = likelihood.predicted(posterior.outcomes(x))
     z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
@@ -152,8 +158,8 @@ class _Pool:
     outcomes: Outcomes
 
     @classmethod
-    def of(cls, near: Surroundings, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
-        if isinstance(near.posterior.likelihood, JointRows):  # its matrices must find room
+    def of(cls, near: PosteriorProposal, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
+        if isinstance(near.posterior.likelihood, CorrelatedLikelihood):  # its matrices must find room
             n = min(n, int(DOUBLES / max(1, near.posterior.likelihood.layout.doubles)))
         sets = near.propose(mixture, n, rng)
         outcomes = near.posterior.explained(sets.x, rng)
@@ -190,7 +196,7 @@ def replicates(
 ) -> list[T]:
     """Draw tables from the posterior predictive law of draws (n, d), and judge each by its own posterior."""
     own, *streams = seed.spawn(1 + options.number)
-    rng, near, likelihood = default_rng(own), Surroundings.of(posterior, draws), posterior.likelihood
+    rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)
     chosen = systematic(pool.weights(likelihood, likelihood.measured), options.number, rng)
     outcomes = Outcomes(pool.outcomes.values[chosen], pool.outcomes.status[chosen])
@@ -205,7 +211,7 @@ def replicates(
 
 
 def _settled(
-    near: Surroundings, pool: _Pool, readings: FloatArray, rng: Generator, options: ReplicateOptions
+    near: PosteriorProposal, pool: _Pool, readings: FloatArray, rng: Generator, options: ReplicateOptions
 ) -> Replicate:
     """The posterior of a table, from the pool or, where too few draws fit it, from around its centre."""
     likelihood = near.posterior.likelihood

@@ -17,7 +17,7 @@ from bayesterra.likelihood.derived import bearing_pressure, shear_strength
 from bayesterra.likelihood.forward import soil_at
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.sampler import Samples, keep, sample
+from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -96,7 +96,7 @@ def enough(diagnosis: Diagnosis) -> bool:
 
 def _fitted(samples: Samples, *, converged: bool) -> Fitted:
     diagnosis = samples.diagnosis
-    return Fitted(keep(samples.chains).flat, diagnosis.ess, diagnosis.worst_r_hat, converged)
+    return Fitted(thin(samples.chains).flat, diagnosis.ess, diagnosis.worst_r_hat, converged)
 
 
 LOG_LIKELIHOOD, LOG_PRIOR = "log_likelihood", "log_prior"

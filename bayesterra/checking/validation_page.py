@@ -12,7 +12,7 @@ from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation, LeftO
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
-    DISCREPANCIES,
+    TEST_STATISTICS,
     Check,
     PredictiveChecks,
     PriorCheck,
@@ -77,9 +77,9 @@ def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:
     cells = {(check.channel, check.statistic): check for check in checks.checks}
     channels = list(result.study.noise)
-    names = [name for name in DISCREPANCIES if any((channel, name) in cells for channel in channels)]
+    names = [name for name in TEST_STATISTICS if any((channel, name) in cells for channel in channels)]
     rows = tuple(
-        (DISCREPANCIES[name].words, *(_cell(cells.get((channel, name))) for channel in channels))
+        (TEST_STATISTICS[name].words, *(_cell(cells.get((channel, name))) for channel in channels))
         for name in names
     )
     caption = Markup(

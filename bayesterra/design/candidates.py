@@ -72,7 +72,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Wishes:
+class CandidateOptions:
     """What a person asked for; everything has a default.
 
     Attributes
@@ -91,7 +91,7 @@ class Wishes:
     about: Sequence[str] = ()
 
 
-def candidates(study: Study, wishes: Wishes) -> list[Candidate]:
+def candidates(study: Study, wishes: CandidateOptions) -> list[Candidate]:
     """Every wheel under every load at every slip, read as in the study and with new sensors too.
 
     With new sensors there is one candidate more: they alone, on the rows of the study driven again.
@@ -135,7 +135,7 @@ def parameters_of_interest(study: Study, about: Sequence[str]) -> tuple[str, ...
     return wanted or free
 
 
-def _slips(study: Study, wishes: Wishes) -> FloatArray:
+def _slips(study: Study, wishes: CandidateOptions) -> FloatArray:
     if len(wishes.slips):
         return checked_slips(wishes.slips)
     driven = study.observations.used().slip
@@ -144,7 +144,7 @@ def _slips(study: Study, wishes: Wishes) -> FloatArray:
     return np.linspace(max(0.0, low - margin), min(0.95, high + margin), SLIPS)
 
 
-def _loads(study: Study, wishes: Wishes) -> list[float]:
+def _loads(study: Study, wishes: CandidateOptions) -> list[float]:
     if wishes.loads:
         return [_load(load) for load in wishes.loads]
     rows = study.observations.used()

@@ -81,7 +81,7 @@ class Question(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Judging:
+class Evaluation:
     """The task: a question in, an estimate out. One serves a whole design and keeps what it needs again."""
 
     grid: Grid
@@ -145,7 +145,7 @@ class Judge:
     count: int = 0
 
     def __post_init__(self) -> None:
-        self._task = Judging(self.grid)
+        self._task = Evaluation(self.grid)
 
     def estimates(self, method: str, picks: Sequence[int | None], place: int) -> tuple[Estimate, ...]:
         """Every candidate in one place, beside the rows in the others."""

@@ -15,7 +15,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.random import default_rng
 
-from bayesterra.design.candidates import Candidate, Situation, Wishes, candidates, parameters_of_interest
+from bayesterra.design.candidates import (
+    Candidate,
+    CandidateOptions,
+    Situation,
+    candidates,
+    parameters_of_interest,
+)
 from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
 from bayesterra.design.gain import Estimate
 from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
@@ -97,7 +103,7 @@ def situation_of(known: Result | Study, seed: int = 1) -> Situation:
 
 
 @dataclass(frozen=True)
-class Question:
+class DesignRequest:
     """What a design is asked, complete.
 
     Attributes
@@ -148,7 +154,7 @@ class Question:
         }
 
 
-def asked(
+def design_request(
     known: Result | Study,
     *,
     about: Sequence[str] = (),
@@ -159,7 +165,7 @@ def asked(
     number: int = 1,
     by: str = "information",
     seed: int = 1,
-) -> Question:
+) -> DesignRequest:
     """Put a question together, and find mistakes before any work; see :func:`recommend`."""
     if by not in CRITERIA:
         raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
@@ -168,9 +174,9 @@ def asked(
     study = known.study if isinstance(known, Result) else known
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
-    wishes = Wishes(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
+    wishes = CandidateOptions(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
     found = candidates(study, wishes)
-    return Question(situation_of(known, seed), tuple(found), tuple(names), number, by, seed)
+    return DesignRequest(situation_of(known, seed), tuple(found), tuple(names), number, by, seed)
 
 
 def recommend(
@@ -210,7 +216,7 @@ def recommend(
     """
     check_kind("bt.recommend", known, Study, Result)
     check_seed(seed)
-    question = asked(
+    question = design_request(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
         seed=seed,
     )  # fmt: skip
@@ -249,7 +255,7 @@ def design_into(
     check_free(out, overwrite=overwrite, mark=MARK)
     if isinstance(known, Result) and not known.converged:
         note("the sampling of this result has not converged: gains from its draws may be wrong")
-    question = asked(known, **wishes)
+    question = design_request(known, **wishes)
     opened = task_folder(
         out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite
     )

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.follow.particles import Cloud
+from bayesterra.follow.particles import Particles
 from bayesterra.follow.updates import Alarm
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
@@ -115,7 +115,7 @@ class Basis:
         fixed = [name.startswith(SIZES) or name == OFFSET for name in self.posterior.names]
         return np.where(fixed, 0.0, CHANGE**2)
 
-    def opened(self, candidates: Candidates, row: int, cloud: Cloud) -> Candidates:
+    def opened(self, candidates: Candidates, row: int, cloud: Particles) -> Candidates:
         """The candidates and a new one: the soil may change at ``row``, before which the cloud stands."""
         with np.errstate(all="ignore"):
             u = self.coordinates.from_physical(cloud.x)
@@ -231,7 +231,7 @@ EVIDENCE = 0.9
 """Share of the evidence between the first and the last row that an alarm names."""
 
 
-class Watch:
+class ChangeDetector:
     """Looks for a change of soil until it finds one.
 
     Parameters
@@ -249,7 +249,7 @@ class Watch:
         self._based: Basis | None = None
 
     def see(
-        self, number: int, rows: int, before: Cloud, row: Likelihood, log_predictive: float
+        self, number: int, rows: int, before: Particles, row: Likelihood, log_predictive: float
     ) -> Alarm | None:
         """Take in a row; an alarm where it first seems that the soil has changed.
 

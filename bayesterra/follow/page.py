@@ -16,7 +16,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from bayesterra.arrays import FloatArray
-from bayesterra.follow.session import FIGURE, Following, Seen
+from bayesterra.follow.session import FIGURE, FollowedStream, RowOutcome
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled
 from bayesterra.report.numbers import interval, resolution, rounded
@@ -109,7 +109,7 @@ def _legend(axes: FloatArray, updates: pd.DataFrame, *, with_truth: bool) -> Non
     figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
 
-def print_row(seen: Seen, *, quiet: bool) -> None:
+def print_row(seen: RowOutcome, *, quiet: bool) -> None:
     """One line: slip, every reading beside what was expected of it, particles, time; alarms in their own."""
     if seen.update is None or seen.row is None:
         note(f"left out: {seen.problem}")
@@ -144,7 +144,7 @@ def _reading(one: dict[object, object]) -> str:
     return f"{symbol} {rounded(observed, step)} {unit} {interval(low, high)}{outside}"
 
 
-def print_end(found: Following, out: Path | None) -> None:
+def print_end(found: FollowedStream, out: Path | None) -> None:
     """Print the parameters, the evidence, the alarms and where the files are."""
     console, stream = PlainConsole(), found.stream
     soil = f", soil {found.soil} since row {stream.offset + 1}" if found.soil > 1 else ""

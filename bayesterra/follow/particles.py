@@ -22,7 +22,7 @@ from bayesterra.study.study import Study
 
 
 @dataclass(frozen=True)
-class Cloud:
+class Particles:
     """Particles and their weights.
 
     Attributes
@@ -37,7 +37,7 @@ class Cloud:
     log_weights: FloatArray
 
     @classmethod
-    def even(cls, x: FloatArray, log_likelihood: FloatArray) -> Cloud:
+    def even(cls, x: FloatArray, log_likelihood: FloatArray) -> Particles:
         """Particles of equal weight."""
         return cls(x, log_likelihood, np.full(len(x), -np.log(len(x))))
 
@@ -54,15 +54,15 @@ class Cloud:
         """Effective number of particles (Kong 1992)."""
         return effective_number(self.log_weights)
 
-    def weighed(self, log_terms: FloatArray) -> tuple[Cloud, float]:
+    def weighed(self, log_terms: FloatArray) -> tuple[Particles, float]:
         """The cloud with log factors (n,) taken into its weights, and the log of their weighted mean."""
         log_weights = self.log_weights + log_terms
         total = float(logsumexp(log_weights))
         return replace(self, log_weights=log_weights - total), total
 
-    def take(self, keep: BoolArray) -> Cloud:
+    def take(self, keep: BoolArray) -> Particles:
         """Some of the particles, weights as they stand."""
-        return Cloud(self.x[keep], self.log_likelihood[keep], self.log_weights[keep])
+        return Particles(self.x[keep], self.log_likelihood[keep], self.log_weights[keep])
 
     def log_share(self, chosen: BoolArray) -> float:
         """Log of the weight that some of the particles hold together."""
@@ -120,14 +120,14 @@ class Learned:
     rejuvenations : one for every resampling.
     """
 
-    cloud: Cloud
+    cloud: Particles
     log_predictive: float
     variance: float
     rejuvenations: tuple[Rejuvenation, ...]
 
 
 def learn(
-    cloud: Cloud, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
+    cloud: Particles, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
 ) -> Learned:
     """Take a row into a cloud (iterated batch importance sampling, Chopin 2002, with tempering).
 
@@ -162,7 +162,7 @@ def learn(
     return Learned(cloud, total, variance, tuple(events))
 
 
-def settled(cloud: Cloud) -> float:
+def settled(cloud: Particles) -> float:
     """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
     return 1.0 / cloud.effective - 1.0 / len(cloud)
 
@@ -312,7 +312,7 @@ class _Place:
     proposal: Proposal
 
     def points(self, v: FloatArray) -> _Points:
-        u, bent = self.proposal.unbending.bend(v)
+        u, bent = self.proposal.transport_map.forward(v)
         x, log_jacobian = self.coordinates.to_physical(u)
         log_jacobian = log_jacobian + bent
         safe = np.isfinite(log_jacobian) & np.isfinite(x).all(axis=1)
@@ -322,8 +322,8 @@ class _Place:
 
 
 def rejuvenate(
-    cloud: Cloud, levels: Levels, temperature: float, before: FloatArray, rng: Generator
-) -> tuple[Cloud, FloatArray, Rejuvenation]:
+    cloud: Particles, levels: Levels, temperature: float, before: FloatArray, rng: Generator
+) -> tuple[Particles, FloatArray, Rejuvenation]:
     """Resample a weighted cloud and move its particles until they have forgotten where they came from.
 
     Parameters
@@ -339,7 +339,7 @@ def rejuvenate(
     n = len(cloud)
     place, u, alive = _fitted(cloud, levels, before, rng)
     chosen = systematic(cloud.weights[alive], n, rng)
-    points = place.points(place.proposal.unbending.straighten(u)[0][chosen])
+    points = place.points(place.proposal.transport_map.inverse(u)[0][chosen])
     memory = _Memory.of(points)
     accepted = tried = sweeps = 0
     correlation, limit = 1.0, max(FORGOTTEN, 3.0 / np.sqrt(n))
@@ -355,12 +355,12 @@ def rejuvenate(
         if independent:
             accepted, tried = accepted + int(taken.sum()), tried + n
         correlation = memory.correlation(points)
-    moved = Cloud.even(points.x, points.earlier)
+    moved = Particles.even(points.x, points.earlier)
     return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, limit, temperature)
 
 
 def _fitted(
-    cloud: Cloud, levels: Levels, before: FloatArray, rng: Generator
+    cloud: Particles, levels: Levels, before: FloatArray, rng: Generator
 ) -> tuple[_Place, FloatArray, IntArray]:
     """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
     chosen = levels.coordinates

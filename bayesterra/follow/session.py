@@ -28,7 +28,7 @@ FIGURE = "rows.png"
 
 
 @dataclass(frozen=True)
-class Seen:
+class RowOutcome:
     """A row and what it did, or why it was left out."""
 
     number: int
@@ -39,7 +39,7 @@ class Seen:
 
 
 @dataclass
-class Following:
+class FollowedStream:
     """A stream that is being followed.
 
     Attributes
@@ -57,7 +57,7 @@ class Following:
     alarms: list[Alarm] = field(default_factory=list)
     left_out: int = 0
 
-    def take(self, table: pd.DataFrame, *, restart: bool) -> Seen:
+    def take(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
         """Add a row; one that cannot be used is left out, unless it is the very first."""
         stream = self.stream
         number = stream.offset + len(stream) + 1
@@ -68,7 +68,7 @@ class Following:
             if not self.table and not len(stream):
                 raise
             self.left_out += 1
-            return Seen(number, problem=str(error))
+            return RowOutcome(number, problem=str(error))
         self.table.append({"soil": self.soil, **cells(update, row)})
         anew = None
         if update.alarm:
@@ -76,7 +76,7 @@ class Following:
             if restart:
                 anew = update.alarm.since
                 self.stream, self.soil = stream.restarted(anew), self.soil + 1
-        return Seen(number, row, update, begun_anew=anew)
+        return RowOutcome(number, row, update, begun_anew=anew)
 
     def write(self, folder: Path) -> None:
         """Write state, table and figure into an existing folder."""
@@ -90,7 +90,7 @@ class Following:
         write_bytes(folder / FIGURE, bands_over_rows_png(updates, truth))
 
 
-def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Following:
+def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> FollowedStream:
     """A stream on a study file, on a finished result, or on a stream that was put down.
 
     Parameters
@@ -106,7 +106,7 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followin
     """
     given = {name: value for name, value in settings.items() if value is not None}
     if isinstance(what, Result):
-        return Following(Stream(what, **given))
+        return FollowedStream(Stream(what, **given))
     if (what / MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
         check_sums(what, UPDATES)
@@ -119,18 +119,18 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followin
         "slip_reference": described.slip_reference,
         "sinkage_reference": described.sinkage_reference,
     }
-    return Following(Stream(study, **{**stated, **given}))
+    return FollowedStream(Stream(study, **{**stated, **given}))
 
 
-def _gone_on(stream: Stream, updates: Path) -> Following:
+def _gone_on(stream: Stream, updates: Path) -> FollowedStream:
     """A stream that was put down, with the table of its rows."""
     if not updates.is_file():
-        return Following(stream)
+        return FollowedStream(stream)
     with damage(ResultError, updates):
         before = read_csv(updates)
         table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
         soil = int(before["soil"].iloc[-1]) if len(before) else 1
-        return Following(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
+        return FollowedStream(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
 
 
 def _begun_anew(stream: Stream, before: pd.DataFrame) -> int:
@@ -145,9 +145,9 @@ def follow(
     out: Path | None = None,
     restart: bool = False,
     overwrite: bool = False,
-    show: Callable[[Seen], None] = lambda seen: None,
+    show: Callable[[RowOutcome], None] = lambda seen: None,
     **settings: Any,
-) -> Following:
+) -> FollowedStream:
     """Follow rows of a CSV one by one; with ``out`` write tables, a figure and the state at their end.
 
     An interruption (Ctrl-C) counts as the end of the rows: what was learned is written, then it goes on up.

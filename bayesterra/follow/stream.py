@@ -16,8 +16,8 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
-from bayesterra.follow.changepoint import Candidates, Watch
-from bayesterra.follow.particles import Cloud, Levels, learn, log_likelihoods, settled
+from bayesterra.follow.changepoint import Candidates, ChangeDetector
+from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
 from bayesterra.follow.rows import References, Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
@@ -85,10 +85,10 @@ class Stream:
         self.references = References(slip_reference, sinkage_reference)
         self.offset = 0
         self.rows = Rows.of(study)
-        self.watch = Watch(self.false_alarms, len(study.prior.names), self._known)
+        self.watch = ChangeDetector(self.false_alarms, len(study.prior.names), self._known)
         self.log_evidence, self._variance = 0.0, 0.0
         self._before = np.empty((0, len(study.prior.names)))
-        self._cloud: Cloud | None = None
+        self._cloud: Particles | None = None
         if isinstance(known, Result):
             self._begin_from(known)
 
@@ -105,11 +105,11 @@ class Stream:
         return f"<Stream {self.study.title!r}: {len(self)} rows, {self.particles} particles>"
 
     @property
-    def cloud(self) -> Cloud:
+    def cloud(self) -> Particles:
         """The weighted particles; before the first row those of the stated prior."""
         if self._cloud is None:
             x = self.study.prior.sample(self.particles, self._rng(0))
-            return Cloud.even(x, np.zeros(len(x)))
+            return Particles.even(x, np.zeros(len(x)))
         return self._cloud
 
     @property
@@ -296,7 +296,7 @@ class Stream:
         self.log_evidence = float(np.log(share))
         self._variance = (1.0 - share) / (share * drawn.tried)
         self._before = drawn.x[:BEFORE]
-        self._cloud = Cloud.even(drawn.x, np.zeros(len(drawn.x)))
+        self._cloud = Particles.even(drawn.x, np.zeros(len(drawn.x)))
 
     def _begin_from(self, result: Result) -> None:
         """Take the draws of a result, and keep its rows."""
@@ -307,7 +307,7 @@ class Stream:
         chosen = rng.choice(len(draws), size=self.particles, replace=not enough)
         known = Posterior(self.study.prior, likelihood_of(self.study, rows))
         x = draws[chosen]
-        self._cloud = Cloud.even(x, log_likelihoods(known, known.likelihood, x))
+        self._cloud = Particles.even(x, log_likelihoods(known, known.likelihood, x))
         self._before = prior[:BEFORE]
         found: Mapping[str, Any] = result.record.get("evidence") or {}
         self.log_evidence = float(found.get("log_z", np.nan))
@@ -355,7 +355,7 @@ class State:
     alarm : if there was one.
     """
 
-    cloud: Cloud
+    cloud: Particles
     before: FloatArray
     candidates: Candidates
     basis: int

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from scipy.special import ndtr
 
 from bayesterra.arrays import FloatArray
-from bayesterra.follow.particles import Cloud, Rejuvenation, weighted_quantiles
+from bayesterra.follow.particles import Particles, Rejuvenation, weighted_quantiles
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -55,7 +55,7 @@ class Forecast:
         )
 
 
-def forecast(cloud: Cloud, known: Posterior, newest: Likelihood, rng: Generator) -> Forecast:
+def forecast(cloud: Particles, known: Posterior, newest: Likelihood, rng: Generator) -> Forecast:
     """Predict a row with the particles of the earlier rows.
 
     Parameters

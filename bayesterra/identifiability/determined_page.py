@@ -27,7 +27,7 @@ from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text,
 from bayesterra.report.figures import GRID, INK, POSTERIOR, label, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING
 from bayesterra.report.symbols import in_symbols, symbol
-from bayesterra.study.result import COUPLED, Found, Result, found_rows
+from bayesterra.study.result import COUPLED, IdentifiabilityRow, Result, identifiability_rows
 
 GROUPS = Markup(
     "Directions of each group of parameters whose variance shrinks tenfold or more, in normal scores of the "
@@ -40,7 +40,7 @@ GROUPS = Markup(
 def finding(result: Result) -> Markup:
     """The finding in a sentence; empty for folders of versions that did not count the groups' directions."""
     rows = marginal(result.record.get("directions", {}))
-    words = {name: row.verdict for name, row in found_rows(result).items()}
+    words = {name: row.verdict for name, row in identifiability_rows(result).items()}
     text = in_a_sentence(rows, words, lambda name: str(symbol(name))) if rows else ""
     return Markup(text)  # noqa: S704 (constants)
 
@@ -101,7 +101,7 @@ def _verdicts(result: Result) -> Table:
             signed(row.tie),
             _multiple(row),
         )
-        for name, row in found_rows(result).items()
+        for name, row in identifiability_rows(result).items()
     )
     header = ("", "verdict", "contraction", "strongest coupling", "correlation", Markup("<i>R</i>"))
     caption = "Verdict of every parameter; couplings with parameters that are not determined."
@@ -113,7 +113,7 @@ def signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", MINUS) if value == value else NOTHING
 
 
-def _multiple(row: Found) -> str:
+def _multiple(row: IdentifiabilityRow) -> str:
     return f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING
 
 
@@ -147,7 +147,7 @@ def group(scope: str) -> Cell:
 def contraction(result: Result, ax: Axes | None = None) -> Axes:
     """Draw 1 − posterior/prior variance of every parameter: 0 repeats the prior, 1 is known exactly."""
     ax = own_axes(ax, 4.4, 0.34 * len(result.names) + 0.9)
-    found = dict(reversed(found_rows(result).items()))
+    found = dict(reversed(identifiability_rows(result).items()))
     places = np.arange(len(found))
     values = np.clip([row.contraction for row in found.values()], 0.0, 1.0)
     ax.barh(places, values, height=0.55, color=POSTERIOR, alpha=0.75)

@@ -22,7 +22,7 @@ from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free, whole_folder, write_text
 from bayesterra.runtime.tables import csv_text
-from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, keep, sample
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
 from bayesterra.study.result import PACKAGES, Result
 from bayesterra.study.study import Study
 
@@ -117,7 +117,7 @@ def identify_study(
         report(progress.stage)
 
     samples = sample(target, study.sampling, sampling, update)
-    draws = keep(samples.chains).flat
+    draws = thin(samples.chains).flat
     found = analyse(target, prior, draws, analysing, engine=engine, report=report)
     source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
     return Identified(study, found, _record(study, seed, {**samples.seconds, **found.seconds}, source))

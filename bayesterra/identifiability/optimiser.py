@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
@@ -282,7 +282,7 @@ class Target:
         score, information = (np.nan_to_num(found) for found in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
-        if self.latent or isinstance(self.posterior.likelihood, JointRows):
+        if self.latent or isinstance(self.posterior.likelihood, CorrelatedLikelihood):
             sizes = LATENT_STEP / np.sqrt(np.einsum("nii->ni", information) + 1.0)
             slope = self._differences(y, sizes)
         else:

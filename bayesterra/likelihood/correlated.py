@@ -74,7 +74,7 @@ def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArr
     ----------
     soil, noise_values : parameter sets that are typical, of the prior or of the posterior.
     """
-    if not isinstance(likelihood, JointRows) or likelihood.errors.slip is None:
+    if not isinstance(likelihood, CorrelatedLikelihood) or likelihood.errors.slip is None:
         return ""
     numbers, parts = np.array(likelihood.observations.rows), []
     sd = float(np.median(likelihood.sizes(len(soil), noise_values)[:, -1]))
@@ -94,7 +94,7 @@ def _rows(numbers: IntArray) -> str:
 
 
 @dataclass(frozen=True)
-class JointRows(Likelihood):
+class CorrelatedLikelihood(Likelihood):
     """Likelihood of a table whose rows hang together. Rows that are not in use are not conditioned on.
 
     Parameters
@@ -231,7 +231,7 @@ class JointRows(Likelihood):
                 found += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
         return found
 
-    def reading(self, where: BoolArray) -> JointRows:
+    def reading(self, where: BoolArray) -> CorrelatedLikelihood:
         """The same for readings where ``where`` (m, k) holds, made or yet to be made, and no others."""
         columns = dict(zip(self.channels, np.where(where, 0.0, np.nan).T, strict=True))
         rows = replace(self.observations, values={**self.observations.values, **columns})

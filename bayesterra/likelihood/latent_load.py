@@ -133,7 +133,7 @@ def likelihoods(
 ) -> None:
     """Fill `out` (n, m, 2): log likelihood of every row, and a drawn load in place of a uniform number."""
     at.screen(theta, rows, plan, status)
-    desk = np.zeros(lv.DESK_SIZE)
+    workspace = np.zeros(lv.DESK_SIZE)
     loads = data[5]
     width = loads[1] + np.log1p(-np.exp(loads[0] - loads[1]))
     for i in range(status.shape[0]):
@@ -142,56 +142,59 @@ def likelihoods(
             if status[i, j] != 0:
                 out[i, j, 0], out[i, j, 1] = -np.inf, np.nan
                 continue
-            at.lay(desk, theta[i], rows[j])
-            _specify(desk, data, i, j)
-            desk[pn.UNIFORM] = out[i, j, 1]
-            falls = at.can_fall(desk, 0, plan[0])
-            left, right = _first_panel(desk, loads)
-            level = sums.log_integral(desk, plan[0], falls, left, right) - width
+            at.lay(workspace, theta[i], rows[j])
+            _specify(workspace, data, i, j)
+            workspace[pn.UNIFORM] = out[i, j, 1]
+            falls = at.can_fall(workspace, 0, plan[0])
+            left, right = _first_panel(workspace, loads)
+            level = sums.log_integral(workspace, plan[0], falls, left, right) - width
             out[i, j, 0] = level if level < np.inf else -np.inf
             if draw:
-                out[i, j, 1] = sums.drawn_load(desk) if level > -np.inf else np.nan
+                out[i, j, 1] = sums.drawn_load(workspace) if level > -np.inf else np.nan
 
 
 @compiled
-def _specify(desk: Lanes, data: Data, i: int, j: int) -> None:
+def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
     """Put the readings of a row and their laws onto the desk."""
     readings, floor, fraction, dof, shift, loads = data
     own = i if floor.shape[0] > 1 else 0
     for channel in range(lv.CHANNELS):
         first = lv.SPEC + channel * lv.COLUMNS
-        desk[first + lv.READING] = readings[j, channel]
-        desk[first + lv.FLOOR], desk[first + lv.PEAK] = floor[own, j, channel, 0], floor[own, j, channel, 1]
-        desk[first + lv.FRACTION] = fraction[j, channel]
-        desk[first + lv.DOF] = dof[channel]
-        desk[first + lv.SHIFT] = shift[i] if channel == lv.SINKAGE else 0.0
-    desk[pn.LOAD_LOW], desk[pn.LOAD_HIGH] = loads[0], loads[1]
-    desk[pn.TOP] = at.highest(desk)
+        workspace[first + lv.READING] = readings[j, channel]
+        workspace[first + lv.FLOOR], workspace[first + lv.PEAK] = (
+            floor[own, j, channel, 0],
+            floor[own, j, channel, 1],
+        )
+        workspace[first + lv.FRACTION] = fraction[j, channel]
+        workspace[first + lv.DOF] = dof[channel]
+        workspace[first + lv.SHIFT] = shift[i] if channel == lv.SINKAGE else 0.0
+    workspace[pn.LOAD_LOW], workspace[pn.LOAD_HIGH] = loads[0], loads[1]
+    workspace[pn.TOP] = at.highest(workspace)
 
 
 @compiled
-def _first_panel(desk: Lanes, loads: FloatArray) -> tuple[float, float]:
+def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
     """Guess the ends of the weight in log z from what sinkage and force say; the search corrects it."""
-    force, around = lv.spec(desk, lv.NORMAL, lv.READING), _SIGMAS * _scale(desk, lv.NORMAL)
+    force, around = lv.spec(workspace, lv.NORMAL, lv.READING), _SIGMAS * _scale(workspace, lv.NORMAL)
     low, high = np.exp(loads[0]), np.exp(loads[1])
     least, most = max(low, force - around), min(high, force + around)
     if not least < most:  # not read, or far outside the range
         least, most = low, high
-    middle, slope = at.guess(desk, np.sqrt(least * most))
+    middle, slope = at.guess(workspace, np.sqrt(least * most))
     half = 0.5 * np.log(most / least) / slope + _UNSURE
     left, right = middle - half, middle + half
-    depth = lv.spec(desk, lv.SINKAGE, lv.READING) - lv.spec(desk, lv.SINKAGE, lv.SHIFT)
-    around = _SIGMAS * _scale(desk, lv.SINKAGE)
+    depth = lv.spec(workspace, lv.SINKAGE, lv.READING) - lv.spec(workspace, lv.SINKAGE, lv.SHIFT)
+    around = _SIGMAS * _scale(workspace, lv.SINKAGE)
     shallow = np.log(depth - around) if depth > around else left
     deep = np.log(depth + around) if depth > -around else right
     if max(left, shallow) < min(right, deep):
         left, right = max(left, shallow), min(right, deep)
-    right = min(right, desk[pn.TOP])
+    right = min(right, workspace[pn.TOP])
     return max(min(left, right - _NARROWEST), right - _WIDEST), right
 
 
 @inlined
-def _scale(desk: Lanes, channel: int) -> float:
+def _scale(workspace: Lanes, channel: int) -> float:
     """Scale of the noise of a reading, about."""
-    size = abs(lv.spec(desk, channel, lv.READING))
-    return max(lv.spec(desk, channel, lv.FRACTION) * size, lv.spec(desk, channel, lv.FLOOR))
+    size = abs(lv.spec(workspace, channel, lv.READING))
+    return max(lv.spec(workspace, channel, lv.FRACTION) * size, lv.spec(workspace, channel, lv.FLOOR))

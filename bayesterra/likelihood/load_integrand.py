@@ -49,15 +49,15 @@ _FLAT = 1e-12
 
 
 @inlined
-def spec(desk: Lanes, channel: int, column: int) -> float:
+def spec(workspace: Lanes, channel: int, column: int) -> float:
     """One entry of the specification of a row."""
-    return float(desk[SPEC + channel * COLUMNS + column])
+    return float(workspace[SPEC + channel * COLUMNS + column])
 
 
 @inlined
-def is_read(desk: Lanes, channel: int) -> bool:
+def is_read(workspace: Lanes, channel: int) -> bool:
     """Whether a channel was measured."""
-    reading = spec(desk, channel, READING)
+    reading = spec(workspace, channel, READING)
     return reading == reading
 
 
@@ -65,11 +65,11 @@ Powers = tuple[float, float, float, float, float, float, float, float]
 
 
 @inlined
-def powers(desk: Lanes, first: int) -> Powers:
+def powers(workspace: Lanes, first: int) -> Powers:
     """Coefficients of a polynomial: in registers, so that loops over places become vector code."""
     return (
-        desk[first], desk[first + 1], desk[first + 2], desk[first + 3],
-        desk[first + 4], desk[first + 5], desk[first + 6], desk[first + 7],
+        workspace[first], workspace[first + 1], workspace[first + 2], workspace[first + 3],
+        workspace[first + 4], workspace[first + 5], workspace[first + 6], workspace[first + 7],
     )  # fmt: skip
 
 
@@ -87,15 +87,15 @@ def derive_powers(a: Powers, t: float) -> float:
 
 
 @inlined
-def polynomial(desk: Lanes, first: int, t: float) -> float:
+def polynomial(workspace: Lanes, first: int, t: float) -> float:
     """Value of one of the curve's polynomials."""
-    return float(sum_powers(powers(desk, first), t))
+    return float(sum_powers(powers(workspace, first), t))
 
 
 @inlined
-def slope(desk: Lanes, t: float) -> float:
+def slope(workspace: Lanes, t: float) -> float:
     """Derivative of log F_N by log z."""
-    return float(derive_powers(powers(desk, at.LOG_NORMAL), t) / desk[at.HALF])
+    return float(derive_powers(powers(workspace, at.LOG_NORMAL), t) / workspace[at.HALF])
 
 
 @inlined
@@ -105,88 +105,92 @@ def curve_of(channel: int) -> int:
 
 
 @compiled
-def value(desk: Lanes, channel: int, t: float) -> float:
+def value(workspace: Lanes, channel: int, t: float) -> float:
     """What a channel should read, without zero error."""
     if channel == SINKAGE:
-        return float(exp(desk[at.MIDDLE] + desk[at.HALF] * t))
-    found = polynomial(desk, curve_of(channel), t)
+        return float(exp(workspace[at.MIDDLE] + workspace[at.HALF] * t))
+    found = polynomial(workspace, curve_of(channel), t)
     return float(exp(found) if channel == NORMAL else found)
 
 
 @compiled
-def log_law(desk: Lanes, channel: int, modelled: float) -> float:
+def log_law(workspace: Lanes, channel: int, modelled: float) -> float:
     """Log density of a channel's reading; 0 where there is none."""
-    if not is_read(desk, channel):
+    if not is_read(workspace, channel):
         return 0.0
-    centre = modelled + spec(desk, channel, SHIFT)
-    scale = max(spec(desk, channel, FRACTION) * abs(centre), spec(desk, channel, FLOOR))
-    r = (spec(desk, channel, READING) - centre) / scale
-    dof = spec(desk, channel, DOF)
+    centre = modelled + spec(workspace, channel, SHIFT)
+    scale = max(spec(workspace, channel, FRACTION) * abs(centre), spec(workspace, channel, FLOOR))
+    r = (spec(workspace, channel, READING) - centre) / scale
+    dof = spec(workspace, channel, DOF)
     shape = -0.5 * r * r if np.isinf(dof) else -0.5 * (dof + 1.0) * np.log1p(r * r / dof)
-    return float(spec(desk, channel, PEAK) - np.log(scale / spec(desk, channel, FLOOR)) + shape)
+    return float(spec(workspace, channel, PEAK) - np.log(scale / spec(workspace, channel, FLOOR)) + shape)
 
 
 @compiled
-def log_law_peak(desk: Lanes, channel: int) -> float:
+def log_law_peak(workspace: Lanes, channel: int) -> float:
     """Highest log density that a channel's reading can have."""
-    return float(spec(desk, channel, PEAK)) if is_read(desk, channel) else 0.0
+    return float(spec(workspace, channel, PEAK)) if is_read(workspace, channel) else 0.0
 
 
 @compiled
-def fill_levels(desk: Lanes, count: int) -> None:
+def fill_levels(workspace: Lanes, count: int) -> None:
     """Fill the log integrand at the first ``count`` places."""
-    growth, half = powers(desk, at.LOG_NORMAL), 1.0 / desk[at.HALF]
+    growth, half = powers(workspace, at.LOG_NORMAL), 1.0 / workspace[at.HALF]
     for k in range(count):
-        rise = derive_powers(growth, desk[T + k]) * half
-        desk[LEVEL + k] = sum_powers(growth, desk[T + k]) + log(rise if rise > _FLAT else _FLAT)
+        rise = derive_powers(growth, workspace[T + k]) * half
+        workspace[LEVEL + k] = sum_powers(growth, workspace[T + k]) + log(rise if rise > _FLAT else _FLAT)
     for channel in range(CHANNELS):
-        if is_read(desk, channel):
-            _fill_modelled(desk, channel, count)
-            _add_law(desk, channel, count)
+        if is_read(workspace, channel):
+            _fill_modelled(workspace, channel, count)
+            _add_law(workspace, channel, count)
 
 
 @inlined
-def _fill_modelled(desk: Lanes, channel: int, count: int) -> None:
+def _fill_modelled(workspace: Lanes, channel: int, count: int) -> None:
     """Fill what a channel should read at the first ``count`` places."""
-    shift = spec(desk, channel, SHIFT)
+    shift = spec(workspace, channel, SHIFT)
     if channel == SINKAGE:
-        middle, half = desk[at.MIDDLE], desk[at.HALF]
+        middle, half = workspace[at.MIDDLE], workspace[at.HALF]
         for k in range(count):
-            desk[MODELLED + k] = exp(middle + half * desk[T + k]) + shift
+            workspace[MODELLED + k] = exp(middle + half * workspace[T + k]) + shift
         return
-    a = powers(desk, curve_of(channel))
+    a = powers(workspace, curve_of(channel))
     for k in range(count):
-        desk[MODELLED + k] = sum_powers(a, desk[T + k])
+        workspace[MODELLED + k] = sum_powers(a, workspace[T + k])
     if channel == NORMAL:
         for k in range(count):
-            desk[MODELLED + k] = exp(desk[MODELLED + k])
+            workspace[MODELLED + k] = exp(workspace[MODELLED + k])
 
 
 @inlined
-def _add_law(desk: Lanes, channel: int, count: int) -> None:
+def _add_law(workspace: Lanes, channel: int, count: int) -> None:
     """Add the log density of a reading, given what it should read."""
-    per, fraction = 1.0 / spec(desk, channel, FLOOR), spec(desk, channel, FRACTION)
-    reading, peak, dof = spec(desk, channel, READING), spec(desk, channel, PEAK), spec(desk, channel, DOF)
+    per, fraction = 1.0 / spec(workspace, channel, FLOOR), spec(workspace, channel, FRACTION)
+    reading, peak, dof = (
+        spec(workspace, channel, READING),
+        spec(workspace, channel, PEAK),
+        spec(workspace, channel, DOF),
+    )
     if fraction == 0.0:
         for k in range(count):
-            desk[MODELLED + k] = (reading - desk[MODELLED + k]) * per
+            workspace[MODELLED + k] = (reading - workspace[MODELLED + k]) * per
     else:
         for k in range(count):
-            growth = fraction * per * abs(desk[MODELLED + k])
+            growth = fraction * per * abs(workspace[MODELLED + k])
             growth = growth if growth > 1.0 else 1.0
-            desk[MODELLED + k] = (reading - desk[MODELLED + k]) * per / growth
-            desk[LEVEL + k] -= log(growth)
+            workspace[MODELLED + k] = (reading - workspace[MODELLED + k]) * per / growth
+            workspace[LEVEL + k] -= log(growth)
     if np.isinf(dof):
         for k in range(count):
-            desk[LEVEL + k] += peak - 0.5 * desk[MODELLED + k] * desk[MODELLED + k]
+            workspace[LEVEL + k] += peak - 0.5 * workspace[MODELLED + k] * workspace[MODELLED + k]
     else:
         for k in range(count):
-            far = 1.0 + desk[MODELLED + k] * desk[MODELLED + k] / dof
-            desk[LEVEL + k] += peak - 0.5 * (dof + 1.0) * log(far)
+            far = 1.0 + workspace[MODELLED + k] * workspace[MODELLED + k] / dof
+            workspace[LEVEL + k] += peak - 0.5 * (dof + 1.0) * log(far)
 
 
 @compiled
-def finest(desk: Lanes, low: float, high: float) -> float:
+def finest(workspace: Lanes, low: float, high: float) -> float:
     """Distance of places that shows every reading by itself; the whole part where the noise is Gaussian.
 
     A product of Gaussians is no wider than any of them, and so shows at once how narrow it is; heavy tails
@@ -194,63 +198,63 @@ def finest(desk: Lanes, low: float, high: float) -> float:
     """
     step = high - low
     for channel in range(CHANNELS):
-        if not is_read(desk, channel) or np.isinf(spec(desk, channel, DOF)):
+        if not is_read(workspace, channel) or np.isinf(spec(workspace, channel, DOF)):
             continue
         for k in range(5):
             t = low + 0.25 * k * (high - low)
-            modelled, near = value(desk, channel, t), value(desk, channel, t + 1e-4 * (high - low))
+            modelled, near = value(workspace, channel, t), value(workspace, channel, t + 1e-4 * (high - low))
             steep = abs(near - modelled) / (1e-4 * (high - low))
-            scale = max(spec(desk, channel, FRACTION) * abs(modelled), spec(desk, channel, FLOOR))
+            scale = max(spec(workspace, channel, FRACTION) * abs(modelled), spec(workspace, channel, FLOOR))
             step = min(step, 0.7 * scale / max(steep, 1e-300))
     return float(step)
 
 
 @compiled
-def add_up(desk: Lanes, count: int, top: float) -> float:
+def add_up(workspace: Lanes, count: int, top: float) -> float:
     """Sum of the first ``count`` integrands, scaled by the level ``top``; takes the levels' place."""
     for k in range(count):
-        desk[LEVEL + k] = exp(desk[LEVEL + k] - top)
+        workspace[LEVEL + k] = exp(workspace[LEVEL + k] - top)
     total = 0.0
     for k in range(count):
-        total += desk[LEVEL + k]
+        total += workspace[LEVEL + k]
     return total
 
 
 @compiled
-def doubt(desk: Lanes, t: float) -> float:
+def doubt(workspace: Lanes, t: float) -> float:
     """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
-    growth, rise = tail(desk, at.LOG_NORMAL), max(slope(desk, t), _FLAT)
-    total = 16.0 * growth / (desk[at.HALF] * rise)
+    growth, rise = tail(workspace, at.LOG_NORMAL), max(slope(workspace, t), _FLAT)
+    total = 16.0 * growth / (workspace[at.HALF] * rise)
     for channel in range(CHANNELS):
-        if not is_read(desk, channel):
+        if not is_read(workspace, channel):
             continue
-        modelled = value(desk, channel, t)
-        centre = modelled + spec(desk, channel, SHIFT)
-        scale = max(spec(desk, channel, FRACTION) * abs(centre), spec(desk, channel, FLOOR))
+        modelled = value(workspace, channel, t)
+        centre = modelled + spec(workspace, channel, SHIFT)
+        scale = max(spec(workspace, channel, FRACTION) * abs(centre), spec(workspace, channel, FLOOR))
         error = modelled * growth if channel == NORMAL else modelled * growth / rise  # of an end of the range
-        error = error if channel < PULL else tail(desk, curve_of(channel))
-        total += (1.0 + abs(spec(desk, channel, READING) - centre) / scale) * error / scale
+        error = error if channel < PULL else tail(workspace, curve_of(channel))
+        total += (1.0 + abs(spec(workspace, channel, READING) - centre) / scale) * error / scale
     return float(total)
 
 
 @compiled
-def tail(desk: Lanes, first: int) -> float:
+def tail(workspace: Lanes, first: int) -> float:
     """Estimate what a polynomial leaves out, from how fast its Chebyshev coefficients decay."""
-    a7, a6 = desk[first + 7] / 64.0, desk[first + 6] / 32.0
-    a5, a4 = (desk[first + 5] + 112.0 * a7) / 16.0, (desk[first + 4] + 48.0 * a6) / 8.0
+    a7, a6 = workspace[first + 7] / 64.0, workspace[first + 6] / 32.0
+    a5, a4 = (workspace[first + 5] + 112.0 * a7) / 16.0, (workspace[first + 4] + 48.0 * a6) / 8.0
     last, before = max(abs(a7), abs(a6)), max(abs(a5), abs(a4))
     rate = np.sqrt(min(last / max(before, 1e-300), 0.8))
     return float(2.0 * last * rate / (1.0 - rate))
 
 
 @compiled
-def place_of(desk: Lanes, log_normal: float, low: float, high: float) -> float:
+def place_of(workspace: Lanes, log_normal: float, low: float, high: float) -> float:
     """Place between ``low`` and ``high`` where log F_N, which rises there, has a value; Newton, bracketed."""
     t = 0.5 * (low + high)
     for _ in range(60):
-        miss = polynomial(desk, at.LOG_NORMAL, t) - log_normal
+        miss = polynomial(workspace, at.LOG_NORMAL, t) - log_normal
         low, high = (t, high) if miss < 0.0 else (low, t)
-        move = miss / max(slope(desk, t) * desk[at.HALF], _FLAT)
+        move = miss / max(slope(workspace, t) * workspace[at.HALF], _FLAT)
         if abs(move) < 1e-12:
             break
         t = t - move if low < t - move < high else 0.5 * (low + high)
@@ -258,15 +262,15 @@ def place_of(desk: Lanes, log_normal: float, low: float, high: float) -> float:
 
 
 @compiled
-def crest_of(desk: Lanes) -> float:
+def crest_of(workspace: Lanes) -> float:
     """Highest place up to which F_N rises: 1 if it rises all along, −1 if it falls from the start."""
     low = -1.0
     for k in range(1, 17):
         high = -1.0 + k / 8.0
-        if slope(desk, high) <= 0.0:
+        if slope(workspace, high) <= 0.0:
             for _ in range(50):
                 middle = 0.5 * (low + high)
-                low, high = (middle, high) if slope(desk, middle) > 0.0 else (low, middle)
+                low, high = (middle, high) if slope(workspace, middle) > 0.0 else (low, middle)
             return low
         low = high
     return 1.0
@@ -294,90 +298,101 @@ LEFT, RIGHT, UNIFORM, FROM, TO, SCANNED = range(FOUND + 9, FOUND + 15)
 
 
 @compiled
-def locate(desk: Lanes, model: int, falls: bool, start: float) -> None:
+def locate(workspace: Lanes, model: int, falls: bool, start: float) -> None:
     """Find the interval of log z outside which the integrand has no weight, beginning at ``start``."""
-    forget(desk)
-    right = min(start + REACH, desk[TOP])
+    forget(workspace)
+    right = min(start + REACH, workspace[TOP])
     left = right - 2.0 * REACH
-    going_left, going_right = look(desk, model, (True, falls), left, right)
+    going_left, going_right = search(workspace, model, (True, falls), left, right)
     for _ in range(MOST):
-        if not going_right or right >= desk[TOP]:
+        if not going_right or right >= workspace[TOP]:
             break
-        step = min(right + 2.0 * REACH, desk[TOP])
-        _, going_right = look(desk, model, (True, falls), right, step)
+        step = min(right + 2.0 * REACH, workspace[TOP])
+        _, going_right = search(workspace, model, (True, falls), right, step)
         right = step
     for _ in range(MOST):
         if not going_left:
             break
-        going_left, _ = look(desk, model, (True, falls), left - 2.0 * REACH, left)
+        going_left, _ = search(workspace, model, (True, falls), left - 2.0 * REACH, left)
         left -= 2.0 * REACH
 
 
 @inlined
-def forget(desk: Lanes) -> None:
+def forget(workspace: Lanes) -> None:
     """Begin a search."""
-    desk[BEST], desk[SLACK], desk[LOW], desk[HIGH] = NOTHING, 0.0, desk[TOP], desk[TOP]
+    workspace[BEST], workspace[SLACK], workspace[LOW], workspace[HIGH] = (
+        NOTHING,
+        0.0,
+        workspace[TOP],
+        workspace[TOP],
+    )
 
 
 @compiled
-def look(desk: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
+def search(
+    workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
+) -> tuple[bool, bool]:
     """Scan a panel; tell whether there may be weight to its left and to its right.
 
     ``how`` says whether few nodes suffice, and whether F_N may fall.
     """
-    low, high, cells = settle(desk, model, how, left, right)
-    desk[SCANNED] = cells
+    low, high, cells = solve(workspace, model, how, left, right)
+    workspace[SCANNED] = cells
     if high > low:
-        _note_weight(desk, cells)
-    bottom, top = polynomial(desk, at.LOG_NORMAL, -1.0), polynomial(desk, at.LOG_NORMAL, 1.0)
-    bar = desk[BEST] - DEPTH
-    to_left = bottom > desk[LOAD_LOW] and _bound(desk, -1.0) > bar
-    return to_left, top < desk[LOAD_HIGH] and _bound(desk, 1.0) > bar
+        _note_weight(workspace, cells)
+    bottom, top = polynomial(workspace, at.LOG_NORMAL, -1.0), polynomial(workspace, at.LOG_NORMAL, 1.0)
+    bar = workspace[BEST] - DEPTH
+    to_left = bottom > workspace[LOAD_LOW] and _bound(workspace, -1.0) > bar
+    return to_left, top < workspace[LOAD_HIGH] and _bound(workspace, 1.0) > bar
 
 
 @compiled
-def _note_weight(desk: Lanes, cells: int) -> None:
+def _note_weight(workspace: Lanes, cells: int) -> None:
     """Join the weighty part of a scan to the interval found before."""
-    best, before = highest_level(desk, cells + 1), desk[BEST]
-    first, last, slack = weighty(desk, max(best, before) - DEPTH, cells)
+    best, before = highest_level(workspace, cells + 1), workspace[BEST]
+    first, last, slack = weighty(workspace, max(best, before) - DEPTH, cells)
     if last < first:
         return
-    low = desk[at.MIDDLE] + desk[at.HALF] * desk[T + max(first - 1, 0)]
-    high = desk[at.MIDDLE] + desk[at.HALF] * desk[T + min(last + 1, cells)]
-    alone = best > before + desk[SLACK] + DEPTH
-    desk[LOW] = low if alone else min(desk[LOW], low)
-    desk[HIGH] = min(high if alone else max(desk[HIGH], high), desk[TOP])
-    desk[SLACK] = slack if alone else max(desk[SLACK], slack)
-    desk[BEST] = max(best, before)
+    low = workspace[at.MIDDLE] + workspace[at.HALF] * workspace[T + max(first - 1, 0)]
+    high = workspace[at.MIDDLE] + workspace[at.HALF] * workspace[T + min(last + 1, cells)]
+    alone = best > before + workspace[SLACK] + DEPTH
+    workspace[LOW] = low if alone else min(workspace[LOW], low)
+    workspace[HIGH] = min(high if alone else max(workspace[HIGH], high), workspace[TOP])
+    workspace[SLACK] = slack if alone else max(workspace[SLACK], slack)
+    workspace[BEST] = max(best, before)
 
 
 @inlined
-def weighty(desk: Lanes, bar: float, cells: int) -> tuple[int, int, float]:
+def weighty(workspace: Lanes, bar: float, cells: int) -> tuple[int, int, float]:
     """First and last place of a scan that reaches above a level, and how much higher than seen it may be."""
     first, last, slack = cells + 1, -1, 0.0
     for k in range(cells + 1):
-        rise = excess(desk, k, cells + 1)
-        if desk[LEVEL + k] + rise > bar:
+        rise = excess(workspace, k, cells + 1)
+        if workspace[LEVEL + k] + rise > bar:
             first, last, slack = min(first, k), k, max(slack, rise)
     return first, last, slack
 
 
 @inlined
-def highest_level(desk: Lanes, count: int) -> float:
+def highest_level(workspace: Lanes, count: int) -> float:
     """Highest of the first ``count`` levels."""
     best = NOTHING
     for k in range(count):
-        best = max(best, desk[LEVEL + k])
+        best = max(best, workspace[LEVEL + k])
     return float(best)
 
 
 @inlined
-def excess(desk: Lanes, k: int, count: int) -> float:
+def excess(workspace: Lanes, k: int, count: int) -> float:
     """How far the integrand may rise near a local maximum, by a parabola and some."""
-    if desk[LEVEL + k] < max(desk[LEVEL + max(k - 1, 0)], desk[LEVEL + min(k + 1, count - 1)]):
+    if workspace[LEVEL + k] < max(workspace[LEVEL + max(k - 1, 0)], workspace[LEVEL + min(k + 1, count - 1)]):
         return 0.0
     centre = min(max(k, 1), count - 2)
-    before, here, after = desk[LEVEL + centre - 1], desk[LEVEL + centre], desk[LEVEL + centre + 1]
+    before, here, after = (
+        workspace[LEVEL + centre - 1],
+        workspace[LEVEL + centre],
+        workspace[LEVEL + centre + 1],
+    )
     bend = 2.0 * here - before - after
     climb = 0.5 * (after - before) + bend * (centre - k)  # slope of the parabola at k
     if bend <= 0.0:
@@ -389,8 +404,8 @@ def excess(desk: Lanes, k: int, count: int) -> float:
 
 
 @compiled
-def settle(
-    desk: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
+def solve(
+    workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
 ) -> tuple[float, float, int]:
     """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
@@ -398,84 +413,88 @@ def settle(
     and in place of the cells whether the panel lies ``BELOW`` or ``ABOVE`` it. Ends of that range are only
     looked for where there is weight near them.
     """
-    _aim(desk, left, right)
-    idle = at.trace(desk, model, how[0])
+    _aim(workspace, left, right)
+    idle = at.trace(workspace, model, how[0])
     if idle > at.DEGREE:
         return 0.0, 0.0, BELOW
     if idle > 0:
         ends = 0.5 * (left + right) + 0.5 * (right - left) * at.POINTS[idle - 1 : idle + 1]
-        left = at.carrying_from(desk, model, ends[0], ends[1], np.exp(desk[LOAD_LOW]))
-        _aim(desk, left, right)
-        at.trace(desk, model, how[0])
+        left = at.carrying_from(workspace, model, ends[0], ends[1], np.exp(workspace[LOAD_LOW]))
+        _aim(workspace, left, right)
+        at.trace(workspace, model, how[0])
     high = 1.0
     if how[1]:
-        high = crest_of(desk)
+        high = crest_of(workspace)
         if high < 1.0:
-            desk[TOP] = min(desk[TOP], desk[at.MIDDLE] + desk[at.HALF] * high)
-    lowest, highest = desk[LOAD_LOW], desk[LOAD_HIGH]
-    if polynomial(desk, at.LOG_NORMAL, -1.0) >= highest:
+            workspace[TOP] = min(workspace[TOP], workspace[at.MIDDLE] + workspace[at.HALF] * high)
+    lowest, highest = workspace[LOAD_LOW], workspace[LOAD_HIGH]
+    if polynomial(workspace, at.LOG_NORMAL, -1.0) >= highest:
         return 0.0, 0.0, ABOVE
-    if polynomial(desk, at.LOG_NORMAL, high) <= lowest:
+    if polynomial(workspace, at.LOG_NORMAL, high) <= lowest:
         return 0.0, 0.0, BELOW
-    cells = scan(desk, -1.0, high)
-    first, last, slack = weighty(desk, highest_level(desk, cells + 1) - DEPTH, cells)
+    cells = scan(workspace, -1.0, high)
+    first, last, slack = weighty(workspace, highest_level(workspace, cells + 1) - DEPTH, cells)
     margin = 1 if slack > 1.0 else 0
-    begin, end = desk[T + max(first - margin, 0)], desk[T + min(last + margin, cells)]
-    cut_low = polynomial(desk, at.LOG_NORMAL, begin) < lowest
-    cut_high = polynomial(desk, at.LOG_NORMAL, end) > highest
+    begin, end = workspace[T + max(first - margin, 0)], workspace[T + min(last + margin, cells)]
+    cut_low = polynomial(workspace, at.LOG_NORMAL, begin) < lowest
+    cut_high = polynomial(workspace, at.LOG_NORMAL, end) > highest
     if not (cut_low or cut_high):
         return -1.0, high, cells
-    low = place_of(desk, lowest, -1.0, high) if polynomial(desk, at.LOG_NORMAL, -1.0) < lowest else -1.0
-    if polynomial(desk, at.LOG_NORMAL, high) > highest:
-        high = place_of(desk, highest, low, high)
-    return low, high, scan(desk, low, high)
+    low = (
+        place_of(workspace, lowest, -1.0, high)
+        if polynomial(workspace, at.LOG_NORMAL, -1.0) < lowest
+        else -1.0
+    )
+    if polynomial(workspace, at.LOG_NORMAL, high) > highest:
+        high = place_of(workspace, highest, low, high)
+    return low, high, scan(workspace, low, high)
 
 
 @inlined
-def _aim(desk: Lanes, left: float, right: float) -> None:
-    desk[at.MIDDLE], desk[at.HALF] = 0.5 * (left + right), 0.5 * (right - left)
+def _aim(workspace: Lanes, left: float, right: float) -> None:
+    workspace[at.MIDDLE], workspace[at.HALF] = 0.5 * (left + right), 0.5 * (right - left)
 
 
 @compiled
-def spread(desk: Lanes, count: int, low: float, high: float) -> None:
+def spread(workspace: Lanes, count: int, low: float, high: float) -> None:
     """Fill ``count`` evenly spaced places, both ends included, and the levels there."""
     step = (high - low) / (count - 1)
     for k in range(count):
-        desk[T + k] = low + step * k
-    fill_levels(desk, count)
+        workspace[T + k] = low + step * k
+    fill_levels(workspace, count)
 
 
 @compiled
-def scan(desk: Lanes, low: float, high: float) -> int:
+def scan(workspace: Lanes, low: float, high: float) -> int:
     """Spread places until none of the peaks between them is hidden; return the number of cells."""
     cells = CELLS
     while True:
-        spread(desk, cells + 1, low, high)
-        if cells >= MOST_CELLS or _shows_all(desk, cells):
+        spread(workspace, cells + 1, low, high)
+        if cells >= MOST_CELLS or _shows_all(workspace, cells):
             return cells
         cells *= 4
 
 
 @inlined
-def _shows_all(desk: Lanes, cells: int) -> bool:
+def _shows_all(workspace: Lanes, cells: int) -> bool:
     """Whether no peak that may count rises much between places, as narrow ones do."""
-    bar, hidden = highest_level(desk, cells + 1) - DEPTH, False
+    bar, hidden = highest_level(workspace, cells + 1) - DEPTH, False
     for k in range(1, cells):
-        rise = excess(desk, k, cells + 1)
-        hidden = hidden or (rise > SEEN and desk[LEVEL + k] + 4.0 * rise > bar)
+        rise = excess(workspace, k, cells + 1)
+        hidden = hidden or (rise > SEEN and workspace[LEVEL + k] + 4.0 * rise > bar)
     return not hidden
 
 
 @compiled
-def _bound(desk: Lanes, end: float) -> float:
+def _bound(workspace: Lanes, end: float) -> float:
     """Upper bound of the log integrand beyond an end of the panel, −1 or 1, whatever pull and moment do."""
-    total = 2.0 + (desk[LOAD_HIGH] if end > 0 else polynomial(desk, at.LOG_NORMAL, end))
+    total = 2.0 + (workspace[LOAD_HIGH] if end > 0 else polynomial(workspace, at.LOG_NORMAL, end))
     for channel in range(CHANNELS):
         if channel in (SINKAGE, NORMAL):
-            modelled = value(desk, channel, end)
-            ahead = spec(desk, channel, READING) - spec(desk, channel, SHIFT) - modelled
+            modelled = value(workspace, channel, end)
+            ahead = spec(workspace, channel, READING) - spec(workspace, channel, SHIFT) - modelled
             if ahead * end < 0.0:
-                total += log_law(desk, channel, modelled)
+                total += log_law(workspace, channel, modelled)
                 continue
-        total += log_law_peak(desk, channel)
+        total += log_law_peak(workspace, channel)
     return float(total)

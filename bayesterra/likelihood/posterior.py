@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError, check_kind
-from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.forward import Forward, Outcomes, soil_at
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
@@ -237,7 +237,7 @@ def likelihood_of(study: Study, rows: Observations) -> Likelihood:
     forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
     noise = tuple(study.noise.values())
     if study.errors:
-        return JointRows(forward, rows, noise, study.errors)
+        return CorrelatedLikelihood(forward, rows, noise, study.errors)
     if study.load_range is None:
         return Likelihood(forward, rows, noise)
     return LatentLoad(forward, rows, noise, study.load_range)

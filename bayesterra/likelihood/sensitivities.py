@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.correlated import STEP, JointRows
+from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, by_wheel, offset_of, take
 from bayesterra.likelihood.latent_load import LatentLoad
@@ -191,7 +191,7 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     The gradient takes a latent load for its best known value, and is NaN where rows hang together. NaN as
     with :func:`fisher_information`.
     """
-    if isinstance(posterior.likelihood, JointRows):
+    if isinstance(posterior.likelihood, CorrelatedLikelihood):
         information = fisher_information(posterior, x)
         return np.full(information.shape[:2], np.nan), information
     likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
@@ -235,7 +235,7 @@ class Scaled:
 
 def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
     likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
-    if isinstance(likelihood, JointRows):
+    if isinstance(likelihood, CorrelatedLikelihood):
         return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), found)
     place, width = _weights(likelihood.noise)
     read = np.tile(read_where(posterior, likelihood.channels), 2)
@@ -250,7 +250,7 @@ def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
 
 
 def _jointly_weighted(
-    posterior: Posterior, likelihood: JointRows, x: FloatArray, found: Scaled
+    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, found: Scaled
 ) -> FloatArray:
     """Whitened sensitivities (n, readings + d, d); see the head of the module."""
     read = read_where(posterior, likelihood.channels)
@@ -271,7 +271,7 @@ def _jointly_weighted(
     return whole
 
 
-def _bends(posterior: Posterior, likelihood: JointRows, x: FloatArray) -> FloatArray:
+def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray) -> FloatArray:
     """Derivatives (n, m, k, d) of the slopes over slip by the parameters; 0 where slips are exact."""
     rows = likelihood.forward.conditions
     if likelihood.errors.slip is None:

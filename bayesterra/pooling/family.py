@@ -14,8 +14,8 @@ from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.pooling.joint import JointPosterior, log_population
 from bayesterra.sampling.coordinates import Block, Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture import StudentMixture, defended, fit_mixture
-from bayesterra.stats.transport import Unbending, fit_unbending
+from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive_component
+from bayesterra.stats.transport import TransportMap, fit_transport_map
 from bayesterra.study.priors import Entry, Prior
 
 SLICES = 2
@@ -222,12 +222,12 @@ class ConditionalLaw:
 
     Attributes
     ----------
-    unbending : map of given and other coordinates together; the given ones are only standardised.
+    transport_map : map of given and other coordinates together; the given ones are only standardised.
     mixture : law of both in straight coordinates, k + d of them.
     given : k, at least 1.
     """
 
-    unbending: Unbending
+    transport_map: TransportMap
     mixture: StudentMixture
     given: int
 
@@ -243,25 +243,25 @@ class ConditionalLaw:
 
     @cached_property
     def _log_scale(self) -> float:
-        return float(np.log(self.unbending.scale[: self.given]).sum())
+        return float(np.log(self.transport_map.scale[: self.given]).sum())
 
     def _standard(self, given: FloatArray) -> FloatArray:
         k = self.given
-        return np.asarray((given - self.unbending.centre[:k]) / self.unbending.scale[:k])
+        return np.asarray((given - self.transport_map.centre[:k]) / self.transport_map.scale[:k])
 
-    def straighten(self, given: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, given: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straight coordinates v (n, d) of points (n, d), and log |d points/dv| (n,)."""
-        v, log_jacobian = self.unbending.straighten(np.concatenate([given, points], axis=1))
+        v, log_jacobian = self.transport_map.inverse(np.concatenate([given, points], axis=1))
         return v[:, self.given :], log_jacobian - self._log_scale
 
-    def bend(self, given: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, given: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points (n, d) of straight coordinates v (n, d), and log |d points/dv| (n,)."""
-        u, log_jacobian = self.unbending.bend(np.concatenate([self._standard(given), v], axis=1))
+        u, log_jacobian = self.transport_map.forward(np.concatenate([self._standard(given), v], axis=1))
         return u[:, self.given :], log_jacobian - self._log_scale
 
     def log_density(self, given: FloatArray, points: FloatArray) -> FloatArray:
         """Log density (n,) of points (n, d) given the others."""
-        return self._log_straight(given, *self.straighten(given, points))
+        return self._log_straight(given, *self.inverse(given, points))
 
     def _log_straight(self, given: FloatArray, v: FloatArray, log_jacobian: FloatArray) -> FloatArray:
         at = self._standard(given)
@@ -285,7 +285,7 @@ class ConditionalLaw:
         normal = stretch[:, None] * rng.standard_normal((len(at), of.means.shape[1] - k))
         v = of.means[chosen, k:] + np.einsum("nij,nj->ni", factors[:, k:, :k], white)
         v += np.einsum("nij,nj->ni", factors[:, k:, k:], normal)
-        points, log_jacobian = self.bend(given, v)
+        points, log_jacobian = self.forward(given, v)
         return points, self._log_straight(given, v, log_jacobian)
 
 
@@ -296,18 +296,18 @@ def fit_conditional(
     rng: Generator,
     *,
     components: int = 8,
-    defence: float = 0.1,
+    defensive_weight: float = 0.1,
 ) -> ConditionalLaw:
     """Fit the law of points (n, d) given others (n, k) to draws of both.
 
     Parameters
     ----------
-    widths : standard deviations (d,) of the points before the data; see ``sampling.unbending``.
-    components : of the mixture, at most; ``defence`` is the share of a wide one beside them.
+    widths : standard deviations (d,) of the points before the data; see ``sampling.transport_map``.
+    components : of the mixture, at most; ``defensive_weight`` is the share of a wide one beside them.
     """
     u, weights = np.concatenate([given, points], axis=1), np.ones(len(points))
     scales = np.concatenate([np.ones(given.shape[1]), widths])
-    unbending = fit_unbending(u, weights, scales, given.shape[1])
-    v, _ = unbending.straighten(u)
-    mixture = defended(fit_mixture(v, weights, components, rng), v, weights, defence)
-    return ConditionalLaw(unbending, mixture, given.shape[1])
+    transport_map = fit_transport_map(u, weights, scales, given.shape[1])
+    v, _ = transport_map.inverse(u)
+    mixture = with_defensive_component(fit_mixture(v, weights, components, rng), v, weights, defensive_weight)
+    return ConditionalLaw(transport_map, mixture, given.shape[1])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.pooling.family import ConditionalLaw
-from bayesterra.runtime.checkpoints import Journal, check_drift, noted
+from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
 from bayesterra.stats.transport import Proposal
 
 INDEPENDENT_DRIVERS = 8
@@ -199,9 +199,9 @@ class PooledEnsemble:
     def _by_differences(self, g: int, half: IntArray, other: IntArray) -> None:
         """Move the locals of a group along differences of other walkers in straight coordinates."""
         w, law = self.walkers, self.laws.locals[g]
-        v, log_jacobian = law.straighten(w.D, w.L[g])
+        v, log_jacobian = law.inverse(w.D, w.L[g])
         proposed = v[half] + self._steps(v[other], len(half), v.shape[1])
-        L, log_new = law.bend(w.D[half], proposed)
+        L, log_new = law.forward(w.D[half], proposed)
         population, likelihood = self.family.terms(g, w.D[half], L)
         log_ratio = population + likelihood - w.population[g][half] - w.likelihood[g][half]
         taken = self._accept(log_ratio + log_new - log_jacobian[half])
@@ -229,11 +229,11 @@ class PooledEnsemble:
         self, block: Sequence[int], half: IntArray, other: IntArray, *, locals_: Locals = "carried"
     ) -> None:
         """Move some drivers along differences of other walkers; what becomes of the locals is ``locals_``."""
-        straight, columns = self.laws.drivers.unbending, list(block)
-        v, log_jacobian = straight.straighten(self.walkers.D)
+        straight, columns = self.laws.drivers.transport_map, list(block)
+        v, log_jacobian = straight.inverse(self.walkers.D)
         proposed = v[half]
         proposed[:, columns] += self._steps(v[other][:, columns], len(half), len(columns))
-        D, log_new = straight.bend(proposed)
+        D, log_new = straight.forward(proposed)
         kind = f"drivers by differences ({len(columns)}), locals {locals_}"
         self._carried(half, D, log_new - log_jacobian[half], kind, locals_)
 
@@ -255,8 +255,8 @@ class PooledEnsemble:
         for g in range(self.family.groups):
             law, now = self.laws.locals[g], chosen[alive]
             if locals_ == "carried":
-                v, before = law.straighten(w.D[now], w.L[g][now])
-                L[g][alive], after = law.bend(D[alive], v)
+                v, before = law.inverse(w.D[now], w.L[g][now])
+                L[g][alive], after = law.forward(D[alive], v)
                 level[alive] += after - before
             elif locals_ == "standardised":
                 L[g][alive], log_jacobian = self.family.rescaled(g, w.D[now], w.L[g][now], D[alive])
@@ -279,7 +279,7 @@ _WORD = 2**64
 
 
 @dataclass(frozen=True)
-class Standing:
+class JointState:
     """Where an ensemble stands: all that its next sweep depends on.
 
     Attributes
@@ -301,7 +301,7 @@ class Standing:
     tried: FloatArray
 
     @classmethod
-    def of(cls, ensemble: PooledEnsemble) -> Standing:
+    def of(cls, ensemble: PooledEnsemble) -> JointState:
         """Read off where an ensemble stands."""
         state = ensemble.rng.bit_generator.state
         numbers = (state["state"]["state"], state["state"]["inc"])
@@ -338,7 +338,7 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Leg:
+class JointSegment:
     """Sweeps on end, and where they led.
 
     Attributes
@@ -351,35 +351,39 @@ class Leg:
     D: FloatArray
     L: FloatArray
     share: FloatArray
-    end: Standing
+    end: JointState
 
 
-def begun_or_noted(
-    journal: Journal, number: int, family: Family, begin: Callable[[], PooledEnsemble]
+def begun_or_saved(
+    checkpoint_store: CheckpointStore, number: int, family: Family, begin: Callable[[], PooledEnsemble]
 ) -> PooledEnsemble:
-    """The ensemble that is begun, or the one in the journal."""
+    """The ensemble that is begun, or the one in the checkpoint store."""
     name = f"joint-{number}-begun"
-    found = journal.holds(name)
-    ensemble = noted(journal, name, Standing, lambda: Standing.of(begin())).ensemble(family)
+    found = checkpoint_store.holds(name)
+    ensemble = load_or_compute(checkpoint_store, name, JointState, lambda: JointState.of(begin())).ensemble(
+        family
+    )
     if found:
         check_densities(ensemble)
     return ensemble
 
 
-def leg_or_noted(journal: Journal, name: str, ensemble: PooledEnsemble, sweeps: int) -> Leg:
-    """Take sweeps, or the leg that the journal has under a name.
+def load_or_run_segment(
+    checkpoint_store: CheckpointStore, name: str, ensemble: PooledEnsemble, sweeps: int
+) -> JointSegment:
+    """Take sweeps, or the segment that the checkpoint store has under a name.
 
     Raises
     ------
-    ResultError : walkers in the journal have another density here than where they were noted.
+    ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
 
-    def taken() -> Leg:
+    def taken() -> JointSegment:
         D, L, share = ensemble.run(sweeps)
-        return Leg(D, L, share, Standing.of(ensemble))
+        return JointSegment(D, L, share, JointState.of(ensemble))
 
-    found = journal.holds(name)
-    leg = noted(journal, name, Leg, taken)
+    found = checkpoint_store.holds(name)
+    leg = load_or_compute(checkpoint_store, name, JointSegment, taken)
     if found:
         check_densities(leg.end.ensemble(ensemble.family))
     return leg

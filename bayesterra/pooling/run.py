@@ -29,10 +29,10 @@ from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_pr
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
 from bayesterra.report.failures import Failures, with_failures
-from bayesterra.runtime.checkpoints import Journal
+from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import sampler
-from bayesterra.sampling.sampler import Kept, Progress, Samples, keep, sample
+from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import summary_row
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
@@ -99,7 +99,7 @@ def run_pooled(
     *,
     seed: int = 1,
     report: Callable[[Progress], None] = lambda progress: None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
     plan: PoolingOptions | None = None,
 ) -> PooledResult:
     """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
@@ -109,19 +109,19 @@ def run_pooled(
 
     Parameters
     ----------
-    seed, report, journal : as for :func:`bayesterra.analysis.inference.run`.
+    seed, report, checkpoint_store : as for :func:`bayesterra.analysis.inference.run`.
     plan : size of the adaptation.
     """
     started = time.perf_counter()
     joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
     sampling, whole, weighing, prior_stream, comparing = family_streams
-    samples = sample_joint(joint, study.sampling, sampling, report, plan, journal)
+    samples = sample_joint(joint, study.sampling, sampling, report, plan, checkpoint_store)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     lone = (plan or PoolingOptions()).lone
     complete = failures.attempt(
         "complete",
-        lambda: sample(posterior(study), asked, whole, report, lone, journal),
+        lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store),
         lambda: None,
     )
     report(Progress("comparing", 1.0))
@@ -133,7 +133,7 @@ def run_pooled(
             tuple[Degree, ...],
         )
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
-    kept = keep(samples.chains)
+    kept = thin(samples.chains)
     chains = {name: lone.chains for name, lone in samples.lone.items()}
     complete_level, stated_level, no_level = [degree.level for degree in degrees] or [UNKNOWN] * 3
     evidences = Evidences(joint, chains, default_rng(comparing), complete_level, stated_level, no_level)
@@ -202,7 +202,7 @@ def sentence(verdicts: Sequence[Sharing]) -> str:
 
 
 def _sharing_table(
-    joint: JointPosterior, verdicts: Sequence[Sharing], stated: Mapping[str, Sharing], kept: Kept
+    joint: JointPosterior, verdicts: Sequence[Sharing], stated: Mapping[str, Sharing], kept: ThinnedDraws
 ) -> pd.DataFrame:
     rows = []
     for one in verdicts:
@@ -254,7 +254,7 @@ def quantity_of(name: str) -> Parameter:
     return replace(known, name=name, symbol=f"{known.symbol}{part}", description=description)
 
 
-def _summary(samples: JointSamples, kept: Kept, prior: FloatArray) -> pd.DataFrame:
+def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd.DataFrame:
     densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
     of = samples.diagnosis
     return pd.DataFrame(
@@ -280,12 +280,12 @@ def _tree(
     study: Study,
     joint: JointPosterior,
     samples: JointSamples,
-    kept: Kept,
+    kept: ThinnedDraws,
     prior: FloatArray,
     failures: Failures,
 ) -> xr.DataTree:
     names, rows = joint.first.names, study.observations
-    spaced = [keep(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
+    spaced = [thin(lone.chains).spaced(ALONE_DRAWS) for lone in samples.lone.values()]
     alone = np.stack([x[: min(map(len, spaced))] for x in spaced])
     groups = {
         "posterior": _dataset(joint, kept.chains),

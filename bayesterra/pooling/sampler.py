@@ -25,10 +25,10 @@ from bayesterra.pooling.moves import (
     Laws,
     PooledEnsemble,
     Walkers,
-    begun_or_noted,
-    leg_or_noted,
+    begun_or_saved,
+    load_or_run_segment,
 )
-from bayesterra.runtime.checkpoints import Journal, NoJournal, Segment
+from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
@@ -56,11 +56,11 @@ class PoolingOptions:
 
     Attributes
     ----------
-    pilots : sweeps of each pilot run, after which all laws are fitted anew.
+    warm_ups : sweeps of each pilot run, after which all laws are fitted anew.
     lone : adaptation of each group's own sampler.
     """
 
-    pilots: tuple[int, ...] = (30, 60, 120, 240)
+    warm_ups: tuple[int, ...] = (30, 60, 120, 240)
     lone: AdaptationOptions = field(default_factory=AdaptationOptions)
 
 
@@ -92,19 +92,19 @@ class JointSamples:
 
 @dataclass(frozen=True)
 class _Named:
-    """A journal under names of its own."""
+    """Checkpoint store under names of its own."""
 
-    journal: Journal
+    checkpoint_store: CheckpointStore
     prefix: str
 
     def holds(self, name: str) -> bool:
-        return self.journal.holds(f"{self.prefix}-{name}")
+        return self.checkpoint_store.holds(f"{self.prefix}-{name}")
 
     def load(self, name: str) -> Segment | None:
-        return self.journal.load(f"{self.prefix}-{name}")
+        return self.checkpoint_store.load(f"{self.prefix}-{name}")
 
     def save(self, name: str, segment: Segment) -> None:
-        self.journal.save(f"{self.prefix}-{name}", segment)
+        self.checkpoint_store.save(f"{self.prefix}-{name}", segment)
 
 
 def sample_groups(
@@ -113,7 +113,7 @@ def sample_groups(
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
     adaptation: AdaptationOptions | None = None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
 ) -> dict[str, Samples]:
     """Sample each group's posterior alone, under the stated prior: no pooling."""
     ess, steps = min(options.target_ess, LONE_ESS), min(options.max_steps, LONE_STEPS)
@@ -122,7 +122,7 @@ def sample_groups(
     for number, (stream, (group, posterior)) in enumerate(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
     ):
-        own = _Named(journal or NoJournal(), f"group-{number + 1}")
+        own = _Named(checkpoint_store or NoCheckpointStore(), f"group-{number + 1}")
         found[group] = sample(posterior, asked, stream, report, adaptation, own)
         report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
     return found
@@ -134,7 +134,7 @@ def sample_joint(
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
     plan: PoolingOptions | None = None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
 ) -> JointSamples:
     """Sample a joint posterior with independent ensembles; see :mod:`bayesterra.pooling.moves`.
 
@@ -145,17 +145,17 @@ def sample_joint(
     options, report : as for :func:`bayesterra.sampling.sampler.sample`.
     seed : root of all random streams; the draws depend on nothing else, whatever the number of cores.
     plan : size of the adaptation.
-    journal : where every finished adaptation and round is noted. What it holds already is taken from there,
-        and the draws are the same to the last bit as if nothing had been.
+    checkpoint_store : where every finished adaptation and round is saved. What it holds already is taken from
+        there, and the draws are the same to the last bit as if nothing had been.
 
     Raises
     ------
-    ResultError : walkers in the journal have another density here than where they were noted.
+    ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
-    plan, journal = plan or PoolingOptions(), journal or NoJournal()
+    plan, checkpoint_store = plan or PoolingOptions(), checkpoint_store or NoCheckpointStore()
     started, processor = time.perf_counter(), time.process_time()
     alone, *streams = seed.spawn(1 + options.ensembles)
-    lone = sample_groups(joint, options, alone, report, plan.lone, journal)
+    lone = sample_groups(joint, options, alone, report, plan.lone, checkpoint_store)
     apart = time.perf_counter()
     family = JointFamily(joint)
     _ = family.widths  # before threads ask for it
@@ -166,20 +166,20 @@ def sample_joint(
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
         D, L = starting_points(family, chains, rng)
-        ensemble = piloted(family, D, L, options.walkers, plan.pilots, rng, watch.of(number))
+        ensemble = warmed_up(family, D, L, options.walkers, plan.warm_ups, rng, watch.of(number))
         ensemble.counts.accepted.clear()
         ensemble.counts.tried.clear()
         return ensemble
 
     def begun(number: int) -> PooledEnsemble:
-        return begun_or_noted(journal, number + 1, family, partial(piloted_by, number))
+        return begun_or_saved(checkpoint_store, number + 1, family, partial(piloted_by, number))
 
     with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
         report(Progress("adapting", 0.0))
         ensembles = list(pool.map(begun, range(options.ensembles)))
         adapted = time.perf_counter()
         chains, acceptance, diagnosis, ensembles = _produced(
-            family, ensembles, options, pool, report, journal
+            family, ensembles, options, pool, report, checkpoint_store
         )
     moves = _shares(ensembles)
     seconds = {
@@ -208,7 +208,7 @@ def _produced(
     options: SamplingOptions,
     pool: ThreadPoolExecutor,
     report: Callable[[Progress], None],
-    journal: Journal,
+    checkpoint_store: CheckpointStore,
 ) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
     """Rounds of sweeps until the diagnosis passes or the steps run out; also the ensembles that made them.
 
@@ -221,7 +221,7 @@ def _produced(
         number += 1
         length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
         names = [f"joint-{e + 1}-round-{number:04d}" for e in range(len(ensembles))]
-        legs = list(pool.map(leg_or_noted, repeat(journal), names, ensembles, repeat(length)))
+        legs = list(pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length)))
         ensembles = [leg.end.ensemble(family) for leg in legs]
         kept.physical.append(np.array([_physical(family, leg.D, leg.L) for leg in legs]))
         kept.shares.append(np.array([leg.share for leg in legs]))
@@ -381,12 +381,12 @@ def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> La
     return Laws(drivers, tuple(following))
 
 
-def piloted(
+def warmed_up(
     family: Family,
     D: FloatArray,
     L: FloatArray,
     walkers: int,
-    pilots: Sequence[int],
+    warm_ups: Sequence[int],
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
 ) -> PooledEnsemble:
@@ -395,7 +395,7 @@ def piloted(
     Parameters
     ----------
     D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
-    pilots : sweeps of each pilot run, of which the second half is used.
+    warm_ups : sweeps of each pilot run, of which the second half is used.
     watch : told what is at work, step by step.
     """
     watch("first laws")
@@ -404,7 +404,7 @@ def piloted(
     laws = fit_laws(family, D, L, rng)
     start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
     ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
-    for sweeps in pilots:
+    for sweeps in warm_ups:
         watch(f"pilot run of {sweeps} sweeps")
         D, L, _ = ensemble.run(sweeps)
         ensemble = refitted(ensemble, D[sweeps // 2 :], L[sweeps // 2 :])

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: closed segments of arrays on disk, and the journal that a sampler goes on from."""
+"""Checkpoints of a run: closed segments of arrays on disk, and the store that a sampler goes on from."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ SAME_DENSITY = 1e-9
 """Relative difference of log densities above which a run cannot go on from what was saved."""
 
 
-class Journal(Protocol):
+class CheckpointStore(Protocol):
     """Segments by name, whose content depends on nothing but the run; used from several threads."""
 
     def holds(self, name: str) -> bool:
@@ -217,34 +217,34 @@ class Journal(Protocol):
         """Keep a segment; once this returns it survives the process."""
 
 
-class NoJournal:
+class NoCheckpointStore:
     """For runs that nobody means to resume."""
 
     def holds(self, name: str) -> bool:
-        """See :class:`Journal`."""
+        """See :class:`CheckpointStore`."""
         return False
 
     def load(self, name: str) -> Segment | None:
-        """See :class:`Journal`."""
+        """See :class:`CheckpointStore`."""
         return None
 
     def save(self, name: str, segment: Segment) -> None:
-        """See :class:`Journal`."""
+        """See :class:`CheckpointStore`."""
 
 
-def noted(journal: Journal, name: str, kind: type[T], make: Callable[[], T]) -> T:
-    """What the journal has under a name, else what ``make`` gives, which is then saved.
+def load_or_compute(checkpoint_store: CheckpointStore, name: str, kind: type[T], make: Callable[[], T]) -> T:
+    """What the store has under a name, else what ``make`` gives, which is then saved.
 
     Either way it is returned as it reads back, so that a resumed run has no way to go on differently.
     """
-    segment = journal.load(name)
+    segment = checkpoint_store.load(name)
     if segment is not None:
         try:
             return unpack(kind, segment)
         except UNREADABLE:
             pass  # it is whole and of this run, but not what we save: as good as none
     segment = pack(make())
-    journal.save(name, segment)
+    checkpoint_store.save(name, segment)
     return unpack(kind, segment)
 
 

@@ -43,7 +43,7 @@ def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
 
 
 @dataclass(frozen=True)
-class Stand:
+class EnsembleState:
     """Where an ensemble stands: all that its next step depends on.
 
     Attributes
@@ -63,7 +63,7 @@ class Stand:
     gauss: float
 
     @classmethod
-    def of(cls, state: Any) -> Stand:
+    def of(cls, state: Any) -> EnsembleState:
         """Read emcee's state off."""
         return cls(state.coords, state.log_prob, *state.random_state[1:])
 
@@ -75,7 +75,7 @@ class Stand:
 
 
 @dataclass(frozen=True)
-class Leg:
+class Segment:
     """Steps on end, and where they led.
 
     Attributes
@@ -89,7 +89,7 @@ class Leg:
     chain: FloatArray
     log_density: FloatArray
     accepted: FloatArray
-    end: Stand
+    end: EnsembleState
 
 
 class Ensemble:
@@ -106,18 +106,18 @@ class Ensemble:
     def __init__(
         self,
         log_density: LogDensity,
-        start: FloatArray | Stand,
+        start: FloatArray | EnsembleState,
         law: ProposalLaw,
         seed: SeedSequence | None = None,
     ) -> None:
-        if isinstance(start, Stand):
+        if isinstance(start, EnsembleState):
             self._state = start.state()
         else:
             self._state = emcee.State(start.copy(), random_state=RandomState(MT19937(seed)).get_state())
         shape = self._state.coords.shape
         self._density = log_density
         self._sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=frozen_moves(law))
-        self._legs: list[Leg] = []
+        self._legs: list[Segment] = []
 
     def advance(self, steps: int, *, keep: bool = True) -> None:
         """Take ``steps`` steps and append them to the chain, unless they are only to be forgotten."""
@@ -126,14 +126,14 @@ class Ensemble:
         else:
             self._state = self._run(steps, keep=False)
 
-    def leg(self, steps: int) -> Leg:
+    def leg(self, steps: int) -> Segment:
         """The next ``steps`` steps; the ensemble itself stays until it is told to follow."""
         self._sampler.reset()
-        end = Stand.of(self._run(steps, keep=True))
+        end = EnsembleState.of(self._run(steps, keep=True))
         backend = self._sampler.backend
-        return Leg(backend.get_chain(), backend.get_log_prob(), backend.accepted, end)
+        return Segment(backend.get_chain(), backend.get_log_prob(), backend.accepted, end)
 
-    def follow(self, leg: Leg) -> None:
+    def follow(self, leg: Segment) -> None:
         """Append steps to the chain and stand at their end."""
         self._legs.append(leg)
         self._state = leg.end.state()
@@ -142,9 +142,9 @@ class Ensemble:
         return self._sampler.run_mcmc(self._state, steps, store=keep, skip_initial_state_check=True)
 
     @property
-    def stand(self) -> Stand:
+    def stand(self) -> EnsembleState:
         """Where the ensemble stands, once it took a step."""
-        return Stand.of(self._state)
+        return EnsembleState.of(self._state)
 
     def drift(self) -> float:
         """Largest relative difference of the walkers' log densities from what they are when computed anew."""

@@ -49,7 +49,7 @@ class Proposed:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class PosteriorProposal:
     """A posterior, its sampling coordinates, and draws of it in these (n, d)."""
 
     posterior: Posterior
@@ -57,7 +57,7 @@ class Surroundings:
     u: FloatArray
 
     @classmethod
-    def of(cls, posterior: Posterior, draws: FloatArray) -> Surroundings:
+    def of(cls, posterior: Posterior, draws: FloatArray) -> PosteriorProposal:
         """Around posterior draws (n, d), of which ``FITTED`` at most are used."""
         chosen = coordinates(posterior)
         return cls(posterior, chosen, chosen.from_physical(draws[:: max(1, -(-len(draws) // FITTED))]))
@@ -74,7 +74,7 @@ class Surroundings:
         factor: FloatArray = np.asarray(np.linalg.cholesky(steadied), dtype=np.float64)
         return StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
 
-    def afresh(self, densities: Densities, rng: Generator) -> ProposalLaw:
+    def from_prior(self, densities: Densities, rng: Generator) -> ProposalLaw:
         """A proposal for another target over the same parameters, found all the way from the prior."""
         plan = AdaptationOptions()
         start = self.coordinates.from_physical(draw_cut_prior(self.posterior, plan.particles, rng).x)
@@ -98,7 +98,7 @@ def around(u: FloatArray, rng: Generator) -> StudentMixture:
 def refined(start: FloatArray, densities: Densities, rng: Generator) -> ProposalLaw:
     """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
     widths, plan = start.std(axis=0), REFINEMENT
-    first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defence, rng)
+    first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defensive_weight, rng)
     return refine(first, start, widths, densities, plan, rng).proposal
 
 

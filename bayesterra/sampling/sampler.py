@@ -18,12 +18,12 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
-from bayesterra.runtime.checkpoints import Journal, NoJournal, check_drift, noted
+from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import Coordinates, coordinates
-from bayesterra.sampling.ensemble import Ensemble, Leg, Stand
+from bayesterra.sampling.ensemble import Ensemble, EnsembleState, Segment
 from bayesterra.stats.diagnostics import Diagnosis, diagnose, thinning
-from bayesterra.stats.transport import Unbending
+from bayesterra.stats.transport import TransportMap
 from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
@@ -91,18 +91,18 @@ class Target:
         prior, likelihood = self.densities(u)
         return np.where(np.isneginf(prior), -np.inf, prior + likelihood)
 
-    def straightened(self, unbending: Unbending) -> Callable[[FloatArray], FloatArray]:
+    def straightened(self, transport_map: TransportMap) -> Callable[[FloatArray], FloatArray]:
         """Log density (n,) in straight coordinates (n, d)."""
 
         def log_density(v: FloatArray) -> FloatArray:
-            u, log_jacobian = unbending.bend(v)
+            u, log_jacobian = transport_map.forward(v)
             return self.log_density(u) + log_jacobian
 
         return log_density
 
 
 @dataclass(frozen=True)
-class Walk:
+class RunningEnsemble:
     """One ensemble, which moves in its own straightened coordinates, and how it got there."""
 
     target: Target
@@ -113,30 +113,30 @@ class Walk:
     def chain(self) -> FloatArray:
         """Kept draws in physical parameters, (steps, walkers, d)."""
         chain = self.ensemble.chain
-        u, _ = self.adaptation.proposal.unbending.bend(chain.reshape(-1, chain.shape[-1]))
+        u, _ = self.adaptation.proposal.transport_map.forward(chain.reshape(-1, chain.shape[-1]))
         return self.target.coordinates.to_physical(u)[0].reshape(chain.shape)
 
 
 @dataclass(frozen=True)
-class Begun:
+class InitialisedEnsemble:
     """What an ensemble leaves of its adaptation: where it stands then, and the wall time so far (s)."""
 
     adaptation: Adaptation
-    stand: Stand
+    stand: EnsembleState
     seconds: float
 
-    def walk(self, target: Target) -> Walk:
+    def walk(self, target: Target) -> RunningEnsemble:
         """The ensemble that starts there."""
         proposal = self.adaptation.proposal
-        straight = target.straightened(proposal.unbending)
-        return Walk(target, self.adaptation, Ensemble(straight, self.stand, proposal.mixture))
+        straight = target.straightened(proposal.transport_map)
+        return RunningEnsemble(target, self.adaptation, Ensemble(straight, self.stand, proposal.mixture))
 
 
 @dataclass(frozen=True)
-class Round:
+class SamplingRound:
     """What all ensembles did in one round, and the wall time so far (s)."""
 
-    legs: tuple[Leg, ...]
+    legs: tuple[Segment, ...]
     seconds: float
 
 
@@ -161,7 +161,7 @@ def sample(
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
     adaptation: AdaptationOptions | None = None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
 ) -> Samples:
     """Sample a posterior with independent ensembles.
 
@@ -175,18 +175,18 @@ def sample(
     seed : root of all random streams of this call.
     report : called with a :class:`Progress` after each stage and round.
     adaptation : size of the adaptation; default :class:`AdaptationOptions`.
-    journal : where every finished adaptation and round is noted. What it holds already is taken from there,
-        and the draws are the same to the last bit as if nothing had been.
+    checkpoint_store : where every finished adaptation and round is saved. What it holds already is taken from
+        there, and the draws are the same to the last bit as if nothing had been.
 
     Raises
     ------
     StudyError : every parameter is fixed.
-    ResultError : walkers in the journal have another density here than where they were noted.
+    ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
     if not posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
     return sample_target(
-        Target(posterior, coordinates(posterior)), options, seed, report, adaptation, journal
+        Target(posterior, coordinates(posterior)), options, seed, report, adaptation, checkpoint_store
     )
 
 
@@ -196,11 +196,18 @@ def sample_target(
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
     adaptation: AdaptationOptions | None = None,
-    journal: Journal | None = None,
+    checkpoint_store: CheckpointStore | None = None,
 ) -> Samples:
     """Sample any density in coordinates of its own; see :func:`sample`."""
     watch = Steps(report)
-    task = _Task(target, options, adaptation or AdaptationOptions(), journal or NoJournal(), Clock(), watch)
+    task = _Task(
+        target,
+        options,
+        adaptation or AdaptationOptions(),
+        checkpoint_store or NoCheckpointStore(),
+        Clock(),
+        watch,
+    )
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
@@ -249,25 +256,25 @@ class _Task:
     target: Target
     options: SamplingOptions
     plan: AdaptationOptions
-    journal: Journal
+    checkpoint_store: CheckpointStore
     clock: Clock
     watch: Steps
 
-    def begun(self, number: int, stream: SeedSequence) -> Begun:
-        """An adapted ensemble, from the journal where it is there."""
+    def begun(self, number: int, stream: SeedSequence) -> InitialisedEnsemble:
+        """An adapted ensemble, from the checkpoint store where it is there."""
 
-        def adapted() -> Begun:
+        def adapted() -> InitialisedEnsemble:
             return _prepare(self.target, self.options, stream, self.plan, self.clock, self.watch.of(number))
 
-        found = self.journal.holds(name := f"ensemble-{number + 1}")
-        begun = noted(self.journal, name, Begun, adapted)
+        found = self.checkpoint_store.holds(name := f"ensemble-{number + 1}")
+        begun = load_or_compute(self.checkpoint_store, name, InitialisedEnsemble, adapted)
         if found:
             self.clock.resume(begun.seconds)
             _check_densities([begun.walk(self.target)])
         return begun
 
     def produce(
-        self, walks: list[Walk], since: float, pool: Executor, report: Callable[[Progress], None]
+        self, walks: list[RunningEnsemble], since: float, pool: Executor, report: Callable[[Progress], None]
     ) -> tuple[FloatArray, Diagnosis]:
         """Advance all ensembles round by round until the diagnosis passes or the steps run out."""
         steps = number = 0
@@ -276,7 +283,7 @@ class _Task:
             length, number = min(ROUND_STEPS, most - steps), number + 1
             self._round(number, length, walks, pool)
             steps += length
-            if self.journal.holds(f"round-{number + 1:04d}"):
+            if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
             chains = np.array([walk.chain for walk in walks])
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
@@ -287,19 +294,21 @@ class _Task:
             if diagnosis.converged or steps >= most:
                 return chains, diagnosis
 
-    def _round(self, number: int, length: int, walks: list[Walk], pool: Executor) -> None:
-        """Let all ensembles take a round, or follow the one in the journal."""
+    def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> None:
+        """Let all ensembles take a round, or follow the one in the checkpoint store."""
         ensembles = [walk.ensemble for walk in walks]
 
-        def taken() -> Round:
-            return Round(tuple(pool.map(Ensemble.leg, ensembles, repeat(length))), self.clock.elapsed())
+        def taken() -> SamplingRound:
+            return SamplingRound(
+                tuple(pool.map(Ensemble.leg, ensembles, repeat(length))), self.clock.elapsed()
+            )
 
-        found = self.journal.holds(name := f"round-{number:04d}")
-        taken_or_noted = noted(self.journal, name, Round, taken)
-        for ensemble, leg in zip(ensembles, taken_or_noted.legs, strict=True):
+        found = self.checkpoint_store.holds(name := f"round-{number:04d}")
+        taken_or_saved = load_or_compute(self.checkpoint_store, name, SamplingRound, taken)
+        for ensemble, leg in zip(ensembles, taken_or_saved.legs, strict=True):
             ensemble.follow(leg)
         if found:
-            self.clock.resume(taken_or_noted.seconds)
+            self.clock.resume(taken_or_saved.seconds)
             _check_densities(walks)
 
 
@@ -310,7 +319,7 @@ def _prepare(
     plan: AdaptationOptions,
     clock: Clock,
     watch: Callable[[str], None],
-) -> Begun:
+) -> InitialisedEnsemble:
     """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
     adapting, walking = stream.spawn(2)
     rng = default_rng(adapting)
@@ -318,14 +327,14 @@ def _prepare(
     adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng, watch)
     chosen = rng.choice(len(adapted.u), size=options.walkers, replace=False)
     proposal = adapted.proposal
-    start, _ = proposal.unbending.straighten(adapted.u[chosen])
-    ensemble = Ensemble(target.straightened(proposal.unbending), start, proposal.mixture, walking)
+    start, _ = proposal.transport_map.inverse(adapted.u[chosen])
+    ensemble = Ensemble(target.straightened(proposal.transport_map), start, proposal.mixture, walking)
     watch("first steps")
     ensemble.advance(WARM_UP_STEPS, keep=False)
-    return Begun(adapted, ensemble.stand, clock.elapsed())
+    return InitialisedEnsemble(adapted, ensemble.stand, clock.elapsed())
 
 
-def _check_densities(walks: list[Walk]) -> None:
+def _check_densities(walks: list[RunningEnsemble]) -> None:
     check_drift(max(walk.ensemble.drift() for walk in walks))
 
 
@@ -333,7 +342,7 @@ PRIOR_DRAWS = 4000
 
 
 @dataclass(frozen=True)
-class Kept:
+class ThinnedDraws:
     """Near-independent draws of all ensembles.
 
     Attributes
@@ -357,7 +366,7 @@ class Kept:
         return self.flat[:: max(1, -(-len(self.flat) // most))]
 
 
-def keep(chains: FloatArray) -> Kept:
+def thin(chains: FloatArray) -> ThinnedDraws:
     """Thin chains (ensembles, steps, walkers, d) to near independence and lay them walker after walker."""
     every = thinning(np.ascontiguousarray(np.moveaxis(chains, -1, 0)))
     thinned = chains[:, ::every].swapaxes(1, 2)
@@ -367,7 +376,7 @@ def keep(chains: FloatArray) -> Kept:
         "walker": np.tile(walker, (ensembles, 1)),
         "step": np.tile(step * every, (ensembles, 1)),
     }
-    return Kept(thinned.reshape(ensembles, walkers * steps, d), labels, every)
+    return ThinnedDraws(thinned.reshape(ensembles, walkers * steps, d), labels, every)
 
 
 def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -27,7 +27,15 @@ from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import evidence
-from bayesterra.sampling.sampler import PRIOR_DRAWS, Kept, Progress, Samples, Target, keep, sample_target
+from bayesterra.sampling.sampler import (
+    PRIOR_DRAWS,
+    Progress,
+    Samples,
+    Target,
+    ThinnedDraws,
+    sample_target,
+    thin,
+)
 from bayesterra.sampling.summary import summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
@@ -141,7 +149,7 @@ def analyse(
     prior = draw_cut_prior(posterior, PRIOR_DRAWS, default_rng(drawing))
     target = Target(posterior, coordinates(posterior))
     samples = sample_target(target, test.sampling, sampling, report, adaptation=plan)
-    kept = keep(samples.chains)
+    kept = thin(samples.chains)
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     left_out = failures.attempt(
         "left_out",
@@ -170,7 +178,7 @@ class _Parts:
     posterior: TestPosterior
     prior: PriorDraws
     samples: Samples
-    kept: Kept
+    kept: ThinnedDraws
     left_out: LeftOut
     fitted: Fitted
     failures: Failures

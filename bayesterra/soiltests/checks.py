@@ -139,7 +139,7 @@ def _all_curves(readings: Readings, start: Mapping[str, float]) -> dict[str, flo
     return {"c": float(found[0] * top), "phi": float(found[1]), "K": float(np.exp(found[2]))}
 
 
-PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
+PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), added_components=12)
 """Posteriors of soil tests are simple in their coordinates: a smaller adaptation than that of wheels is
 enough."""
 

@@ -38,14 +38,14 @@ from bayesterra.report.figures import TAIL, Axis
 from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
 from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.terminal import PlainConsole, print_failures
-from bayesterra.soiltests import figures
+from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.schema import QUANTITIES as SOIL_TEST_QUANTITIES
 from bayesterra.study.page import StripRow, axis_end, keys
 from bayesterra.study.page import drawing as strip_drawing
-from bayesterra.study.result import Row
+from bayesterra.study.result import SummaryRow
 
 CHECK = "units, plate sizes or normal stresses, and priors"
 
@@ -198,10 +198,10 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
     )
 
 
-def summary_row_of(result: SoilTestResult, name: str) -> Row:
+def summary_row_of(result: SoilTestResult, name: str) -> SummaryRow:
     """The row of the summary of a parameter."""
     found = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
-    return Row(**{field.name: float(found[field.name]) for field in fields(Row)})
+    return SummaryRow(**{field.name: float(found[field.name]) for field in fields(SummaryRow)})
 
 
 def _axis(result: SoilTestResult, name: str) -> Axis:
@@ -248,7 +248,9 @@ def _readings(result: SoilTestResult) -> Section:
         f"{data} readings that are used (black, one line for each test), the mean curve (line: posterior "
         f"median), and what new tests would read (bands: 50 and 90 %, test-to-test scatter included).{scale}"
     )
-    picture = drawing(figures.readings(result), "Readings of every test with the bands of new tests")
+    picture = drawing(
+        soiltests_figures.readings(result), "Readings of every test with the bands of new tests"
+    )
     notes = tuple(Text(f"{note}.") for note in (*result.test.notes, *result.record["fits"]["notes"]))
     return Section("readings", "Readings", (Text(LAWS[kind]), Gallery("whole", (picture,), caption), *notes))
 
@@ -278,7 +280,9 @@ def _tests(result: SoilTestResult) -> Section:
     said = Markup("p values of the checks; {} is an alarm, as there are {} of them.").format(
         f"one below {ALARM / max(len(checks), 1):.3g}", len(checks)
     )
-    picture = drawing(figures.left_out(result), "Level and slope of every test within its prediction")
+    picture = drawing(
+        soiltests_figures.left_out(result), "Level and slope of every test within its prediction"
+    )
     caption = (
         "Where each test lies in its prediction from the others. Right predictions scatter evenly over the "
         "height; grey: the middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
@@ -308,7 +312,9 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 def _parameters(result: SoilTestResult) -> Section:
     pairs = combinations([name for name in result.test.soil if name in result.names], 2)
     pictures = tuple(
-        photograph(figures.pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}")
+        photograph(
+            soiltests_figures.pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}"
+        )
         for a, b in pairs
     )
     caption = (

@@ -27,7 +27,7 @@ WIDENING = 1.3
 
 
 @dataclass(frozen=True)
-class Known:
+class EvaluatedPoints:
     """A target, and points that cover it.
 
     Attributes
@@ -41,7 +41,9 @@ class Known:
     log_target: Callable[[FloatArray], FloatArray]
 
 
-def shored(proposal: Proposal, known: Known, rng: Generator, *, components: int, draws: int) -> Proposal:
+def add_components(
+    proposal: Proposal, known: EvaluatedPoints, rng: Generator, *, components: int, draws: int
+) -> Proposal:
     """Add components to a proposal where its importance weights are greatest.
 
     Parameters
@@ -51,13 +53,13 @@ def shored(proposal: Proposal, known: Known, rng: Generator, *, components: int,
     """
     if not components:
         return proposal
-    straight, share = proposal.unbending, SHARE / components
+    straight, share = proposal.transport_map, SHARE / components
     mixture = _thinned(proposal.mixture, 1.0 - SHARE)
     points = _Points.of(proposal, mixture, known.u, known.level)
     for _ in range(components):
         one = points.component()
         mixture = _with(mixture, one, share)
-        u, _ = straight.bend(one.sample(draws, rng))
+        u, _ = straight.forward(one.sample(draws, rng))
         fresh = _Points.of(proposal, mixture, u, known.log_target(u))
         points = points.with_component(one, share).joined(fresh)
     return Proposal(straight, mixture)
@@ -89,7 +91,7 @@ class _Points:
     def of(
         cls, proposal: Proposal, mixture: StudentMixture, u: FloatArray, log_target: FloatArray
     ) -> _Points:
-        v, log_jacobian = proposal.unbending.straighten(u)
+        v, log_jacobian = proposal.transport_map.inverse(u)
         level = log_target + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
         return cls(v[inside], level[inside], mixture.log_density(v[inside]), mixture.dof)

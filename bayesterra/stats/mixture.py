@@ -160,7 +160,9 @@ def fit_mixture(
     )
 
 
-def defended(mixture: StudentMixture, u: FloatArray, weights: FloatArray, share: float) -> StudentMixture:
+def with_defensive_component(
+    mixture: StudentMixture, u: FloatArray, weights: FloatArray, share: float
+) -> StudentMixture:
     """Add one wide component over all weighted points, so that nothing near them is proposed too rarely."""
     weights = weights / weights.sum()
     centre = weights @ u

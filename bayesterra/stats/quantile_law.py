@@ -30,7 +30,7 @@ LEAST = 3
 
 
 @dataclass(frozen=True)
-class Tabulated(Law):
+class QuantileLaw(Law):
     """A law on ``[lower, upper]`` with given values at given normal scores.
 
     Parameters
@@ -115,12 +115,12 @@ class Tabulated(Law):
         """Value above which the probability is ``q`` (any shape)."""
         return self.at_score(-ndtri(q))
 
-    def widened(self, factor: float) -> Tabulated:
+    def widened(self, factor: float) -> QuantileLaw:
         """The law whose values at scores z are those of this one at ``factor`` · z, at the same scores."""
         if factor == 1.0:
             return self
         values = [float(f"{value:.6g}") for value in self.at_score(factor * np.array(self.scores))]
-        return Tabulated(
+        return QuantileLaw(
             lower=self.lower,
             upper=self.upper,
             source=self.source,

@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.models.kernels import compiled
-from bayesterra.stats.mixture import RandomSource, StudentMixture, defended, fit_mixture
+from bayesterra.stats.mixture import RandomSource, StudentMixture, fit_mixture, with_defensive_component
 
 
 @compiled
@@ -21,7 +21,7 @@ def move(
     coefficients: FloatArray,
     spreads: FloatArray,
     limits: tuple[float, float],
-    straighten: bool,
+    inverse: bool,
     out: FloatArray,
     log_jacobian: FloatArray,
 ) -> None:
@@ -29,7 +29,7 @@ def move(
 
     Bent z_j = g_j + exp(h_j) v_j, with polynomials g_j and linear h_j of the bent coordinates before j: these
     are in ``points`` where the map straightens, in ``out``, where they have just been made, where it bends.
-    Terms as in ``unbending._features``; ``limits``: reach of the coordinates, and of the slopes of h_j.
+    Terms as in ``_features``; ``limits``: reach of the coordinates, and of the slopes of h_j.
     """
     d = points.shape[1]
     reach, most = limits
@@ -49,7 +49,7 @@ def move(
                     products += 1
             h = spreads[linear] + min(max(h, -most), most)
             first, linear = cubes + position, linear + 1 + position
-            if straighten:
+            if inverse:
                 bent = points[row, j]
                 out[row, j] = (bent - g) * math.exp(-h)
             else:
@@ -71,7 +71,7 @@ ROUNDS, HEAVY = 8, 4.0
 
 
 @dataclass(frozen=True)
-class Unbending:
+class TransportMap:
     """An invertible map u → v that takes from each coordinate what the ones before it predict.
 
     v_j = (z_j − g_j) exp(−h_j), z = (u − centre)/scale, with g_j a quadratic polynomial with pure cubes and
@@ -91,21 +91,21 @@ class Unbending:
     coefficients: tuple[FloatArray, ...]
     spreads: tuple[FloatArray, ...]
 
-    def straighten(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straight coordinates v (n, d) of points u (n, d), and log |du/dv| (n,)."""
         z = np.ascontiguousarray((u - self.centre) / self.scale)
-        return self._moved(z, straighten=True)
+        return self._moved(z, inverse=True)
 
-    def bend(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points u (n, d) of straight coordinates v (n, d), and log |du/dv| (n,)."""
-        z, log_jacobian = self._moved(np.ascontiguousarray(v), straighten=False)
+        z, log_jacobian = self._moved(np.ascontiguousarray(v), inverse=False)
         return self.centre + self.scale * z, log_jacobian
 
-    def _moved(self, points: FloatArray, *, straighten: bool) -> tuple[FloatArray, FloatArray]:
+    def _moved(self, points: FloatArray, *, inverse: bool) -> tuple[FloatArray, FloatArray]:
         pass  # numba is heavy: only where it is needed
 
         out, log_jacobian = np.empty(points.shape), np.empty(len(points))
-        move(points, *self._packed, (REACH, MOST), straighten, out, log_jacobian)
+        move(points, *self._packed, (REACH, MOST), inverse, out, log_jacobian)
         return out, log_jacobian + self._log_scale
 
     @cached_property
@@ -135,7 +135,7 @@ def _features(z: FloatArray) -> FloatArray:
     return np.concatenate([np.ones((len(near), 1)), near, products, near**3], axis=1)
 
 
-def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray, given: int = 0) -> Unbending:
+def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, given: int = 0) -> TransportMap:
     """Fit the map to weighted points (n, d) by ridge regression.
 
     Parameters
@@ -164,7 +164,7 @@ def fit_unbending(u: FloatArray, weights: FloatArray, widths: FloatArray, given:
         spreads.append(_spreads(before, residual, weights))
         even = weights * np.exp(-2.0 * _log_spread(before, spreads[-1]))
         coefficients.append(_least_squares(terms, z[:, j], even / even.sum()))
-    return Unbending(order, centre, scale, tuple(coefficients), tuple(spreads))
+    return TransportMap(order, centre, scale, tuple(coefficients), tuple(spreads))
 
 
 def _least_squares(terms: FloatArray, values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -199,24 +199,29 @@ def _spreads(before: FloatArray, residual: FloatArray, weights: FloatArray) -> F
 class Proposal:
     """A mixture in straight coordinates, drawn from and evaluated in the bent ones."""
 
-    unbending: Unbending
+    transport_map: TransportMap
     mixture: StudentMixture
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points u (n, d)."""
-        return self.unbending.bend(self.mixture.sample(n, random))[0]
+        return self.transport_map.forward(self.mixture.sample(n, random))[0]
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points u (n, d)."""
-        v, log_jacobian = self.unbending.straighten(u)
+        v, log_jacobian = self.transport_map.inverse(u)
         return self.mixture.log_density(v) - log_jacobian
 
 
 def fit_proposal(
-    u: FloatArray, weights: FloatArray, widths: FloatArray, components: int, defence: float, rng: Generator
+    u: FloatArray,
+    weights: FloatArray,
+    widths: FloatArray,
+    components: int,
+    defensive_weight: float,
+    rng: Generator,
 ) -> Proposal:
     """Straighten weighted points (n, d), fit a mixture to them and add a wide component."""
-    unbending = fit_unbending(u, weights, widths)
-    straight, _ = unbending.straighten(u)
+    transport_map = fit_transport_map(u, weights, widths)
+    straight, _ = transport_map.inverse(u)
     mixture = fit_mixture(straight, weights, components, rng)
-    return Proposal(unbending, defended(mixture, straight, weights, defence))
+    return Proposal(transport_map, with_defensive_component(mixture, straight, weights, defensive_weight))

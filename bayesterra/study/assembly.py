@@ -28,7 +28,7 @@ from bayesterra.study.priors import LOAD_EFFECT_SETS, PRIOR_SETS, Entry, Prior, 
 from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
 
 if TYPE_CHECKING:
-    from bayesterra.study.previous import Taken
+    from bayesterra.study.previous import PosteriorPrior
 
 
 DEFAULT_PRIOR_SET = "paper-box"
@@ -60,7 +60,7 @@ class StatedSoil:
 
     entries: SoilPrior
     correlation: Mapping[str, float]
-    taken: tuple[Taken, ...]
+    taken: tuple[PosteriorPrior, ...]
     notes: tuple[str, ...]
 
 
@@ -103,7 +103,7 @@ def soil_prior(given: StatedPriors, model: str, *, constant_exponent: bool) -> S
     return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, found, tuple(notes))
 
 
-def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Taken, ...]:
+def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
     """Joint laws from earlier results of what has use for them: not of the ``idle`` parameters."""
     if not given.sources:
         return ()

@@ -22,7 +22,7 @@ from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.stats.laws import Law
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.groups import Pooling, described
 from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple, Size
 from bayesterra.study.model_errors import described as errors_described
@@ -185,7 +185,7 @@ def law_entry(law: Law, dimension: str) -> dict[str, object]:
     """Location, scale and limits have the unit of the parameter, shape arguments have none."""
     known: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
     rows: dict[str, object] = {}
-    if isinstance(law, Tabulated):
+    if isinstance(law, QuantileLaw):
         rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
     dimensional = ("loc", "scale", "lower", "upper")
     values = {

@@ -12,7 +12,7 @@ from scipy import stats
 from bayesterra.errors import StudyError, checked_text, did_you_mean, suggestion
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.stats.laws import RANGED, Law
-from bayesterra.stats.quantile_law import TABULATED, Tabulated
+from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Source, Tie
 from bayesterra.study.units import quantity
@@ -98,7 +98,7 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
         raise StudyError(f"'{name}': {error}") from error
 
 
-def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Tabulated:
+def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> QuantileLaw:
     """A law by the values at its normal scores."""
     source = _source(name, entry)
     for key in entry:
@@ -115,7 +115,7 @@ def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) 
         key: quantity(entry[key], dimension, f"{name}.{key}", bare=bare) for key in _LIMITS if key in entry
     }
     try:
-        return Tabulated(source=source, scores=columns["scores"], values=columns["values"], **limits)
+        return QuantileLaw(source=source, scores=columns["scores"], values=columns["values"], **limits)
     except StudyError as error:
         raise StudyError(f"'{name}': {error}") from error
 

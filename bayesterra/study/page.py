@@ -14,8 +14,8 @@ from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, densi
 from bayesterra.report.numbers import given, interval, plain
 from bayesterra.report.symbols import amount
 from bayesterra.stats.laws import RANGED, Law
-from bayesterra.stats.quantile_law import Tabulated
-from bayesterra.study.result import Result, Row
+from bayesterra.stats.quantile_law import QuantileLaw
+from bayesterra.study.result import Result, SummaryRow
 
 
 def axis(result: Result, name: str) -> Axis:
@@ -95,7 +95,7 @@ def axis_end(value: float, along: Axis) -> str:
 def drawing(
     draws: tuple[FloatArray, FloatArray],
     along: Axis,
-    row: Row,
+    row: SummaryRow,
     points: Mapping[str, float],
     hollow: Sequence[str] = (),
 ) -> Markup:
@@ -127,7 +127,7 @@ def drawing(
     )  # fmt: skip
 
 
-def _alternative(row: Row) -> str:
+def _alternative(row: SummaryRow) -> str:
     return f"posterior median {plain(row.median)}, 90 % HDI {interval(*row.hdi)}, mode {plain(row.mode)}"
 
 
@@ -186,7 +186,7 @@ def law_text(name: str, law: Law) -> Markup:
     'uniform on 0 to 50&nbsp;deg'
     """
     scale = PARAMETERS[name].scale
-    if isinstance(law, Tabulated):
+    if isinstance(law, QuantileLaw):
         low, middle, high = (plain(value / scale, 4) for value in law.quantile(np.array([0.05, 0.5, 0.95])))
         return Markup("tabulated (median {}, 90 % in {} to {})").format(middle, low, amount(name, high))
     limits = (law.lower / scale, law.upper / scale)

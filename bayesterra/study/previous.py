@@ -24,7 +24,7 @@ from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.diagnostics import array_ess, rank_scores
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
 from bayesterra.study.schema import read_toml
@@ -81,7 +81,7 @@ class Fidelity:
 
 
 @dataclass(frozen=True)
-class Taken:
+class PosteriorPrior:
     """A joint law from an earlier result.
 
     Attributes
@@ -100,7 +100,7 @@ class Taken:
     take: Mapping[str, str]
     widen: float
     draws: float
-    laws: Mapping[str, Tabulated]
+    laws: Mapping[str, QuantileLaw]
     correlation: Mapping[str, float]
     fidelity: Fidelity
     notes: tuple[str, ...]
@@ -119,7 +119,7 @@ class Taken:
         }
 
 
-def taken(source: Source, known: tuple[str, ...] = PRIOR_PARAMETERS) -> Taken:
+def taken(source: Source, known: tuple[str, ...] = PRIOR_PARAMETERS) -> PosteriorPrior:
     """The joint law that a study takes from an earlier result; ``known`` are the parameters it may have.
 
     Raises
@@ -149,7 +149,7 @@ def taken(source: Source, known: tuple[str, ...] = PRIOR_PARAMETERS) -> Taken:
     pairs = combinations(enumerate(laws), 2)
     correlation = {entries.pair(a, b): round(float(matrix[i, j]), 6) for (i, a), (j, b) in pairs}
     notes = tuple(_notes(drawn, take, fidelity))
-    return Taken(drawn.label, take, source.widen, size, laws, correlation, fidelity, notes)
+    return PosteriorPrior(drawn.label, take, source.widen, size, laws, correlation, fidelity, notes)
 
 
 def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
@@ -212,7 +212,7 @@ def _dimension(name: str, unit: str) -> str | None:
 
 def _law(
     here: str, there: str, draws: FloatArray, stated: tuple[float, float] | None, size: float, text: str
-) -> Tabulated:
+) -> QuantileLaw:
     """The law of one parameter, within its physical range and that of the earlier prior."""
     physical = (0.0, np.inf) if here.startswith(SIZES) else PHYSICAL.get(here, (-np.inf, np.inf))
     low, high = (-np.inf, np.inf) if stated is None else stated
@@ -221,7 +221,7 @@ def _law(
     scores = np.concatenate([-beyond[::-1], [0.0], beyond])
     values = [float(f"{value:.6g}") for value in np.quantile(draws, ndtr(scores))]
     try:
-        return Tabulated(
+        return QuantileLaw(
             lower=max(low, physical[0]),
             upper=min(high, physical[1]),
             source=text,

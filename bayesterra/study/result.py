@@ -128,7 +128,7 @@ def soil_columns(names: tuple[str, ...]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Row:
+class SummaryRow:
     """A row of the summary, field units."""
 
     mode: float
@@ -153,7 +153,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Found:
+class IdentifiabilityRow:
     """A row of the identifiability table."""
 
     verdict: str
@@ -172,16 +172,18 @@ class Found:
         return self.tied_to if self.verdict == "coupled" and abs(self.tie) >= COUPLED else ""
 
 
-def summary_rows(result: Result) -> dict[str, Row]:
+def summary_rows(result: Result) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
-    names = [field.name for field in fields(Row)]
-    return {name: Row(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)}
+    names = [field.name for field in fields(SummaryRow)]
+    return {
+        name: SummaryRow(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)
+    }
 
 
-def found_rows(result: Result) -> dict[str, Found]:
+def identifiability_rows(result: Result) -> dict[str, IdentifiabilityRow]:
     """Rows of the identifiability table by parameter, in its order."""
     return {
-        name: Found(
+        name: IdentifiabilityRow(
             str(row["verdict"]),
             float(row["contraction"]),
             str(row["partner"]),

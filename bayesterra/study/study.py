@@ -26,7 +26,7 @@ from bayesterra.study.priors import Entry, Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
 
 if TYPE_CHECKING:
-    from bayesterra.study.previous import Taken
+    from bayesterra.study.previous import PosteriorPrior
 
 
 STUDY_FILE = "study.toml"
@@ -82,7 +82,7 @@ class Study:
     noise: Mapping[str, Noise]
     errors: ModelErrors
     prior: Prior
-    taken: tuple[Taken, ...]
+    taken: tuple[PosteriorPrior, ...]
     least_squares: LeastSquaresOptions
     published: Reference | None
     truth: Reference | None

@@ -28,7 +28,7 @@ from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.parallel import chosen, completed
 from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.sampler import keep
+from bayesterra.sampling.sampler import thin
 from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.schema import SamplingOptions
 
@@ -57,7 +57,8 @@ class Sizes:
 FITS = (Sizes(), Sizes(max_steps=400))
 """A fit, and a longer one where that was not enough."""
 SMALL = PoolingOptions(
-    (15, 30, 60), AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), shores=4)
+    (15, 30, 60),
+    AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), added_components=4),
 )
 LONG_FITS = SamplingOptions(target_ess=ENOUGH, walkers=64, max_steps=4000)
 """A last one, with the usual adaptation."""
@@ -125,7 +126,7 @@ def replication(study: bt.Study, number: int) -> dict[str, Any]:
     found = samples.diagnosis
     good = sufficient(found)
     rng = default_rng(ranking)
-    both = np.concatenate([truth, spaced(keep(samples.chains).flat, rng)])
+    both = np.concatenate([truth, spaced(thin(samples.chains).flat, rng)])
     columns = dict(zip(joint.names, both.T, strict=True)) | {"log_density": joint.log_density(both)}
     return {
         "task": number,

@@ -20,7 +20,7 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import CalibrationResult, Job, Progress, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, CalibrationResult, Progress, calibrate_study
 from bayesterra.checking.replications import Fit, Fitted, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 
@@ -142,7 +142,9 @@ def run(case: str) -> CalibrationResult:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    found = calibrate_study(Job(todo.study, todo.n, fit=todo.fit), out, resume=True, quiet=True, watch=note)
+    found = calibrate_study(
+        CalibrationRequest(todo.study, todo.n, fit=todo.fit), out, resume=True, quiet=True, watch=note
+    )
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
     table.to_csv(out / "memory.csv", index=False, float_format="%.1f")
     return found

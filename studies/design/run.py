@@ -17,7 +17,7 @@ from numpy.random import Generator, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.design.candidates import Candidate, Situation, Wishes, candidates, readings_of
+from bayesterra.design.candidates import Candidate, CandidateOptions, Situation, candidates, readings_of
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M1
@@ -42,7 +42,7 @@ MORE = 4
 ADDITIONS, SETS = 200, 54
 """Replications."""
 NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
-PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), shores=12)
+PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), added_components=12)
 DRAWS = 8192
 
 # Ding et al. 2015, Tables 1 and 10: r [mm], b [m], h [mm], lugs; c1, c2, K_s [kPa], n0, n1, c [kPa], φ [deg],
@@ -131,7 +131,9 @@ def posterior_of(study: bt.Study, rng: Generator) -> Weighted:
     return Weighted(density, target.coordinates.to_physical(u[inside])[0], log_weights[inside])
 
 
-def recommended(study: bt.Study, known: Weighted, wishes: Wishes, rng: Generator, **how: Any) -> Design:
+def recommended(
+    study: bt.Study, known: Weighted, wishes: CandidateOptions, rng: Generator, **how: Any
+) -> Design:
     """Rows recommended for c and φ."""
     situation = Situation(study, known.density, known.draws(1000, rng), "posterior")
     return choose(situation, candidates(study, wishes), ABOUT, seed=int(rng.integers(2**31)), **how)
@@ -142,7 +144,7 @@ def addition(run: int) -> dict[str, Any]:
     rng, name = default_rng((1, run)), list(WHEELS)[run % len(WHEELS)]
     study = simulated(name, np.array(DRIVEN), rng)
     known = posterior_of(study, rng)
-    design = recommended(study, known, Wishes(slips=GRID), rng)
+    design = recommended(study, known, CandidateOptions(slips=GRID), rng)
     after = np.array([_after(study, known, one, rng) for one in design.candidates])
     best, middle = after[design.ranking.best], np.median(after, axis=0)
     gains = np.array([one.values[0] for one in design.ranking.estimates])
@@ -177,7 +179,7 @@ def sets(run: int) -> dict[str, Any]:
     rng, name = default_rng((2, run)), list(WHEELS)[run % len(WHEELS)]
     study = simulated(name, np.array(DRIVEN), rng)
     known = posterior_of(study, rng)
-    designs = {by: recommended(study, known, Wishes(), rng, number=MORE, by=by) for by in CRITERIA}
+    designs = {by: recommended(study, known, CandidateOptions(), rng, number=MORE, by=by) for by in CRITERIA}
     slips = {by: np.sort([float(one.slip[0]) for one in found.chosen]) for by, found in designs.items()}
     grid = [float(one.slip[0]) for one in designs["sd"].candidates]
     slips["even"] = np.linspace(min(grid), max(grid), MORE)
@@ -203,7 +205,7 @@ def estimator(run: int) -> dict[str, Any]:
     ][run]
     study = _three_parameters(noise)
     density = bt.posterior(study)
-    (candidate,) = candidates(study, Wishes(slips=[slip]))
+    (candidate,) = candidates(study, CandidateOptions(slips=[slip]))
     gain, error = nested_gain(study, density, candidate, about, default_rng(run), Sizes(2000, 600))
     x = draw_cut_prior(density, 2000, default_rng((3, run))).x
     design = choose(Situation(study, density, x, "prior"), [candidate], about)

@@ -23,7 +23,7 @@ from trials import (
     rng_of,
 )
 
-from bayesterra.checking.calibration import Job, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.errors import ResultError
 from bayesterra.runtime.engines import local_pool
 from bayesterra.runtime.tasks import TaskStore
@@ -47,7 +47,7 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
     """What is disturbed, by name; ``made`` has two results."""
     study, one = quick_study(made / "study"), one_study(made / "study-of-one")
     rows = [_first_rows(one, n, made / f"rows-{n}.csv") for n in range(1, ROWS + 1)]
-    job = Job(load_study(one), REPLICATIONS, seed=1, fit=on_a_grid)
+    job = CalibrationRequest(load_study(one), REPLICATIONS, seed=1, fit=on_a_grid)
     calibrate = ("calibrate", one, "-n", REPLICATIONS, "--workers", 1, "--quiet", "--resume")
     follow = [
         _into("follow", one, "--data", path, "--particles", 200, "--quiet", "--overwrite") for path in rows
@@ -116,7 +116,7 @@ def _first_rows(study: Path, number: int, to: Path) -> Path:
     return to
 
 
-def _with_workers(job: Job) -> Job:
+def _with_workers(job: CalibrationRequest) -> CalibrationRequest:
     return replace(job, engine=local_pool(2))
 
 

@@ -21,7 +21,7 @@ from trials import HIT, Process, Table, emptied, kept_replications, on_a_grid, o
 
 import bayesterra as bt
 from bayesterra.analysis.run import load_result
-from bayesterra.checking.calibration import Job, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.checking.ranks import Calibration
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints
@@ -62,7 +62,7 @@ def savings(made: Path) -> dict[str, Saving]:
     second = load_result(made / "r2")
     streams = [_stream(made, rows) for rows in (1, 2)]
     study = load_study(one_study(made / "study-of-one"))
-    job = Job(study, 20, seed=2, fit=on_a_grid)
+    job = CalibrationRequest(study, 20, seed=2, fit=on_a_grid)
 
     def save_result(folder: Path, overwrite: bool = False) -> int:
         second.save(folder / "out", overwrite=overwrite)

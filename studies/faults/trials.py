@@ -27,7 +27,8 @@ import numpy as np
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.__main__ import main
-from bayesterra.analysis import inference, page, storage
+from bayesterra.analysis import inference, storage
+from bayesterra.analysis import page as analysis_pages
 from bayesterra.checking import calibration_page
 from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
@@ -102,7 +103,7 @@ def make_quick() -> None:
     vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
     vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     vars(storage)["check_record"] = lambda record: None  # which now lacks the checks
-    vars(page)["html_and_failures"] = lambda _: ("report\n", Failures())
+    vars(analysis_pages)["html_and_failures"] = lambda _: ("report\n", Failures())
     vars(calibration_page)["calibration_html"] = lambda _: "report\n"
     type.__setattr__(ShortRuns, "__call__", lambda self, study, seed: on_a_grid(study, seed))
     warm_up()

@@ -14,12 +14,12 @@ from scipy.stats import chi2
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import CrossValidation, leave_one_out
-from bayesterra.checking.point_estimates import stand
+from bayesterra.checking.point_estimates import locate
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import Evidence, evidence
 from bayesterra.sampling.mode import find_mode
-from bayesterra.sampling.sampler import Target, keep, sample
+from bayesterra.sampling.sampler import Target, sample, thin
 from bayesterra.study.schema import SamplingOptions
 
 OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=8000)
@@ -74,7 +74,7 @@ class Found:
         inside = [name for name, good in zip(self.names, (x >= low) & (x <= high), strict=True) if good]
         away = x - self.draws.mean(axis=0)
         squared = float(away @ np.linalg.solve(np.cov(self.draws.T), away))
-        found = stand(self.density, self.draws, self.levels, {method: values})[method]
+        found = locate(self.density, self.draws, self.levels, {method: values})[method]
         return {
             "method": method,
             "inside": len(inside),
@@ -93,7 +93,7 @@ def infer(study: bt.Study, seed: int = 1, *, loo: bool = True) -> Found:
     sampling, weighing, leaving = SeedSequence(seed).spawn(3)
     adaptation = AdaptationOptions(particles=PARTICLES[study.drive])
     samples = sample(density, OPTIONS, sampling, adaptation=adaptation)
-    kept = keep(samples.chains)
+    kept = thin(samples.chains)
     laws = [one.proposal for one in samples.adaptations]
     return Found(
         density,

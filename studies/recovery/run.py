@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.checking.point_estimates import stand
+from bayesterra.checking.point_estimates import locate
 from bayesterra.models import MODELS
-from bayesterra.sampling.sampler import keep, sample
+from bayesterra.sampling.sampler import sample, thin
 
 HERE = Path(__file__).parent
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6])
@@ -73,10 +73,10 @@ def credible_level(study: bt.Study, seed: int) -> tuple[float, bool]:
     """Share of draws denser than the truth, and whether the sampling converged."""
     density = bt.posterior(study)
     samples = sample(density, study.sampling, np.random.SeedSequence(seed))
-    draws = keep(samples.chains).flat
+    draws = thin(samples.chains).flat
     assert study.truth is not None
     points = {"truth": study.truth.values}
-    standing = stand(density, draws, density.log_density(draws), points)["truth"]
+    standing = locate(density, draws, density.log_density(draws), points)["truth"]
     return standing.credible_level, samples.diagnosis.converged
 
 

@@ -26,7 +26,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.checking.calibration import Job, calibrate_study, calibration_of
+from bayesterra.checking.calibration import CalibrationRequest, calibrate_study, calibration_of
 from bayesterra.checking.replications import Fitted
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.runtime.folders import part_of
@@ -140,7 +140,7 @@ def work(name: str, out: Path, n: int) -> None:
     watch, known = Watch(name, out), finished_tasks(part_of(out) / WORK / STORE_FILE)
     with bt.local_pool(WORKERS) as engine:
         if name == "m2":
-            job = Job(study(), n, engine=engine, fit=WeighedPrior())
+            job = CalibrationRequest(study(), n, engine=engine, fit=WeighedPrior())
             calibrate_study(
                 job, out, resume=True, quiet=True, watch=lambda now: watch(now.done, now.done - known)
             )

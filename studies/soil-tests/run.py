@@ -30,7 +30,7 @@ from bayesterra.identifiability import structure
 from bayesterra.identifiability.verdicts import identifiability
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
-from bayesterra.sampling.sampler import Target, keep, sample, sample_target
+from bayesterra.sampling.sampler import Target, sample, sample_target, thin
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import PLAN
 from bayesterra.soiltests.figures import readings_png
@@ -86,7 +86,7 @@ def verdicts_of(test: SoilTest, seed: int) -> tuple[pd.DataFrame, np.ndarray, bo
     samples = sample_target(
         Target(posterior, coordinates(posterior)), SHORT, SeedSequence(seed), adaptation=PLAN
     )
-    prior, draws = draw_cut_prior(posterior, 4000, default_rng(seed)).x, keep(samples.chains).flat
+    prior, draws = draw_cut_prior(posterior, 4000, default_rng(seed)).x, thin(samples.chains).flat
     seen = np.ones(len(posterior.names), dtype=bool)
     seen[:3] = structural(test.readings, posterior.soil(prior[:300]), np.ones(3, dtype=bool))
     laws = posterior.prior
@@ -177,7 +177,7 @@ def wheels_of(which: str, seed: int) -> list[dict[str, Any]]:
     posterior = bt.posterior(wheel_study(WIDTHS[which], seed))
     prior = draw_cut_prior(posterior, 4000, default_rng(seed)).x
     samples = sample(posterior, SHORT, SeedSequence(seed))
-    draws = keep(samples.chains).flat
+    draws = thin(samples.chains).flat
     seen = structure.structure(posterior, prior[: structure.DRAWS])
     ranges = [law.range for law in posterior.prior.laws.values()]
     found = identifiability(

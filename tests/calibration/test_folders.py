@@ -13,7 +13,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking.calibration import CalibrationResult, Job, Progress, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, CalibrationResult, Progress, calibrate_study
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
 from bayesterra.runtime.tasks import TaskStore, finished_tasks
@@ -35,12 +35,12 @@ def stop_at(number: int) -> Callable[[Progress], None]:
 
 
 @pytest.fixture
-def job(make_study: MakeStudy) -> Job:
+def job(make_study: MakeStudy) -> CalibrationRequest:
     """Thirty replications of one parameter with exact draws."""
-    return Job(make_study("phi", title="<script>alert(1)</script>"), 30, seed=5, fit=exact)
+    return CalibrationRequest(make_study("phi", title="<script>alert(1)</script>"), 30, seed=5, fit=exact)
 
 
-def test_an_interrupted_calibration_goes_on_where_it_was(job: Job, tmp_path: Path) -> None:
+def test_an_interrupted_calibration_goes_on_where_it_was(job: CalibrationRequest, tmp_path: Path) -> None:
     """Ctrl-C keeps what is finished; resuming ends with the folder of an undisturbed run."""
     out, part = tmp_path / "out", tmp_path / "out.part"
     with pytest.raises(KeyboardInterrupt):
@@ -64,22 +64,22 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: Job, tmp_path: Pat
 
 
 def test_what_does_not_belong_together_is_not_resumed(
-    job: Job, make_study: MakeStudy, tmp_path: Path
+    job: CalibrationRequest, make_study: MakeStudy, tmp_path: Path
 ) -> None:
     """Another seed or study is refused by name; with --overwrite the old work makes room."""
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(3))
     with pytest.raises(ResultError, match="was made with seed 5, not 6: give the same, or begin anew"):
-        calibrate_study(Job(job.study, 30, seed=6, fit=exact), out, resume=True, quiet=True)
-    other = Job(make_study("phi", noise={"drawbar_pull": 2.0}), 30, seed=5, fit=exact)
+        calibrate_study(CalibrationRequest(job.study, 30, seed=6, fit=exact), out, resume=True, quiet=True)
+    other = CalibrationRequest(make_study("phi", noise={"drawbar_pull": 2.0}), 30, seed=5, fit=exact)
     with pytest.raises(ResultError, match="was made with another study"):
         calibrate_study(other, out, resume=True, quiet=True)
     assert finished_tasks(tmp_path / "out.part" / "checkpoint" / "tasks.sqlite") == 3
     assert len(calibrate_study(other, out, overwrite=True, quiet=True).table) == 30
 
 
-def test_two_calibrations_do_not_share_a_folder(job: Job, tmp_path: Path) -> None:
+def test_two_calibrations_do_not_share_a_folder(job: CalibrationRequest, tmp_path: Path) -> None:
     """While one is at work, a second one of the same folder is refused and takes nothing from it."""
     out, refused = tmp_path / "out", []
 
@@ -95,7 +95,7 @@ def test_two_calibrations_do_not_share_a_folder(job: Job, tmp_path: Path) -> Non
     assert {path.name for path in out.iterdir()} == FILES
 
 
-def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: Job, tmp_path: Path) -> None:
+def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: CalibrationRequest, tmp_path: Path) -> None:
     """All files are there; verdict and thresholds are in the record; titles and notes are text."""
     found = bt.calibrate(job.study, n=40, seed=5, fit=troubled)
     assert isinstance(found, CalibrationResult)
@@ -167,7 +167,7 @@ def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
         assert store.tasks() == {3: {"rank": 0.123}}
 
 
-def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) -> None:
+def test_a_kill_after_the_last_rename_costs_nothing(job: CalibrationRequest, tmp_path: Path) -> None:
     """The calibration stands whole; a refusal leaves what is left of the work, the next one removes it."""
     out, kept = tmp_path / "out", tmp_path / "kept"
     with pytest.raises(KeyboardInterrupt):
@@ -184,7 +184,7 @@ def test_a_kill_after_the_last_rename_costs_nothing(job: Job, tmp_path: Path) ->
 
 
 def test_nothing_is_removed_before_the_folder_has_its_name(
-    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    job: CalibrationRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A disk that fails at the very end costs no replication."""
 
@@ -208,7 +208,7 @@ def test_nothing_is_removed_before_the_folder_has_its_name(
 def test_the_exit_code_is_the_verdict(
     fit: Fit,
     code: int,
-    job: Job,
+    job: CalibrationRequest,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -12,7 +12,7 @@ import pytest
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.design.choosing import Progress
-from bayesterra.design.recommendation import asked, design_into
+from bayesterra.design.recommendation import design_into, design_request
 from bayesterra.errors import ResultError
 from bayesterra.runtime import parallel as running_module
 from bayesterra.runtime.engines import in_process, local_pool
@@ -40,7 +40,7 @@ def stop_at(judged: int) -> Callable[[Progress], None]:
 def test_every_engine_gives_the_same_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """Table and plan, to the last digit; the pool is used though the work is short."""
     monkeypatch.setattr(running_module, "PATIENCE", 0.0)
-    question = asked(bt.load_study(HIT), **WISHES)
+    question = design_request(bt.load_study(HIT), **WISHES)
     with in_process() as here, local_pool(2) as there:
         one, other = (question.answered(engine, lambda found, progress: None) for engine in (here, there))
         assert not there.starting

@@ -17,7 +17,7 @@ from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.canonical import write_study
 from bayesterra.study.previous import taken
 from bayesterra.study.priors import Prior, Source
@@ -88,7 +88,7 @@ def test_a_plate_test_is_the_prior_of_a_wheel_study(
     study = load_study(study_with(FROM.format('take = { kc = "kc", kphi = "kphi", n0 = "n" }')))
     for here, there in (("kc", "kc"), ("kphi", "kphi"), ("n0", "n")):
         law = study.prior.laws[here]
-        assert isinstance(law, Tabulated)
+        assert isinstance(law, QuantileLaw)
         q = np.array([0.02, 0.2, 0.5, 0.8, 0.98])
         assert np.abs(law.cdf(np.quantile(draws[there], q)) - q).max() < 5e-3
         assert law.source.startswith("posterior of 'Two plates' (earlier), ")
@@ -124,7 +124,7 @@ def test_the_study_is_written_in_full_and_read_back(
 def test_the_joint_density_is_normalised_and_keeps_its_margins() -> None:
     """Two correlated laws: the density over the plane integrates to 1, over one law to the other."""
     wide = Law("gamma", {"a": 2.5, "scale": 300.0}, upper=5000.0)
-    angle = Tabulated(lower=0.0, upper=1.5, scores=(-1.0, 0.0, 1.0), values=(0.4, 0.55, 0.62))
+    angle = QuantileLaw(lower=0.0, upper=1.5, scores=(-1.0, 0.0, 1.0), values=(0.4, 0.55, 0.62))
     fixed = dict.fromkeys(SOIL_PARAMETERS, 0.25)
     prior = Prior({**fixed, "c": wide, "phi": angle}, correlation={"c, phi": -0.8})
 

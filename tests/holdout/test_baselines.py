@@ -5,7 +5,7 @@ import pytest
 from numpy.random import default_rng
 from scipy.stats import linregress, t
 
-from bayesterra.checking.holdout_scores import Known, gaussian_process, polynomial, training_mean
+from bayesterra.checking.holdout_scores import TrainingRows, gaussian_process, polynomial, training_mean
 
 SLIP = np.repeat(np.linspace(0.0, 0.8, 9), 3)
 CONDITIONS = np.column_stack([SLIP, np.full(27, 80.0), np.zeros(27)])
@@ -13,9 +13,9 @@ LEVEL = np.repeat(np.arange(9), 3)
 NEW = np.array([[0.25, 80.0, 0.0], [1.2, 80.0, 0.0]])
 
 
-def known(readings: np.ndarray) -> Known:
+def known(readings: np.ndarray) -> TrainingRows:
     """Three readings at each of nine slips; load and wheel do not vary."""
-    return Known(CONDITIONS, readings, LEVEL, LEVEL)
+    return TrainingRows(CONDITIONS, readings, LEVEL, LEVEL)
 
 
 def test_a_line_has_the_textbook_prediction_interval() -> None:

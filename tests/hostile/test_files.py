@@ -23,7 +23,7 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.analysis.run import load_result
-from bayesterra.checking.calibration import Job, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.prediction.rover import read_rover
 from bayesterra.runtime.checkpoints import Checkpoints
@@ -395,7 +395,7 @@ def test_a_bug_is_a_line_and_a_file(
 def test_calibrations_of_others_are_refused(tmp_path: Path) -> None:
     """Tasks of the right study that are no outcomes: a line, not a traceback."""
     study = load_study(small_study(tmp_path))
-    job = Job(study, 20)
+    job = CalibrationRequest(study, 20)
     part = tmp_path / "out.part" / WORK
     part.mkdir(parents=True)
     from bayesterra.checking.calibration import _made_with

@@ -25,7 +25,7 @@ from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.report.blocks import Table, VerdictPage
 from bayesterra.report.failures import Failures
-from bayesterra.study.result import found_rows
+from bayesterra.study.result import identifiability_rows
 
 from .conftest import VARIANTS
 from .test_identified import shown
@@ -196,7 +196,10 @@ def test_coupled_with_one_or_with_several(pair: RunResult) -> None:
     one, several = strip(found)
     assert str(one.remark).startswith("with <i>φ</i>")
     assert str(several.remark).startswith("with several others")
-    assert [_verdict(row) for row in found_rows(found).values()] == ["coupled with φ", "coupled with several"]
+    assert [_verdict(row) for row in identifiability_rows(found).values()] == [
+        "coupled with φ",
+        "coupled with several",
+    ]
     assert "coupled with several" in result_table(found)
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.likelihood.correlated import STEP, JointRows
+from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Wheel
 from bayesterra.study.study import Study
@@ -107,7 +107,9 @@ class Written:
 def written(study: Study, density: Posterior, x: FloatArray) -> Written:
     """The law at one parameter set (d,), for all rows of the study's table."""
     rows, likelihood = study.observations, density.likelihood
-    whole = JointRows(replace(likelihood.forward, **_at(study)), rows, likelihood.noise, study.errors)
+    whole = CorrelatedLikelihood(
+        replace(likelihood.forward, **_at(study)), rows, likelihood.noise, study.errors
+    )
     soil, values = density.prior.soil_values(x[None]), dict(zip(density.names, x, strict=True))
     ends = [
         replace(whole.forward, conditions=replace(whole.forward.conditions, slip=rows.slip + h))(soil).values[

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.study.study import Study
@@ -16,10 +16,10 @@ from .conftest import CURVES, HELD, RIPPLE, joined, sets, written
 Case = tuple[Study, Posterior]
 
 
-def law_of(study: Study) -> JointRows:
+def law_of(study: Study) -> CorrelatedLikelihood:
     """Likelihood of all rows, in the fit or not."""
     found = likelihood_of(study, study.observations)
-    assert isinstance(found, JointRows)
+    assert isinstance(found, CorrelatedLikelihood)
     return found
 
 
@@ -58,7 +58,7 @@ def test_scores_are_readings_given_all_other_rows(case: Case) -> None:
     study, density = case
     x = sets(density, 1)
     likelihood = density.likelihood
-    assert isinstance(likelihood, JointRows)
+    assert isinstance(likelihood, CorrelatedLikelihood)
     found = likelihood.scores(density.prior.soil_values(x), density.noise_values(x))[0].ravel()
     law = written(study, density, x[0])
     for cell in range(len(found)):

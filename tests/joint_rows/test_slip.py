@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.correlated import JointRows, slip_doubts, slip_slopes
+from bayesterra.likelihood.correlated import CorrelatedLikelihood, slip_doubts, slip_slopes
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Wheel
@@ -121,7 +121,7 @@ def test_slopes_are_those_of_the_model() -> None:
     """Central differences inside, one-sided at slip 0, and none across the end of the model."""
     study = joined("phi", data=ROWS, slip={"sd": 0.01})
     density = posterior(study)
-    assert isinstance(density.likelihood, JointRows)
+    assert isinstance(density.likelihood, CorrelatedLikelihood)
     soil, forward = density.prior.soil_values(sets(density, 2)), density.likelihood.forward
     at = replace(forward.conditions, slip=np.array([0.0, 0.3, 0.998]))
     forward = replace(forward, conditions=at)

@@ -19,7 +19,7 @@ from bayesterra.checking.predictive import predict_curves, predict_rows
 from bayesterra.checking.predictive_checks import predictive_checks
 from bayesterra.checking.replicates import Modelled, ReplicateOptions
 from bayesterra.checking.replications import replicated
-from bayesterra.likelihood.correlated import JointRows
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.likelihood.sensitivities import fisher_information, score_and_information
 from bayesterra.models import M1, Soil
@@ -228,7 +228,7 @@ def test_the_posterior_is_right_over_the_prior() -> None:
     for _ in range(250):
         truth, made = replicated(study, rng)
         density = posterior(made)
-        assert isinstance(density.likelihood, JointRows)
+        assert isinstance(density.likelihood, CorrelatedLikelihood)
         w = weights(density, density.log_prior_and_likelihood(ANGLES[:, None])[1])
         ranks.append(w[truth[0, 0] > ANGLES].sum())
     assert kstest(ranks, "uniform").pvalue > 0.01

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bayesterra.arrays import FloatArray
 from bayesterra.pooling.family import fit_conditional
 from bayesterra.pooling.joint import log_population
-from bayesterra.pooling.sampler import piloted, refitted
+from bayesterra.pooling.sampler import refitted, warmed_up
 from bayesterra.stats.diagnostics import diagnose
 
 FREE = (-np.inf, np.inf)
@@ -143,7 +143,7 @@ def simulated(groups: int, tau: float, sd: float, seed: int) -> Linear:
 def _sampled(family: Linear, seed: int) -> tuple[FloatArray, FloatArray]:
     """Draws (sweeps, walkers, 3 + 2 groups) of one ensemble, τ itself, and its accepted shares."""
     rng = np.random.default_rng(seed)
-    ensemble = piloted(family, *family.start(600, rng), 32, (20, 40, 80), rng)
+    ensemble = warmed_up(family, *family.start(600, rng), 32, (20, 40, 80), rng)
     D, L, accepted = ensemble.run(150)
     own = np.moveaxis(L, 1, 2).reshape(*D.shape[:2], -1)
     return np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=2), accepted
@@ -185,7 +185,7 @@ def test_laws_are_fitted_anew_to_what_was_found() -> None:
     """Laws fitted to bad starting points are replaced by better ones; the walkers stay where they are."""
     family, rng = simulated(4, 0.5, 0.2, 3), np.random.default_rng(5)
     D, L = family.start(600, rng)
-    ensemble = piloted(family, D + rng.standard_normal(D.shape), 3.0 * L, 32, (), rng)
+    ensemble = warmed_up(family, D + rng.standard_normal(D.shape), 3.0 * L, 32, (), rng)
     found = ensemble.run(60)
     before = ensemble.counts.shares["locals anew"]
     better = refitted(ensemble, found[0][30:], found[1][30:])

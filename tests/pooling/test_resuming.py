@@ -13,9 +13,9 @@ from bayesterra.errors import ResultError
 from bayesterra.pooling import sampler
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import JointPosterior, joint_posterior
-from bayesterra.pooling.moves import Standing
+from bayesterra.pooling.moves import JointState
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.runtime.checkpoints import Journal, Segment, pack, unpack
+from bayesterra.runtime.checkpoints import CheckpointStore, Segment, pack, unpack
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
@@ -35,15 +35,15 @@ class Notes:
     made: list[str] = field(default_factory=list)
 
     def holds(self, name: str) -> bool:
-        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.CheckpointStore`."""
         return name in self.segments
 
     def load(self, name: str) -> Segment | None:
-        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.CheckpointStore`."""
         return self.segments.get(name)
 
     def save(self, name: str, segment: Segment) -> None:
-        """See :class:`bayesterra.runtime.checkpoints.Journal`."""
+        """See :class:`bayesterra.runtime.checkpoints.CheckpointStore`."""
         if name == self.ends_at:
             raise StoppedError
         self.segments[name] = segment
@@ -72,9 +72,13 @@ def short_rounds() -> object:
     patch.undo()
 
 
-def run(joint: JointPosterior, small: PoolingOptions, journal: Journal | None = None) -> JointSamples:
+def run(
+    joint: JointPosterior, small: PoolingOptions, checkpoint_store: CheckpointStore | None = None
+) -> JointSamples:
     """A run that takes all its steps."""
-    return sample_joint(joint, SHORT, SeedSequence(4), plan=replace(small, pilots=(6,)), journal=journal)
+    return sample_joint(
+        joint, SHORT, SeedSequence(4), plan=replace(small, warm_ups=(6,)), checkpoint_store=checkpoint_store
+    )
 
 
 @pytest.fixture(scope="module")
@@ -129,9 +133,9 @@ def test_an_ensemble_that_was_put_down_goes_on_like_one_that_was_not(
 ) -> None:
     """Laws, walkers, generator and counts: the next sweeps are the same."""
     family = JointFamily(joint)
-    ensemble = unpack(Standing, whole[1].segments["joint-1-begun"]).ensemble(family)
+    ensemble = unpack(JointState, whole[1].segments["joint-1-begun"]).ensemble(family)
     ensemble.run(2)
-    other = unpack(Standing, pack(Standing.of(ensemble))).ensemble(family)
+    other = unpack(JointState, pack(JointState.of(ensemble))).ensemble(family)
     for one, same_ in zip(ensemble.run(3), other.run(3), strict=True):
         np.testing.assert_array_equal(one, same_)
     assert ensemble.counts == other.counts

@@ -9,12 +9,12 @@ import pytest
 from bayesterra.analysis.closing import added_sections
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.report.blocks import Table, Text
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Prior
 from bayesterra.study.result import Result
 
-LAW = Tabulated(
+LAW = QuantileLaw(
     lower=0.0,
     upper=1.5,
     source="posterior of 'Shear box' (box-result), 4000 effective draws",

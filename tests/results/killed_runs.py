@@ -20,7 +20,8 @@ import xarray as xr
 from numpy.random import Generator
 
 from bayesterra.__main__ import main
-from bayesterra.analysis import inference, page, storage
+from bayesterra.analysis import inference, storage
+from bayesterra.analysis import page as analysis_pages
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.report.failures import Failures
 from bayesterra.runtime.ownership import SEGMENT, WORK
@@ -38,7 +39,7 @@ def make_quick() -> None:
     vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
     vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     vars(storage)["check_record"] = lambda record: None  # which now lacks the checks
-    vars(page)["html_and_failures"] = lambda _: ("report\n", Failures())
+    vars(analysis_pages)["html_and_failures"] = lambda _: ("report\n", Failures())
 
 
 def begun(*options: str) -> int:

@@ -13,7 +13,7 @@ import pytest
 from bayesterra.analysis.run import RunResult, load_result, run_prior_study, run_study
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.report.failures import Failures
-from bayesterra.runtime.checkpoints import Journal
+from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling.sampler import Progress
 from bayesterra.stats.diagnostics import Diagnosis
 from bayesterra.study.result import Result
@@ -43,7 +43,12 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     seeds: list[Any] = []
 
     def run(
-        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+        study: Study,
+        *,
+        seed: int,
+        report: Callable[[Progress], None],
+        checkpoint_store: CheckpointStore,
+        **_: Any,
     ) -> Result:
         seeds.append(seed)
         report(Progress("adapting", 0.0))
@@ -76,7 +81,12 @@ def test_a_poller_sees_complete_status_files(
         raise AssertionError(f"{word} is no JSON")
 
     def run(
-        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+        study: Study,
+        *,
+        seed: int,
+        report: Callable[[Progress], None],
+        checkpoint_store: CheckpointStore,
+        **_: Any,
     ) -> Result:
         for progress in (
             Progress("adapting", 0.0),
@@ -122,7 +132,12 @@ def test_a_run_without_support_leaves_no_folder(
     """When the prior turns out to have no support, nothing is left behind, not even the beginnings."""
 
     def run(
-        study: Study, *, seed: int, report: Callable[[Progress], None], journal: Journal, **_: Any
+        study: Study,
+        *,
+        seed: int,
+        report: Callable[[Progress], None],
+        checkpoint_store: CheckpointStore,
+        **_: Any,
     ) -> Result:
         report(Progress("adapting", 0.0))
         raise SupportError("no parameter set fits")
@@ -154,8 +169,8 @@ SEGMENT = {"a": np.arange(3.0)}
 def stopped(quick: list[int], small_result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where a run was to go that saved a segment and was interrupted."""
 
-    def run(study: Study, *, journal: Journal, **_: Any) -> Result:
-        journal.save("round-0001", SEGMENT)
+    def run(study: Study, *, checkpoint_store: CheckpointStore, **_: Any) -> Result:
+        checkpoint_store.save("round-0001", SEGMENT)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
@@ -190,8 +205,8 @@ def test_a_resumed_run_gets_what_was_saved(
     """It is given the segment, says so on standard error, and ends with the files of any other run."""
     given = []
 
-    def run(study: Study, *, journal: Journal, **_: Any) -> Result:
-        given.append(journal.load("round-0001"))
+    def run(study: Study, *, checkpoint_store: CheckpointStore, **_: Any) -> Result:
+        given.append(checkpoint_store.load("round-0001"))
         return small_result
 
     monkeypatch.setattr("bayesterra.analysis.inference.run", run)
@@ -214,8 +229,8 @@ def test_an_error_after_the_sampling_keeps_what_was_saved(
 ) -> None:
     """A full disk at the end of a long run costs nothing but the writing."""
 
-    def run(study: Study, *, journal: Journal, **_: Any) -> Result:
-        journal.save("round-0001", SEGMENT)
+    def run(study: Study, *, checkpoint_store: CheckpointStore, **_: Any) -> Result:
+        checkpoint_store.save("round-0001", SEGMENT)
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bayesterra.analysis.inference.run", run)

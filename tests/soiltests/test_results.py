@@ -17,13 +17,13 @@ from bayesterra.errors import ResultError, StudyError
 from bayesterra.models import Wheel
 from bayesterra.report.failures import PARTS
 from bayesterra.soiltests import analysis as soiltests_analysis
-from bayesterra.soiltests import figures
+from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import LeftOut, none_left_out
 from bayesterra.soiltests.page import print_soil_test, soil_test_html
 from bayesterra.soiltests.run import SavedSoilTest
 from bayesterra.soiltests.study import load_soil_test, soil_test
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.study import Study
 
 from .conftest import PLATE_PRIORS, SOIL, plates
@@ -101,7 +101,7 @@ def test_no_check_costs_the_posterior(
     sound = analysed("one plate")
     for name in set(BROKEN.values()):
         monkeypatch.setattr(soiltests_analysis, name, refuse)
-    monkeypatch.setattr(figures, "pair", refuse)
+    monkeypatch.setattr(soiltests_figures, "pair", refuse)
     found = SavedSoilTest.of(analyse(plates((0.03,)), seed=1))
     report = found.save(tmp_path / "out")
     np.testing.assert_array_equal(found.values(), sound.values())
@@ -193,7 +193,7 @@ def test_the_posterior_of_plates_is_a_wheels_prior(analysed: Analysed, tmp_path:
     draws = result.draws["posterior"].to_dataset().stack(all=("chain", "draw"))
     for name, source in take.items():
         values, law = draws[source].to_numpy(), study.prior.laws[name]
-        assert isinstance(law, Tabulated)
+        assert isinstance(law, QuantileLaw)
         assert abs(law.median - np.median(values)) < 0.1 * values.std()
     ranks = float(spearmanr(draws["kc"], draws["kphi"]).statistic)
     assert abs(study.prior.correlation["kc, kphi"] - ranks) < 0.1

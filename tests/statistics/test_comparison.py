@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.point_estimates import Standing, stand
+from bayesterra.checking.point_estimates import PointEstimate, locate
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
@@ -28,9 +28,9 @@ def draws(density: Posterior) -> FloatArray:
     return draw_cut_prior(density, 500, np.random.default_rng(1)).x
 
 
-def standing(density: Posterior, draws: FloatArray, values: Mapping[str, float]) -> Standing:
+def standing(density: Posterior, draws: FloatArray, values: Mapping[str, float]) -> PointEstimate:
     """The standing of one estimate."""
-    return stand(density, draws, density.log_density(draws), {"it": values})["it"]
+    return locate(density, draws, density.log_density(draws), {"it": values})["it"]
 
 
 def test_credible_level_is_the_share_of_denser_draws(
@@ -52,7 +52,7 @@ def test_the_densest_draw_has_level_zero(density: Posterior, draws: FloatArray) 
     held = np.where([True, True, True, False], draws, np.median(draws, axis=0))
     levels = density.log_density(held)
     best = dict(zip(density.names[:3], held[levels.argmax(), :3], strict=True))
-    found = stand(density, held, levels, {"best": best})["best"]
+    found = locate(density, held, levels, {"best": best})["best"]
     assert found.credible_level == 0.0
 
 

@@ -20,7 +20,7 @@ from bayesterra.sampling.coordinates import (
 )
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.laws import Law
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -47,7 +47,7 @@ MODULI: Mapping[str, Law] = {
     "kc": Law("uniform", lower=0.0, upper=50e3),
     "kphi": Law("uniform", lower=0.2e6, upper=5e6),
 }
-TABLE = Tabulated(
+TABLE = QuantileLaw(
     lower=0.0, upper=1e7, scores=(-2.0, -1.0, 0.0, 1.0, 2.0), values=(0.5e6, 1.2e6, 2.0e6, 3.0e6, 5.5e6)
 )
 CASES: Mapping[str, Mapping[str, Any]] = {

@@ -16,7 +16,7 @@ from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling import nested
 from bayesterra.sampling.nested import CrossCheck, Weighted, against_nested, compare
-from bayesterra.sampling.sampler import Samples, keep, sample
+from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
@@ -147,7 +147,7 @@ def test_a_run_counts_its_draws_for_what_they_are_worth(
     result = run(make_study(free=("c", "phi"), sampling=options), crosscheck=True)
     kept = result.draws["posterior"]["phi"]
     chains = sampled[0].chains
-    chains = chains[:, :: keep(chains).every]
+    chains = chains[:, :: thin(chains).every]
     assert taken[0].x.shape == (kept.size, 2) == (chains[..., 0].size, 2)
     assert taken[0].sizes[1, 0] == pytest.approx(effective_size(chains[..., 1]), rel=0.01)
     assert taken[0].sizes[1, 0] != kept.size

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.sampler import keep
+from bayesterra.sampling.sampler import thin
 from bayesterra.stats.diagnostics import (
     Diagnosis,
     array_ess,
@@ -196,7 +196,7 @@ def test_a_slow_ensemble_counts_with_its_full_weight() -> None:
 def test_thinning_keeps_nine_tenths(correlation: float) -> None:
     """The kept draws are worth at least 90 % of all, and ArviZ's size on them is ours within 20 %."""
     chains = walks(correlation, steps=4000)[..., None]
-    kept = keep(chains)
+    kept = thin(chains)
     full = effective_size(chains[..., 0])
     thinned = effective_size(chains[:, :: kept.every, :, 0])
     assert thinned > 0.9 * full
@@ -208,7 +208,7 @@ def test_kept_draws_are_laid_walker_after_walker() -> None:
     """Every kept draw says which walker and step it is, walker by walker in the order of steps."""
     steps, walkers = 300, 5
     chains = np.arange(2 * steps * walkers, dtype=float).reshape(2, steps, walkers, 1)
-    kept = keep(chains + 1e-3 * np.random.default_rng(1).standard_normal(chains.shape))
+    kept = thin(chains + 1e-3 * np.random.default_rng(1).standard_normal(chains.shape))
     step, walker = kept.labels["step"].astype(int), kept.labels["walker"].astype(int)
     assert (np.diff(walker, axis=1) >= 0).all()
     expected = chains[np.arange(2)[:, None], step, walker, 0]

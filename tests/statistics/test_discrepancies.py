@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesterra.checking.predictive_checks import DISCREPANCIES, applicable, exceedance
+from bayesterra.checking.predictive_checks import TEST_STATISTICS, applicable, exceedance
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
 
 SLIP = np.array([0.0, 0.1, 0.1, 0.3, 0.4, 0.6])
@@ -15,7 +15,7 @@ SLIP = np.array([0.0, 0.1, 0.1, 0.3, 0.4, 0.6])
 )
 def test_contrasts_see_their_own_pattern_only(name: str, pattern: np.ndarray) -> None:
     """A contrast grows with its own pattern, by one per unit of length, and ignores all lower ones."""
-    value = DISCREPANCIES[name].value
+    value = TEST_STATISTICS[name].value
     z = np.random.default_rng(1).standard_normal((4, 6))
     lower = {"level": [], "slope": [np.ones(6)], "curvature": [np.ones(6), SLIP]}[name]
     for other in lower:
@@ -28,7 +28,7 @@ def test_contrasts_see_their_own_pattern_only(name: str, pattern: np.ndarray) ->
 
 def test_runs_of_one_sign_and_large_residuals_are_seen() -> None:
     """Neighbours of one sign correlate, alternating ones do so negatively; the sum of squares is χ²."""
-    neighbours, misfit = DISCREPANCIES["neighbours"].value, DISCREPANCIES["misfit"].value
+    neighbours, misfit = TEST_STATISTICS["neighbours"].value, TEST_STATISTICS["misfit"].value
     runs, turns = np.array([1.0, 1, 1, -1, -1, -1]), np.array([1.0, -1, 1, -1, 1, -1])
     assert neighbours(runs, SLIP) > 0 > neighbours(turns, SLIP)
     assert misfit(3 * runs, SLIP) == 54

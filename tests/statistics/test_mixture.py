@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_t, t
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.mixture import StudentMixture, defended, fit_mixture, root
+from bayesterra.stats.mixture import StudentMixture, fit_mixture, root, with_defensive_component
 
 MIXTURE = StudentMixture(
     weights=np.array([0.7, 0.3]),
@@ -116,7 +116,7 @@ def test_defence_covers_all_points_at_its_share() -> None:
     rng = np.random.default_rng(8)
     u = clusters(2000, rng)
     narrow = fit_mixture(u[u[:, 0] < 4.0], np.full((u[:, 0] < 4.0).sum(), 1.0), 2, rng)
-    wide = defended(narrow, u, np.full(2000, 1.0), 0.1)
+    wide = with_defensive_component(narrow, u, np.full(2000, 1.0), 0.1)
     assert wide.weights[-1] == pytest.approx(0.1)
     np.testing.assert_allclose(wide.weights[:-1], 0.9 * narrow.weights)
     missed = u[u[:, 0] > 4.0]

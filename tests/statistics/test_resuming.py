@@ -14,7 +14,7 @@ from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.runtime.checkpoints import Segment, pack, unpack
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.ensemble import Ensemble, Stand
+from bayesterra.sampling.ensemble import Ensemble, EnsembleState
 from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -37,15 +37,15 @@ class Memory:
         self.notes, self.most = dict(notes), most
 
     def holds(self, name: str) -> bool:
-        """See ``Journal``."""
+        """See ``CheckpointStore``."""
         return name in self.notes
 
     def load(self, name: str) -> Segment | None:
-        """See ``Journal``."""
+        """See ``CheckpointStore``."""
         return self.notes.get(name)
 
     def save(self, name: str, segment: Segment) -> None:
-        """See ``Journal``."""
+        """See ``CheckpointStore``."""
         if len(self.notes) >= self.most:
             raise Stop
         self.notes[name] = segment
@@ -63,9 +63,11 @@ def density(make_study: MakeStudy) -> Posterior:
     return posterior(make_study(free=("c", "phi")))
 
 
-def sampled(density: Posterior, journal: Memory | None, **options: Any) -> Samples:
+def sampled(density: Posterior, checkpoint_store: Memory | None, **options: Any) -> Samples:
     """A short run."""
-    return sample(density, OPTIONS, SeedSequence(7), adaptation=PLAN, journal=journal, **options)
+    return sample(
+        density, OPTIONS, SeedSequence(7), adaptation=PLAN, checkpoint_store=checkpoint_store, **options
+    )
 
 
 def assert_same(one: Samples, other: Samples) -> None:
@@ -125,11 +127,11 @@ def test_a_run_that_converged_stops_where_it_did(density: Posterior) -> None:
     """The last round of a converged run is known for the last when it is resumed."""
     options = SamplingOptions(target_ess=1000, walkers=32, max_steps=5000)
     whole = Memory()
-    first = sample(density, options, SeedSequence(7), adaptation=PLAN, journal=whole)
+    first = sample(density, options, SeedSequence(7), adaptation=PLAN, checkpoint_store=whole)
     assert first.diagnosis.converged
     for most in (len(whole.notes) - 1, len(whole.notes)):
         part = Memory(dict(list(whole.notes.items())[:most]))
-        assert_same(sample(density, options, SeedSequence(7), adaptation=PLAN, journal=part), first)
+        assert_same(sample(density, options, SeedSequence(7), adaptation=PLAN, checkpoint_store=part), first)
         assert len(part.notes) == len(whole.notes)
 
 
@@ -151,9 +153,9 @@ def test_the_state_of_the_generator_is_whole() -> None:
     random = np.random.RandomState(3)
     random.standard_normal(3)
     u, level = np.ones((4, 2)), np.zeros(4)
-    stand = Stand(u, level, *random.get_state()[1:])  # type: ignore[index]
+    stand = EnsembleState(u, level, *random.get_state()[1:])  # type: ignore[index]
     assert stand.has_gauss
-    back = unpack(Stand, pack(stand))
+    back = unpack(EnsembleState, pack(stand))
     other = np.random.RandomState(1)
     other.set_state(back.state().random_state)
     np.testing.assert_array_equal(other.standard_normal(5), random.standard_normal(5))

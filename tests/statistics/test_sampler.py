@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.ensemble import Ensemble, Leg
+from bayesterra.sampling.ensemble import Ensemble, Segment
 from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.laws import Law
@@ -165,7 +165,7 @@ def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: 
 
     monkeypatch.setattr("bayesterra.stats.transport.fit_mixture", fit)
 
-    def watched(self: Ensemble, steps: int) -> Leg:
+    def watched(self: Ensemble, steps: int) -> Segment:
         log.append("keep")
         return leg(self, steps)
 

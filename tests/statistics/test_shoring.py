@@ -6,9 +6,9 @@ from numpy.random import default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.imis import Known, shored
+from bayesterra.stats.imis import EvaluatedPoints, add_components
 from bayesterra.stats.mixture import StudentMixture
-from bayesterra.stats.transport import Proposal, Unbending
+from bayesterra.stats.transport import Proposal, TransportMap
 
 D = 3
 MAIN = multivariate_normal(np.zeros(D), np.eye(D))
@@ -24,7 +24,7 @@ def log_target(u: FloatArray) -> FloatArray:
 def thin() -> Proposal:
     """A proposal that knows of the normal law only, with a wide component of little weight."""
     curves, widths = (tuple(np.zeros(n) for n in numbers) for numbers in (_terms(), range(1, D + 1)))
-    flat = Unbending(tuple(range(D)), np.zeros(D), np.ones(D), curves, widths)
+    flat = TransportMap(tuple(range(D)), np.zeros(D), np.ones(D), curves, widths)
     factors = np.stack([1.1 * np.eye(D), 3.0 * np.eye(D)])
     return Proposal(flat, StudentMixture(np.array([0.95, 0.05]), np.zeros((2, D)), factors, 4.0))
 
@@ -33,10 +33,10 @@ def _terms() -> list[int]:
     return [1 + k + k * (k + 1) // 2 + k for k in range(D)]
 
 
-def known(n: int, seed: int = 1) -> Known:
+def known(n: int, seed: int = 1) -> EvaluatedPoints:
     """Draws of the thin proposal."""
     u = thin().sample(n, default_rng(seed))
-    return Known(u, log_target(u), log_target)
+    return EvaluatedPoints(u, log_target(u), log_target)
 
 
 def log_weights(proposal: Proposal, seed: int = 5) -> FloatArray:
@@ -48,7 +48,7 @@ def log_weights(proposal: Proposal, seed: int = 5) -> FloatArray:
 def test_the_greatest_weights_shrink() -> None:
     """The part that was missed is proposed: a smaller greatest weight, more effective draws."""
     before = log_weights(thin())
-    after = log_weights(shored(thin(), known(20_000), default_rng(2), components=8, draws=400))
+    after = log_weights(add_components(thin(), known(20_000), default_rng(2), components=8, draws=400))
     assert np.exp(before.max()) > 50
     assert np.exp(after.max()) < 0.2 * np.exp(before.max())
     shares = [np.exp(w).sum() ** 2 / np.exp(2 * w).sum() / len(w) for w in (before, after)]
@@ -58,7 +58,7 @@ def test_the_greatest_weights_shrink() -> None:
 def test_the_shored_proposal_is_a_density() -> None:
     """Weights of the new proposal average to the integral of the target, with and without components."""
     for components in (0, 8):
-        proposal = shored(thin(), known(5000), default_rng(2), components=components, draws=200)
+        proposal = add_components(thin(), known(5000), default_rng(2), components=components, draws=200)
         weights = np.exp(log_weights(proposal))
         error = weights.std() / np.sqrt(len(weights))
         inside = 0.9 * MAIN.cdf(np.full(D, 8.0)) + 0.1 * FAR.cdf(np.full(D, 8.0))
@@ -69,13 +69,13 @@ def test_the_shored_proposal_is_a_density() -> None:
 def test_no_components_change_nothing() -> None:
     """With none to add the proposal is handed back."""
     proposal = thin()
-    assert shored(proposal, known(100), default_rng(1), components=0, draws=50) is proposal
+    assert add_components(proposal, known(100), default_rng(1), components=0, draws=50) is proposal
 
 
 def test_components_stand_inside_the_support() -> None:
     """No component is centred where the target has no density, and the draws decide, not the order."""
-    found = shored(thin(), known(3000), default_rng(3), components=6, draws=300)
+    found = add_components(thin(), known(3000), default_rng(3), components=6, draws=300)
     centres = found.mixture.means[2:]
     assert np.isfinite(log_target(centres)).all()
-    again = shored(thin(), known(3000), default_rng(3), components=6, draws=300)
+    again = add_components(thin(), known(3000), default_rng(3), components=6, draws=300)
     np.testing.assert_array_equal(found.mixture.means, again.mixture.means)

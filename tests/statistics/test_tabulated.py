@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from bayesterra.errors import StudyError
-from bayesterra.stats.quantile_law import Tabulated
+from bayesterra.stats.quantile_law import QuantileLaw
 
 SCORES = tuple(np.arange(-2.5, 2.6, 0.5).tolist())
 KNOWN = {
@@ -22,11 +22,11 @@ KNOWN = {
 }
 
 
-def tabulated(name: str) -> Tabulated:
+def tabulated(name: str) -> QuantileLaw:
     """The law with the quantiles of a known one."""
     law, low, high = KNOWN[name]
     values = law.ppf(stats.norm.cdf(SCORES))
-    return Tabulated(lower=low, upper=high, scores=SCORES, values=tuple(values.tolist()))
+    return QuantileLaw(lower=low, upper=high, scores=SCORES, values=tuple(values.tolist()))
 
 
 each = pytest.mark.parametrize("name", KNOWN)
@@ -122,4 +122,4 @@ def test_a_widened_law_has_its_values_at_spread_scores() -> None:
 def test_impossible_tables_say_why(content: dict[str, tuple[float, ...]], message: str) -> None:
     """Each impossible table is refused in one line."""
     with pytest.raises(StudyError, match=message):
-        Tabulated(**{"lower": -np.inf, "upper": np.inf, **content})  # type: ignore[arg-type]
+        QuantileLaw(**{"lower": -np.inf, "upper": np.inf, **content})  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.stats.mixture import fit_mixture
-from bayesterra.stats.transport import REACH, Proposal, Unbending, fit_proposal, fit_unbending
+from bayesterra.stats.transport import REACH, Proposal, TransportMap, fit_proposal, fit_transport_map
 
 
 def ridge(n: int, seed: int = 1) -> FloatArray:
@@ -18,9 +18,9 @@ def ridge(n: int, seed: int = 1) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def unbending() -> Unbending:
+def transport_map() -> TransportMap:
     """The map fitted to the ridge."""
-    return fit_unbending(ridge(4000), np.full(4000, 1.0), np.array([1.0, 10.0, 10.0]))
+    return fit_transport_map(ridge(4000), np.full(4000, 1.0), np.array([1.0, 10.0, 10.0]))
 
 
 def funnel(n: int, seed: int = 1) -> FloatArray:
@@ -32,52 +32,54 @@ def funnel(n: int, seed: int = 1) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def evening() -> Unbending:
+def evening() -> TransportMap:
     """The map fitted to the funnel."""
-    return fit_unbending(funnel(4000), np.full(4000, 1.0), np.array([1.0, 10.0, 10.0]))
+    return fit_transport_map(funnel(4000), np.full(4000, 1.0), np.array([1.0, 10.0, 10.0]))
 
 
-def test_the_map_is_invertible_everywhere(unbending: Unbending, evening: Unbending) -> None:
+def test_the_map_is_invertible_everywhere(transport_map: TransportMap, evening: TransportMap) -> None:
     """Straightening and bending undo each other, also far outside the points, and so do their Jacobians."""
     u = np.vstack([ridge(200, 2), 30.0 * default_rng(3).standard_normal((200, 3))])
-    for one in (unbending, evening):
-        v, log_jacobian = one.straighten(u)
-        back, same = one.bend(v)
+    for one in (transport_map, evening):
+        v, log_jacobian = one.inverse(u)
+        back, same = one.forward(v)
         np.testing.assert_allclose(back, u, atol=1e-9)
         np.testing.assert_allclose(same, log_jacobian, atol=1e-9)
 
 
-def test_the_jacobian_is_what_it_says(unbending: Unbending, evening: Unbending) -> None:
+def test_the_jacobian_is_what_it_says(transport_map: TransportMap, evening: TransportMap) -> None:
     """Central differences give the same log determinant at every point."""
-    for one, points in ((unbending, ridge(5, 4)), (evening, funnel(5, 4))):
+    for one, points in ((transport_map, ridge(5, 4)), (evening, funnel(5, 4))):
         for u in points:
             steps = 1e-6 * np.eye(3)
-            ahead, behind = (one.straighten(u + sign * steps)[0] for sign in (1, -1))
-            _, expected = one.straighten(u[None])
+            ahead, behind = (one.inverse(u + sign * steps)[0] for sign in (1, -1))
+            _, expected = one.inverse(u[None])
             assert np.linalg.slogdet((ahead - behind) / 2e-6)[1] == pytest.approx(-expected[0], abs=1e-5)
 
 
-def test_ridges_become_straight(unbending: Unbending) -> None:
+def test_ridges_become_straight(transport_map: TransportMap) -> None:
     """What follows from other coordinates is gone: an uncorrelated remainder of about unit width is left."""
-    v, _ = unbending.straighten(ridge(4000, 5))
-    assert unbending.order[0] == 0  # the coordinate that the points leave as wide as it was drives the others
+    v, _ = transport_map.inverse(ridge(4000, 5))
+    assert (
+        transport_map.order[0] == 0
+    )  # the coordinate that the points leave as wide as it was drives the others
     np.testing.assert_allclose(v.std(axis=0), 1.2, atol=0.2)
     assert np.abs(np.corrcoef(np.column_stack([v[:, 1:], v[:, :1] ** 2]).T) - np.eye(3)).max() < 0.1
 
 
-def test_what_widens_becomes_even(evening: Unbending) -> None:
+def test_what_widens_becomes_even(evening: TransportMap) -> None:
     """The spread of the straight coordinates is the same at both ends of the coordinate that rules it."""
-    v, _ = evening.straighten(funnel(8000, 5))
+    v, _ = evening.inverse(funnel(8000, 5))
     upper = v[:, 0] > 0.5
     lower = v[:, 0] < -0.5
     np.testing.assert_allclose(v[upper, 1:].std(axis=0) / v[lower, 1:].std(axis=0), 1.0, atol=0.15)
 
 
-def test_far_out_the_map_only_shifts(unbending: Unbending) -> None:
+def test_far_out_the_map_only_shifts(transport_map: TransportMap) -> None:
     """Beyond its reach a coordinate bends the others no further."""
     u = np.zeros((2, 3))
-    u[:, 0] = unbending.centre[0] + unbending.scale[0] * np.array([REACH, 10 * REACH])
-    first, second = unbending.straighten(u)[0]
+    u[:, 0] = transport_map.centre[0] + transport_map.scale[0] * np.array([REACH, 10 * REACH])
+    first, second = transport_map.inverse(u)[0]
     np.testing.assert_allclose(first[1:], second[1:], atol=1e-12)
 
 
@@ -99,7 +101,7 @@ def test_straightening_makes_better_proposals() -> None:
     bent = fit_proposal(points, np.full(3000, 1.0), np.array([1.0, 10.0, 10.0]), 4, 0.05, default_rng(1))
     curves = tuple(np.zeros(1 + 2 * k + k * (k + 1) // 2) for k in range(3))
     widths = tuple(np.zeros(1 + k) for k in range(3))
-    none = Unbending((0, 1, 2), np.zeros(3), np.ones(3), curves, widths)
-    np.testing.assert_array_equal(none.straighten(fresh)[0], fresh)
+    none = TransportMap((0, 1, 2), np.zeros(3), np.ones(3), curves, widths)
+    np.testing.assert_array_equal(none.inverse(fresh)[0], fresh)
     plain = Proposal(none, fit_mixture(points, np.full(3000, 1.0), 4, default_rng(1)))
     assert bent.log_density(fresh).mean() > plain.log_density(fresh).mean() + 0.5

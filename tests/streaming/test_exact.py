@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.follow.particles import Cloud, Levels, learn, settled
+from bayesterra.follow.particles import Levels, Particles, learn, settled
 from bayesterra.sampling.coordinates import Coordinates, plain_coordinates
 
 SD = 0.3
@@ -89,11 +89,11 @@ def rows_of(number: int, bent: bool) -> Line:
     return Line(design, design @ np.array([1.0, -0.5, 2.0]) + SD * rng.standard_normal(number), bent)
 
 
-def followed(line: Line, order: IntArray, particles: int, seed: int) -> tuple[Cloud, float, float, int]:
+def followed(line: Line, order: IntArray, particles: int, seed: int) -> tuple[Particles, float, float, int]:
     """The cloud after all rows one by one, log evidence and its error, and the number of resamplings."""
     rng = np.random.default_rng(seed)
     before = line.curved(rng.standard_normal((particles, D)))
-    cloud, total, variance, events = Cloud.even(before, np.zeros(particles)), 0.0, 0.0, 0
+    cloud, total, variance, events = Particles.even(before, np.zeros(particles)), 0.0, 0.0, 0
     for number in range(1, len(order) + 1):
         part = line.first(order, number)
         learned = learn(cloud, _made(part), part.terms(cloud.x)[:, -1], before[:200], rng)
@@ -110,7 +110,7 @@ def test_rows_one_by_one_end_at_the_exact_posterior_and_evidence(bent: bool, bac
     order = np.arange(20)[::-1] if backwards else np.arange(20)
     cloud, total, error, events = followed(line, order, 1000, seed=5)
     mean, covariance, evidence = exact(line)
-    found, spread = Cloud(line.straight(cloud.x), cloud.log_likelihood, cloud.log_weights).moments()
+    found, spread = Particles(line.straight(cloud.x), cloud.log_likelihood, cloud.log_weights).moments()
     sd = np.sqrt(np.diagonal(covariance))
     assert events > 3
     assert (np.abs(found - mean) < 4 * sd / np.sqrt(cloud.effective)).all()

@@ -13,7 +13,7 @@ import pytest
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.follow.changepoint import CHANGE, MOST, Basis, Candidates, alarm_of
-from bayesterra.follow.particles import Cloud
+from bayesterra.follow.particles import Particles
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.sampling.coordinates import plain_coordinates
 from bayesterra.study.noise import Noise
@@ -72,7 +72,7 @@ def test_factors_are_those_of_the_exact_density_where_all_is_linear() -> None:
     rng = np.random.default_rng(2)
     x = rng.standard_normal((4000, 2)) @ np.array([[0.2, 0.1], [0.0, 0.3]]) + np.array([1.0, -0.5])
     basis = Basis(Prior(), plain_coordinates(("c", "phi")))  # type: ignore[arg-type]
-    candidates = basis.opened(Candidates.none(2), 7, Cloud.even(x, np.zeros(len(x))))
+    candidates = basis.opened(Candidates.none(2), 7, Particles.even(x, np.zeros(len(x))))
     mean, covariance = x.mean(axis=0), np.cov(x.T, bias=True) + CHANGE**2 * np.eye(2)
     slopes, readings = rng.standard_normal((3, 2)), np.array([1.3, 0.2, -0.9])
     for slope, reading in zip(slopes, readings, strict=True):
