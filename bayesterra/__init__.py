@@ -9,10 +9,11 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # checkers of types take it as true; the module 'typing' itself takes time to load
 if TYPE_CHECKING:
+    from typing import Any
+
     from bayesterra.analysis.comparison import compare
     from bayesterra.analysis.prior_only import run_prior
     from bayesterra.analysis.run import RunResult, load_result, run
@@ -159,6 +160,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Import a public name where it is first used: help and version must come at once."""
     if name == "__version__":
+        from importlib.metadata import version
+
         return version("bayesterra")
     if name not in _HOME:
         raise AttributeError(f"module 'bayesterra' has no attribute {name!r}")

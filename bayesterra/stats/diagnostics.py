@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
-from arviz_stats.base.array import array_stats
 from numpy.random import default_rng
 from scipy.special import chdtrc, digamma, logsumexp, ndtri
 from scipy.stats import binom, rankdata
@@ -25,6 +25,14 @@ DISAGREEMENT = 1e-3
 """p value, over all parameters, below which halves of ensembles differ by more than Monte Carlo error."""
 
 TAILS = (0.05, 0.95)
+
+
+@cache
+def _array_stats() -> Any:
+    """ArviZ's statistics of arrays, loaded where they are first used: they bring matplotlib with them."""
+    from arviz_stats.base.array import array_stats
+
+    return array_stats
 
 
 def autocovariance(chain: FloatArray) -> FloatArray:
@@ -108,7 +116,7 @@ def r_hat(chains: FloatArray) -> float:
 def array_r_hat(chains: FloatArray) -> float:
     """ArviZ's rank-normalised split R-hat of chains (chains, draws); NaN where nothing varies."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+        return float(_array_stats().rhat(chains, chain_axis=0, draw_axis=1))
 
 
 def thinning(chains: FloatArray, loss: float = 0.1) -> int:
@@ -129,7 +137,7 @@ def thinning(chains: FloatArray, loss: float = 0.1) -> int:
 
 def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
     """Highest-density interval of draws (n,)."""
-    low, high = array_stats.hdi(np.asarray(draws).ravel(), prob=probability)
+    low, high = _array_stats().hdi(np.asarray(draws).ravel(), prob=probability)
     return float(low), float(high)
 
 
@@ -137,13 +145,13 @@ def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
     """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
     if np.ptp(chains) == 0:
         return 0.0
-    return float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
+    return float(_array_stats().mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
 
 
 def array_ess(chains: FloatArray, method: str = "bulk") -> float:
     """ArviZ's own effective sample size of chains (chains, draws), to hold beside ours."""
     prob = TAILS if method == "tail" else None
-    return float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
+    return float(_array_stats().ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
 
 
 def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
@@ -161,7 +169,7 @@ def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     if tail < 5 or np.ptp(ordered[-tail:]) == 0.0:  # the same draw over and over, from a walker that stood
         return plain, np.inf
     with np.errstate(divide="ignore", invalid="ignore"):
-        smoothed, k = array_stats.psislw(-raw)
+        smoothed, k = _array_stats().psislw(-raw)
     if np.isnan(smoothed).any() or np.isnan(k):
         return plain, np.inf
     return np.asarray(smoothed), float(k)
