@@ -49,6 +49,58 @@ def test_outside_libraries_are_imported_in_one_place(library: str) -> None:
     assert not strays
 
 
+def is_page(name: str) -> bool:
+    """True where a module of this name draws."""
+    return name in ("page", "figures") or name.endswith("_page")
+
+
+@pytest.mark.parametrize("library", ["matplotlib", "corner"])
+def test_only_pages_draw(library: str) -> None:
+    """Plots are made in files called page, figures or so, which are loaded where something is drawn."""
+    users = [path for path in SOURCES if any(name.split(".")[0] == library for name in imported(path))]
+    assert users
+    assert [path for path in users if not is_page(path.stem)] == []
+
+
+def test_pages_are_loaded_only_where_something_is_drawn() -> None:
+    """Whoever is no page imports one inside the function that needs it, or for its types alone."""
+    strays = []
+    for path in (path for path in SOURCES if not is_page(path.stem)):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayesterra."):
+                names = [str(node.module).rpartition(".")[2], *(alias.name for alias in node.names)]
+                strays += [(path.name, name) for name in names if is_page(name)]
+    assert strays == []
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "absent"),
+    [
+        (["-S"], "import bayesterra", {"numpy", "typing", "importlib.metadata"}),
+        (
+            [],
+            "import bayesterra; bayesterra.run",
+            {
+                *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
+                *("bayesterra.analysis.page", "bayesterra.report.blocks", "bayesterra.soiltests"),
+                *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
+            },
+        ),
+    ],
+)
+def test_nothing_is_imported_before_it_is_needed(options: list[str], code: str, absent: set[str]) -> None:
+    """A name of the package brings what it runs, and no page, plot or other room."""
+    program = f"import sys; {code}; print(*sys.modules)"
+    command = (
+        [sys.executable, "-S", "-c", program]
+        if code == "import bayesterra"
+        else [sys.executable, "-c", program]
+    )
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "bayesterra" in done.stdout.split()
+    assert absent & set(done.stdout.split()) == set()
+
+
 def test_models_know_no_statistics() -> None:
     """The models import nothing of the package but each other."""
     names = set().union(*(imported(path) for path in MODELS))

@@ -8,16 +8,16 @@ from typing import Any
 
 from markupsafe import Markup
 
-from bayesterra.analysis.closing import added_sections, methods_section, prior_section, reproduce_section
-from bayesterra.analysis.outputs import (
+from bayesterra.analysis.closing_page import added_sections, methods_section, prior_section, reproduce_section
+from bayesterra.analysis.findings_page import Finding, findings
+from bayesterra.analysis.outputs_page import (
     Driving,
     driving,
     posterior_section,
     predictive_section,
     sampling_section,
 )
-from bayesterra.analysis.strip import legend, strip
-from bayesterra.analysis.words import Finding, findings
+from bayesterra.analysis.strip_page import legend, strip
 from bayesterra.checking.discrepancy_page import missed_sections
 from bayesterra.checking.validation import FitCheck, Validation, fit_checks, spread_draws
 from bayesterra.checking.validation_page import alarm_sentence, cross_validation_section, misfit_warning

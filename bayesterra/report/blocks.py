@@ -5,15 +5,17 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
-from bayesterra.report.figures import Drawn
 from bayesterra.report.symbols import angles
+
+if TYPE_CHECKING:
+    from bayesterra.report.figures import Drawn
 
 Cell: TypeAlias = str | Markup
 

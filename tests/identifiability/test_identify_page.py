@@ -16,7 +16,7 @@ from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.inference import Analysis
 from bayesterra.analysis.page import result_table
 from bayesterra.analysis.run import RunResult, load_result
-from bayesterra.analysis.strip import strip
+from bayesterra.analysis.strip_page import strip
 from bayesterra.analysis.terminal import _verdict
 from bayesterra.identifiability import determined_page
 from bayesterra.identifiability import page as identifiability_pages

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesterra.analysis.closing import added_sections
+from bayesterra.analysis.closing_page import added_sections
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.report.blocks import Table, Text
 from bayesterra.stats.quantile_law import QuantileLaw

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis import words
-from bayesterra.analysis.outputs import driving
+from bayesterra.analysis.outputs_page import driving
 from bayesterra.analysis.page import Page, data_section, page, warning
 from bayesterra.analysis.run import RunResult
-from bayesterra.analysis.strip import mode_outside
+from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
 from bayesterra.report import blocks, symbols
 from bayesterra.report.blocks import Gallery, Table, render
@@ -191,19 +191,19 @@ def test_every_grade_has_its_own_sign() -> None:
 
 def test_words_name_the_strongest_trade(small_result: Result) -> None:
     """Cohesion and friction angle of one load are traded, and a second load is what would part them."""
-    assert {"c", "phi"} in [{a, b} for a, b, _ in words.coupled_pairs(small_result)]
-    assert "second load" in _plain(words.next_measurement(small_result))
+    assert {"c", "phi"} in [{a, b} for a, b, _ in findings_page.coupled_pairs(small_result)]
+    assert "second load" in _plain(findings_page.next_measurement(small_result))
 
 
 def test_words_say_where_the_mode_leaves_the_bulk(small_result: Result) -> None:
     """The mode of the HIT posterior lies in a corner of the ridge of K_s and n0."""
     assert "Ks" in mode_outside(small_result)
-    assert "narrow corner" in _plain(words.about_the_mode(small_result))
+    assert "narrow corner" in _plain(findings_page.about_the_mode(small_result))
 
 
 def test_words_say_that_a_parameter_was_held(small_result: Result) -> None:
     """The shipped study holds K_s in least squares, as the paper's solver did."""
-    assert "held Ks at" in _plain(words.about_least_squares(small_result))
+    assert "held Ks at" in _plain(findings_page.about_least_squares(small_result))
 
 
 def test_words_on_standings_follow_the_record(small_result: Result) -> None:
@@ -212,7 +212,7 @@ def test_words_on_standings_follow_the_record(small_result: Result) -> None:
     record["standings"]["IM1"].update(log_density=None, word="outside the prior: θm outside (θ2, θ1)")
     record["standings"]["IM2"].update(log_density=-50.0, credible_level=1.0)
     record["standings"]["IM3"].update(log_density=-3.0, credible_level=0.42)
-    text = _plain(words.about_least_squares(replace(small_result, record=record)))
+    text = _plain(findings_page.about_least_squares(replace(small_result, record=record)))
     assert "IM1 lies outside the prior (θm outside (θ2, θ1))" in text
     assert "IM2" in text.split("improbable")[0]
     assert "IM3 lies inside: 42 % of the draws are denser" in text
@@ -220,12 +220,12 @@ def test_words_on_standings_follow_the_record(small_result: Result) -> None:
 
 def test_bounds_that_cut_an_interval_are_named(small_result: Result) -> None:
     """The prior's upper bound of K_s cuts the HIT posterior."""
-    assert ("Ks", "upper") in words.bounded(small_result)
+    assert ("Ks", "upper") in findings_page.bounded(small_result)
 
 
 def test_a_parameter_that_repeats_its_prior_is_not_said_to_be_cut_off(small_result: Result) -> None:
     """K_s ends where its prior does and is named once, as such; c, which the data narrow, is cut off at 0."""
-    text = _plain(words.from_the_prior(small_result))
+    text = _plain(findings_page.from_the_prior(small_result))
     repeated, cut = text.split("Cut off by a bound of the prior")
     assert "Ks alone is hardly better known" in repeated
     assert "c at its lower bound" in cut

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayesterra.analysis.words import bounded
+from bayesterra.analysis.findings_page import bounded
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior

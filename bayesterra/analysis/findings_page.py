@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from bayesterra.analysis.strip import mode_outside
+from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import WEAK
 from bayesterra.parameters import PARAMETERS
