@@ -99,8 +99,8 @@ def _standing(result: Result) -> Table:
 def _judged(table: pd.DataFrame) -> list[str]:
     """Channels for which any method has an error."""
     errors = table[table["parameter"].str.startswith("error_") & table["value"].notna()]
-    found = set(errors["parameter"].str.removeprefix("error_"))
-    return [name for name in CHANNELS if name in found]
+    channels = set(errors["parameter"].str.removeprefix("error_"))
+    return [name for name in CHANNELS if name in channels]
 
 
 def _standing_row(
@@ -129,7 +129,7 @@ def _standing_word(standing: Mapping[str, Any]) -> Markup:
 
 
 def prior_section(result: Result) -> Section:
-    """How far the prior shapes the result."""
+    """Sensitivity to the prior: how far it shapes the result."""
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
     text = (
         Markup(
@@ -229,13 +229,13 @@ def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
     ratios = {name: row.sd / row.prior_sd for name, row in rows.items()}
     narrowed = sorted((name for name in ratios if ratios[name] < NARROWED), key=ratios.__getitem__)
     rest = [name for name in ratios if name not in narrowed]
-    parts = [Markup("{} to {:.0f} %").format(symbol(name), 100 * ratios[name]) for name in narrowed]
+    phrases = [Markup("{} to {:.0f} %").format(symbol(name), 100 * ratios[name]) for name in narrowed]
     learnt = (
-        Markup("They narrow {} of the standard deviation before").format(listed(parts))
-        if parts
+        Markup("They narrow {} of the standard deviation before").format(listed(phrases))
+        if phrases
         else Markup("They narrow none of the parameters by a tenth")
     )
-    kept = Markup("; {} stay about as wide as before").format(symbols(rest)) if rest and parts else ""
+    kept = Markup("; {} stay about as wide as before").format(symbols(rest)) if rest and phrases else ""
     return Markup("The readings of this study add {} to what was known before. {}{}.").format(
         _total(result), learnt, kept
     )
@@ -243,15 +243,15 @@ def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
 
 def _total(result: Result) -> str:
     """Divergence of the posterior from the cut prior: the mean log likelihood less the log evidence."""
-    found, terms = result.record.get("evidence"), result.draws["log_likelihood"]
-    if found is None or not found["reliable"]:
+    evidence, terms = result.record.get("evidence"), result.draws["log_likelihood"]
+    if evidence is None or not evidence["reliable"]:
         return "an amount of information that this run does not know well"
     likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms.data_vars.values())
     if result.study.errors:  # a row's term is given all other rows
         likelihood = posterior(result.study).log_prior_and_likelihood(spread_draws(result))[1]
     mean, error = float(np.mean(likelihood)), float(np.std(likelihood) / np.sqrt(np.size(likelihood)))
-    gain = (mean - found["log_z"] + found["log_share"]) / BIT
-    spread = float(np.sqrt(error**2 + found["error"] ** 2 + found["log_share_error"] ** 2)) / BIT
+    gain = (mean - evidence["log_z"] + evidence["log_share"]) / BIT
+    spread = float(np.sqrt(error**2 + evidence["error"] ** 2 + evidence["log_share_error"] ** 2)) / BIT
     value, off = with_error(gain, spread)
     return f"{value} ± {off} bit"
 

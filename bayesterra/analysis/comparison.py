@@ -108,7 +108,7 @@ class Comparison:
     @property
     def predictions(self) -> pd.DataFrame:
         """Bands of every result at the slips of ``points``."""
-        tables = [one.table.assign(result=name) for name, one in self.points.items()]
+        tables = [prediction.table.assign(result=name) for name, prediction in self.points.items()]
         table = pd.concat(tables, ignore_index=True)
         return table[["result", *(column for column in table.columns if column != "result")]]
 
@@ -136,12 +136,12 @@ class Comparison:
 
     def _left_out(self, first: str, name: str) -> dict[str, object]:
         """Cross-validation of one result, and its difference from the first."""
-        loo, found = self.loo.get(name), self.left_out(first, name)
+        loo, elpd_difference = self.loo.get(name), self.left_out(first, name)
         return {
             "elpd": np.nan if loo is None else loo.elpd,
             "elpd_se": np.nan if loo is None else loo.se,
-            "elpd_difference": np.nan if found is None else found.elpd,
-            "elpd_difference_se": np.nan if found is None else found.se,
+            "elpd_difference": np.nan if elpd_difference is None else elpd_difference.elpd,
+            "elpd_difference_se": np.nan if elpd_difference is None else elpd_difference.se,
             "elpd_word": "" if name == first else self.left_out_word(first, name),
         }
 
@@ -152,28 +152,28 @@ class Comparison:
         return difference(self.loo[second], self.loo[first])
 
     def left_out_word(self, first: str, second: str) -> str:
-        """What leaving rows out says between two results."""
-        found = self.left_out(first, second)
-        if found is None:
+        """Verdict of leaving rows out between two results."""
+        elpd_difference = self.left_out(first, second)
+        if elpd_difference is None:
             return "not comparable" if not self.comparable(first, second) else "not known"
-        if not found.distinguishable:
+        if not elpd_difference.distinguishable:
             return "not distinguishable"
-        return f"{second if found.elpd > 0 else first} predicts better"
+        return f"{second if elpd_difference.elpd > 0 else first} predicts better"
 
     def comparable(self, first: str, second: str) -> bool:
-        """Whether both results explain the same readings of the same channels."""
+        """True where both results explain the same readings of the same channels."""
         return self.evidence[first].outcomes == self.evidence[second].outcomes
 
     def difference(self, first: str, second: str) -> tuple[float, float]:
         """Log evidence of ``second`` less that of ``first`` and its error; NaN where they do not compare."""
         if not self.comparable(first, second):
             return np.nan, np.nan
-        one, other = self.evidence[first], self.evidence[second]
-        error = 0.0 if first == second else float(np.hypot(one.error, other.error))
-        return other.value - one.value, error
+        reference, other = self.evidence[first], self.evidence[second]
+        error = 0.0 if first == second else float(np.hypot(reference.error, other.error))
+        return other.value - reference.value, error
 
     def word(self, first: str, second: str) -> str:
-        """What the evidence says between two results."""
+        """Verdict of the evidence between two results."""
         value, error = self.difference(first, second)
         if np.isnan(value):
             return "not comparable" if not self.comparable(first, second) else "not known"
@@ -209,12 +209,12 @@ def side_by_side(
     check_count(results)
     first = next(iter(results.values()))
     load = reference_load(first.study) if load is None else load
-    driven = np.unique(np.concatenate([one.study.observations.used().slip for one in results.values()]))
+    driven = np.unique(np.concatenate([result.study.observations.used().slip for result in results.values()]))
     grid = np.linspace(driven[0], driven[-1], GRID)
     curves = {}
     for name, result in results.items():
-        called, one = wheel or _own_wheel(result, next(iter(first.study.wheels)))
-        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=one, name=called)
+        called, dimensions = wheel or _own_wheel(result, next(iter(first.study.wheels)))
+        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=dimensions, name=called)
     return Comparison(
         dict(results),
         {name: curve.at(grid) for name, curve in curves.items()},
@@ -240,12 +240,12 @@ def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
 
 def log_evidence(result: Result) -> Evidence:
     """Log evidence of a result under its cut prior: the share of the stated one in it is divided out."""
-    found = result.record.get("evidence")
-    if found is None:
+    entry = result.record.get("evidence")
+    if entry is None:
         return Evidence(np.nan, np.nan, outcomes_of(result))
-    error = float(np.hypot(found["error"], found["log_share_error"]))
-    value = found["log_z"] - found["log_share"]
-    return Evidence(value, error, outcomes_of(result), bool(found.get("reliable", True)))
+    error = float(np.hypot(entry["error"], entry["log_share_error"]))
+    value = entry["log_z"] - entry["log_share"]
+    return Evidence(value, error, outcomes_of(result), bool(entry.get("reliable", True)))
 
 
 def outcomes_of(result: Result) -> str:
@@ -342,9 +342,9 @@ def _named(results: object) -> Mapping[str, Result]:
     return load_results([checked_path("bt.compare", folder, what) for folder in results])
 
 
-def _common_wheel(results: Mapping[str, Result], given: str) -> tuple[str, Wheel]:
-    knows = (result for result in results.values() if given in result.study.wheels)
-    return wheel_named(next(knows, next(iter(results.values()))).study, given)
+def _common_wheel(results: Mapping[str, Result], name: str) -> tuple[str, Wheel]:
+    knows = (result for result in results.values() if name in result.study.wheels)
+    return wheel_named(next(knows, next(iter(results.values()))).study, name)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:
@@ -352,7 +352,7 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     results: dict[str, Result] = {}
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
-        same = sum(known.partition(" (")[0] == name for known in results)
+        same = sum(earlier.partition(" (")[0] == name for earlier in results)
         results[f"{name} ({same + 1})" if same else name] = load_single(folder)
     return results
 

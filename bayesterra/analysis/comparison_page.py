@@ -62,10 +62,10 @@ def _readings(comparison: Comparison) -> Verdict:
     first, *others = comparison.names
     apart = [name for name in others if not comparison.comparable(first, name)]
     if apart:
-        parts = (_explains(name, comparison.results[name].study) for name in (first, *apart))
+        explanations = (_explains(name, comparison.results[name].study) for name in (first, *apart))
         sentence = Markup(
             "{}. Parameters and predictions compare; evidence does only for the same readings."
-        ).format(listed(parts))
+        ).format(listed(explanations))
         return Verdict("Readings explained", "not the same", "fair", sentence)
     sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
     return Verdict("Readings explained", "the same", "good", sentence)
@@ -82,15 +82,15 @@ def _counted(study: Study) -> Markup:
 
 
 def _evidence(comparison: Comparison) -> Verdict:
-    known = _alike(comparison)
+    names = _alike(comparison)
     values = listed(
-        Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in known
+        Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in names
     )
-    if len(known) < 2:
+    if len(names) < 2:
         return Verdict(
             "Evidence", "not comparable", "fair", Markup("No two results have comparable evidence.")
         )
-    best, second = sorted(known, key=lambda name: -comparison.evidence[name].value)[:2]
+    best, second = sorted(names, key=lambda name: -comparison.evidence[name].value)[:2]
     word = comparison.word(second, best)
     difference = rounded(comparison.difference(second, best)[0], 0.1)
     if word.startswith("not known"):
@@ -108,7 +108,7 @@ def _evidence(comparison: Comparison) -> Verdict:
 
 
 def _left_out(comparison: Comparison, first: str, second: str) -> Markup:
-    """What cross-validation adds."""
+    """Sentence that cross-validation adds."""
     if comparison.left_out(first, second) is None:
         return Markup("")
     return Markup(" Leaving rows out: {}.").format(comparison.left_out_word(first, second))
@@ -128,7 +128,7 @@ def _value(comparison: Comparison, name: str) -> tuple[float, float]:
 
 
 def _moves(comparison: Comparison) -> Verdict:
-    """Which parameters and derived quantities move from the first result to the others."""
+    """Parameters and derived quantities that move from the first result to the others."""
     table = comparison.parameters
     first = comparison.names[0]
     moved = table[(table["shift"].abs() >= MOVED) & (table["result"] != first)]
@@ -137,13 +137,13 @@ def _moves(comparison: Comparison) -> Verdict:
     if moved.empty:
         sentence = Markup("No mean moves by {:.0f} sd of {} or more.").format(MOVED, first)
         return Verdict("Conclusions", "agree", "good", sentence)
-    parts = [
+    shifts = [
         Markup("{} ({} in {})").format(symbol(row["quantity"]), signed(row["shift"]), row["result"])
         for row in moved.head(4).to_dict("records")
     ]
-    more = "" if len(moved) <= len(parts) else " and more"
+    more = "" if len(moved) <= len(shifts) else " and more"
     sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(
-        MOVED, first, listed(parts), more
+        MOVED, first, listed(shifts), more
     )
     return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "fair", sentence)
 
@@ -169,8 +169,8 @@ def _side_by_side(comparison: Comparison) -> RichTable:
         ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
         key = (str(row["quantity"]).replace("_", " "), str(row["unit"]))
         cells.setdefault(key, {})[str(row["result"])] = f"{rounded(row['median'], step)} ({ends})"
-    for (quantity, unit), found in cells.items():
-        table.add_row(quantity, unit, *(found.get(name, "") for name in comparison.names))
+    for (quantity, unit), entries in cells.items():
+        table.add_row(quantity, unit, *(entries.get(name, "") for name in comparison.names))
     return table
 
 
@@ -184,13 +184,14 @@ def comparison_table(comparison: Comparison) -> str:
             f"{rounded(row['median'], step)} ({ends})"
         )
     rows = [
-        (with_unit(name), *(found.get(one, "") for one in comparison.names)) for name, found in cells.items()
+        (with_unit(name), *(entries.get(result_name, "") for result_name in comparison.names))
+        for name, entries in cells.items()
     ]
     return table("Median (90 % HDI)", ("", *comparison.names), rows, evidence_lines(comparison))
 
 
 def evidence_lines(comparison: Comparison) -> list[str]:
-    """What the evidence says of every result, a line each."""
+    """Evidence of every result in words, a line each."""
     lines = []
     for row in comparison.evidences.to_dict("records"):
         value = f"{rounded(row['log_evidence'], 0.01)} ± {rounded(row['error'], 0.01)}"

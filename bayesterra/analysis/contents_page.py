@@ -50,7 +50,7 @@ def keys(comparison: Comparison) -> tuple[Markup, ...]:
 
 
 def driven_by(comparison: Comparison) -> str:
-    """Which wheel the predictions are for."""
+    """Name of the wheel that the predictions are for."""
     wheels = {curve.wheel: curve.name for curve in comparison.curves.values()}
     return f"wheel {next(iter(wheels.values()))}" if len(wheels) == 1 else "each result with its own wheel"
 
@@ -121,17 +121,17 @@ def _row(comparison: Comparison, name: str) -> tuple[Cell, ...]:
 
 def _fixed(comparison: Comparison, name: str) -> Iterator[tuple[Markup, str, str]]:
     """Values of results that hold the parameter."""
-    for one, result in comparison.results.items():
+    for result_name, result in comparison.results.items():
         if name in result.study.prior.fixed:
             value = given(result.study.prior.fixed[name] / PARAMETERS[name].scale)
-            yield coloured(comparison, one, f"fixed at {value}"), "", ""
+            yield coloured(comparison, result_name, f"fixed at {value}"), "", ""
 
 
 def predictions_section(comparison: Comparison) -> Section:
-    """What the results say about driving under one load."""
+    """Predictions of the results for driving under one load."""
     pictures = tuple(
-        drawing(contrast_prediction(comparison, name), f"{known.description} over slip in all results")
-        for name, known in PREDICTED.items()
+        drawing(contrast_prediction(comparison, name), f"{quantity.description} over slip in all results")
+        for name, quantity in PREDICTED.items()
     )
     curve = comparison.curves[comparison.names[0]]
     caption = Markup(
@@ -188,7 +188,7 @@ def _unanswered(table: pd.DataFrame) -> str:
 
 
 def compared_section(comparison: Comparison) -> Section:
-    """What the studies have in common and where they differ."""
+    """Entries that the studies have in common, and those in which they differ."""
     rows = []
     for what, described in _ASPECTS.items():
         cells = [described(result) for result in comparison.results.values()]
@@ -299,12 +299,12 @@ def _fit(result: Result) -> Markup:
     if checks:
         word = "not adequate" if checks["alarm"] else "adequate"
         return Markup("{}, <i>p</i> {}").format(word, probability(checks["overall"]))
-    parts = (Markup("{} {}").format(symbol(c.channel), probability(c.p)) for c in fit_checks(result))
-    return Markup("<i>p</i> {}").format(Markup(", ").join(parts))
+    probabilities = (Markup("{} {}").format(symbol(c.channel), probability(c.p)) for c in fit_checks(result))
+    return Markup("<i>p</i> {}").format(Markup(", ").join(probabilities))
 
 
 def _left_out(comparison: Comparison) -> tuple[Table, ...]:
-    """How well the results predict rows that they have not seen."""
+    """Cross-validation of the results: how well they predict rows that they have not seen."""
     if not comparison.loo:
         return ()
     rows = [
@@ -332,7 +332,7 @@ def _difference(comparison: Comparison, name: str, value: float, error: float) -
 
 
 def repeat_section(comparison: Comparison) -> Section:
-    """What the page was made of."""
+    """Origin of the page: everything that it was made of."""
     rows = [
         (
             coloured(comparison, name, name),
@@ -369,9 +369,9 @@ def contrast(comparison: Comparison, name: str, ax: Axes | None = None) -> Axes:
     free = {n: result for n, result in comparison.results.items() if name in result.names}
     along = _common([axis(result, name) for result in free.values()])
     grid = along.grid(200)
-    for lane, (one, result) in enumerate(comparison.results.items()):
+    for lane, (result_name, result) in enumerate(comparison.results.items()):
         colour = COLOURS[lane]
-        if one not in free:
+        if result_name not in free:
             _fixed_axis(ax, result, name, along, colour)
             continue
         prior, drawn = (field_values(name, _column(result, group, name)) for group in ("prior", "posterior"))
@@ -393,17 +393,20 @@ def contrast_derived(comparison: Comparison, name: str, ax: Axes | None = None) 
     ax = own_axes(ax, 6.0, 0.52 + 0.1 * len(comparison.names))
     table = comparison.parameters
     table = table[table["quantity"] == name].set_index("result")
-    draws = {one: comparison.curves[one].derived[name] for one in table.index}
-    known = {one: values[np.isfinite(values)] / DERIVED[name].scale for one, values in draws.items()}
-    ends = np.concatenate([np.quantile(values, [0.002, 0.998]) for values in known.values()])
+    draws = {result_name: comparison.curves[result_name].derived[name] for result_name in table.index}
+    finite = {
+        result_name: values[np.isfinite(values)] / DERIVED[name].scale
+        for result_name, values in draws.items()
+    }
+    ends = np.concatenate([np.quantile(values, [0.002, 0.998]) for values in finite.values()])
     margin = 0.03 * float(np.ptp(ends)) or 0.01
     along = Axis(float(ends.min() - margin), float(ends.max() + margin), False, (-np.inf, np.inf))
-    for one, values in known.items():
-        lane = comparison.names.index(one)
+    for result_name, values in finite.items():
+        lane = comparison.names.index(result_name)
         height = density(values, along)
         ax.fill_between(along.grid(200), height, color=COLOURS[lane], alpha=0.28, linewidth=0)
         ax.plot(along.grid(200), height, color=COLOURS[lane], linewidth=1.0)
-        row = table.loc[one]
+        row = table.loc[result_name]
         _bar(ax, lane, (row["hdi90_lo"], row["hdi90_hi"]), row["median"], COLOURS[lane])
     _frame(ax, along, len(comparison.names))
     return ax
@@ -418,10 +421,10 @@ def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None =
     """
     ax = own_axes(ax)
     column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
-    for (one, curve), colour in zip(comparison.curves.items(), COLOURS, strict=False):
+    for (result_name, curve), colour in zip(comparison.curves.items(), COLOURS, strict=False):
         low, middle, high = bands(curve.modelled, column) / scale
         ax.fill_between(curve.slip, low, high, color=colour, alpha=0.22, linewidth=0)
-        ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=literal(one))
+        ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=literal(result_name))
     _readings(ax, comparison, quantity)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
     return ax
@@ -449,9 +452,9 @@ def _column(result: Result, group: str, name: str) -> FloatArray:
 def _common(axes: list[Axis]) -> Axis:
     """The range that holds all ranges; logarithmic where all are."""
     return Axis(
-        min(one.low for one in axes),
-        max(one.high for one in axes),
-        all(one.log for one in axes),
+        min(along.low for along in axes),
+        max(along.high for along in axes),
+        all(along.log for along in axes),
         axes[0].bounds,
     )
 

@@ -31,7 +31,7 @@ class Finding:
 
 def findings(result: Result) -> tuple[Finding, ...]:
     """Everything that can be said, the soil first."""
-    parts = (
+    statements = (
         ("Known well", known_well(result)),
         ("Traded", traded(result)),
         ("From the prior", from_the_prior(result)),
@@ -39,7 +39,7 @@ def findings(result: Result) -> tuple[Finding, ...]:
         ("Least squares", about_least_squares(result)),
         ("Next", next_measurement(result)),
     )
-    return tuple(Finding(lead, text) for lead, text in parts if text)
+    return tuple(Finding(lead, text) for lead, text in statements if text)
 
 
 def known_well(result: Result) -> Markup:
@@ -48,10 +48,10 @@ def known_well(result: Result) -> Markup:
     if not names:
         return Markup("No parameter on its own; see the combinations below.")
     rows = summary_rows(result)
-    parts = (
+    intervals = (
         Markup("{} ({})").format(symbol(name), amount(name, interval(*rows[name].hdi))) for name in names
     )
-    return Markup("{}; 90 % HDI in brackets.").format(listed(parts))
+    return Markup("{}; 90 % HDI in brackets.").format(listed(intervals))
 
 
 def coupled_pairs(result: Result) -> list[tuple[str, str, float]]:
@@ -66,14 +66,14 @@ def coupled_pairs(result: Result) -> list[tuple[str, str, float]]:
 
 
 def traded(result: Result) -> Markup:
-    """What the data leave to be traded against what."""
+    """Pairs of parameters that the data leave to be traded against each other."""
     pairs = coupled_pairs(result)
     if not pairs:
         return Markup("")
-    parts = (Markup("{} with {} ({})").format(symbol(a), symbol(b), _signed(r)) for a, b, r in pairs)
+    trades = (Markup("{} with {} ({})").format(symbol(a), symbol(b), _signed(r)) for a, b, r in pairs)
     return Markup(
         "{}. The data fix these combinations better than either member; correlation in brackets."
-    ).format(listed(parts))
+    ).format(listed(trades))
 
 
 def _signed(correlation: float) -> str:
@@ -82,9 +82,9 @@ def _signed(correlation: float) -> str:
 
 def from_the_prior(result: Result) -> Markup:
     """Parameters that the data hardly narrow, and those that lean on a bound of the prior."""
-    found = identifiability_rows(result)
-    moved = [name for name, row in found.items() if row.verdict == "moved"]
-    names = [name for name, row in found.items() if row.contraction < WEAK and name not in moved]
+    rows = identifiability_rows(result)
+    moved = [name for name, row in rows.items() if row.verdict == "moved"]
+    names = [name for name, row in rows.items() if row.contraction < WEAK and name not in moved]
     first = (
         Markup(
             "{} alone {} hardly better known than before the test: the prior speaks, not the data."
@@ -125,7 +125,7 @@ def about_the_mode(result: Result) -> Markup:
 
 
 def about_least_squares(result: Result) -> Markup:
-    """Where the point estimates stand in the posterior."""
+    """Standing of the point estimates in the posterior."""
     standings = result.record["standings"]
     if failed(result.record, "standings"):
         return Markup("")
@@ -207,10 +207,11 @@ def _at_bounds(result: Result, names: list[str]) -> Iterator[Markup]:
         if parameters:
             groups.setdefault(parameters, []).append(name)
     if groups:
-        parts = (
-            Markup("{} in {}").format(symbols(found), listed(methods)) for found, methods in groups.items()
+        cases = (
+            Markup("{} in {}").format(symbols(parameters), listed(methods))
+            for parameters, methods in groups.items()
         )
-        yield Markup("At a bound of the prior: {}.").format(Markup("; ").join(parts))
+        yield Markup("At a bound of the prior: {}.").format(Markup("; ").join(cases))
 
 
 ADVICE = (
@@ -235,6 +236,6 @@ def next_measurement(result: Result) -> Markup:
         for pair, text in ADVICE:
             if pair == {a, b}:
                 advice.setdefault(text, []).append(symbols([a, b]))
-    parts = [Markup(text).format(listed(pairs, "or")) for text, pairs in advice.items()]  # noqa: S704 (constants)
-    text = Markup("; ").join(parts[:3])
-    return Markup("By the couplings above, {}.").format(text) if parts else Markup("")
+    hints = [Markup(text).format(listed(pairs, "or")) for text, pairs in advice.items()]  # noqa: S704 (constants)
+    text = Markup("; ").join(hints[:3])
+    return Markup("By the couplings above, {}.").format(text) if hints else Markup("")

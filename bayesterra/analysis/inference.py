@@ -105,17 +105,17 @@ def run(
 
     def against() -> dict[str, Any]:
         ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
-        found = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
-        return {"crosscheck": found.record()}
+        comparison = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+        return {"crosscheck": comparison.record()}
 
-    found = failures.attempt("crosscheck", against, dict[str, Any])
-    return replace(result, record=with_failures({**result.record, **found}, failures))
+    entry = failures.attempt("crosscheck", against, dict[str, Any])
+    return replace(result, record=with_failures({**result.record, **entry}, failures))
 
 
 def _evidence(target: Posterior, samples: Samples, seed: SeedSequence) -> Evidence | None:
     proposals = [adaptation.proposal for adaptation in samples.adaptations]
-    found = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
-    return found.beside([adaptation.log_evidence for adaptation in samples.adaptations])
+    pooled = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
+    return pooled.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
 @dataclass(frozen=True)
@@ -195,14 +195,14 @@ class Analysis:
         """Verdicts on the parameters, and the record of the directions that design and data determine."""
         names, prior, draws = self.posterior.names, self.prior.x, self.kept.flat
 
-        def found() -> tuple[structures.Structure, Identifiability]:
+        def structure_and_verdicts() -> tuple[structures.Structure, Identifiability]:
             seen = structures.structure(self.posterior, prior[: structures.DRAWS])
             laws = [self.study.prior.laws[name] for name in names]
             ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
             structural = np.isin(names, seen.determined)
             return seen, identifiability(names, ranges, prior, draws, structural, logs)
 
-        both = self.failures.attempt("identifiability", found, lambda: None)
+        both = self.failures.attempt("identifiability", structure_and_verdicts, lambda: None)
         if both is None:
             return undetermined(names, prior, draws), {}
         seen, verdicts = both
@@ -240,10 +240,12 @@ class Analysis:
         points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
         references = {"published": self.study.published, "truth": self.study.truth}
-        return points | {name: dict(known.values) for name, known in references.items() if known is not None}
+        return points | {
+            name: dict(reference.values) for name, reference in references.items() if reference is not None
+        }
 
     def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
-        """Where every point estimate stands among the draws' log densities (n,)."""
+        """Standing of every point estimate among the draws' log densities (n,)."""
         soils = {
             method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
             for method, values in self.points().items()

@@ -84,39 +84,39 @@ def sampling_section(result: Result) -> Section:
 
 def _evidence(record: Mapping[str, Any]) -> Markup:
     """The log evidence in a sentence, and how far to trust it."""
-    found = record.get("evidence")
-    if found is None:
+    evidence = record.get("evidence")
+    if evidence is None:
         return Markup("{}").format(failed(record, "evidence"))
-    z, error = with_error(found["log_z"], found["error"])
-    share, share_error = with_error(found["log_share"], found["log_share_error"])
-    doubt = "" if found["reliable"] else f" {_doubt(found)}: the true error may be much larger."
+    z, error = with_error(evidence["log_z"], evidence["error"])
+    share, share_error = with_error(evidence["log_share"], evidence["log_share_error"])
+    doubt = "" if evidence["reliable"] else f" {_doubt(evidence)}: the true error may be much larger."
     return Markup(
         "Log evidence {} ± {} for these readings under the stated prior, which is not renormalised after the "
         "physical cut (log share left by it: {} ± {}). From {} draws of the pooled proposals, {:.0f} % "
         "effective, Pareto k̂ {:.2f} (reliable to {:.2f}).{}"
     ).format(
-        z, error, share, share_error, found["draws"], 100 * found["efficiency"], found["k_hat"],
-        found["limit"], doubt,
+        z, error, share, share_error, evidence["draws"], 100 * evidence["efficiency"], evidence["k_hat"],
+        evidence["limit"], doubt,
     )  # fmt: skip
 
 
-def _doubt(found: Mapping[str, Any]) -> str:
-    """Why an evidence cannot be relied on."""
-    if found["k_hat"] is not None and found["k_hat"] <= found["limit"]:
-        return f"The ensembles’ own values lie {found['spread']:.2g} off (root mean square)"
+def _doubt(evidence: Mapping[str, Any]) -> str:
+    """Doubt about an evidence that cannot be relied on."""
+    if evidence["k_hat"] is not None and evidence["k_hat"] <= evidence["limit"]:
+        return f"The ensembles’ own values lie {evidence['spread']:.2g} off (root mean square)"
     return "The weights have a heavy tail"
 
 
 def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
-    """What nested sampling at two settings says, if it was asked."""
-    found = record.get("crosscheck")
-    if found is None:
+    """Verdict of nested sampling at two settings, if it was asked for."""
+    crosscheck = record.get("crosscheck")
+    if crosscheck is None:
         return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
     text = Markup(
         "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
         "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
         "sign, so a disagreement does not say who is wrong."
-    ).format(found["verdict"], found["worst"], found["threshold"])
+    ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
     return (Text(text),)
 
 
@@ -251,7 +251,7 @@ SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
 
 
 def _lines(result: Result) -> Markup:
-    """What the broken lines are, of the methods that gave every parameter."""
+    """Legend of the broken lines, those of the methods that gave every parameter."""
     drawn = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
     if not drawn:
         return Markup("")
@@ -346,12 +346,12 @@ def _at_slips(
     result: Result, wheel: str, channels: tuple[str, ...], slips: FloatArray
 ) -> tuple[tuple[Cell, ...], tuple[tuple[Cell, ...], ...]]:
     """Head and rows of a table of modelled values at slips, of those channels that the drive gives."""
-    known = [name for name in channels if name in result.draws["curves"]["outcome"]]
-    heads = [head for name in known for head in (with_unit(name), "90 %")]
+    outcomes = [name for name in channels if name in result.draws["curves"]["outcome"]]
+    heads = [head for name in outcomes for head in (with_unit(name), "90 %")]
     rows = []
     for slip in slips:
         cells: list[Cell] = [f"{slip:.3g}"]
-        for name in known:
+        for name in outcomes:
             low, middle, high = _quantiles(result, wheel, name, float(slip))
             step = resolution(low, high)
             cells += [rounded(middle, step), interval(low, high, step)]
@@ -360,18 +360,18 @@ def _at_slips(
 
 
 def _remark(result: Result, slips: FloatArray) -> Markup:
-    """Say where the numbers leave the driven slips."""
+    """Remark on where the numbers leave the driven slips."""
     row = summary_rows(result).get("peak_pull_slip")
-    parts = [Markup("Modelled values without measurement noise.")]
+    sentences = [Markup("Modelled values without measurement noise.")]
     if result.study.errors.discrepancy:
-        parts.append(Markup("Those at slips hold the discrepancy, all others are the model’s alone."))
+        sentences.append(Markup("Those at slips hold the discrepancy, all others are the model’s alone."))
     if row is None:
-        return parts[0]
+        return sentences[0]
     if row.hdi90_hi >= SLIP_GRID[-1] - 1e-9:
-        parts.append(Markup("The greatest pull is searched up to slip {:.2g}.").format(SLIP_GRID[-1]))
+        sentences.append(Markup("The greatest pull is searched up to slip {:.2g}.").format(SLIP_GRID[-1]))
     if row.hdi90_hi > slips[-1]:
-        parts.append(Markup("Above the last driven slip, {:.2g}, it is extrapolated.").format(slips[-1]))
-    return Markup(" ").join(parts)
+        sentences.append(Markup("Above the last driven slip, {:.2g}, it is extrapolated.").format(slips[-1]))
+    return Markup(" ").join(sentences)
 
 
 def slip_table(result: Result, wheel: str) -> Table:

@@ -86,7 +86,7 @@ def page(result: Result) -> Page:
     )
     shown = failures.attempt("report: strip", lambda: (strip(result), legend(result)), lambda: ((), ()))
     driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
-    found = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
+    statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
     sections = _sections(result, failures)
     return Page(
         title=result.study.title or "Soil parameters from wheel tests",
@@ -97,7 +97,7 @@ def page(result: Result) -> Page:
         strip=shown[0],
         legend=shown[1],
         driving=driven,
-        findings=found,
+        findings=statements,
         sections=sections,
         version=result.record["versions"]["bayesterra"],
         failures=failures,
@@ -135,7 +135,7 @@ def _facts(result: Result) -> tuple[str, ...]:
     study, rows = result.study, result.study.observations
     wheels = ", ".join(study.wheels)
     used = f"{int(rows.use.sum())} of {len(rows)} rows in the fit"
-    parts = (
+    facts = (
         f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}",
         study.soil,
         study.date,
@@ -143,16 +143,16 @@ def _facts(result: Result) -> tuple[str, ...]:
         f"model {study.model.name}, {study.drive}-driven",
         f"analysed {str(result.record['made'])[:10]}",
     )
-    return tuple(part for part in parts if part)
+    return tuple(part for part in facts if part)
 
 
 def warning(result: Result) -> Markup:
-    """What forbids to use the figures as they stand, and what to do about it; empty where nothing does."""
+    """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
     return Markup(" ").join(part for part in (_misfit(result), _unsettled(result)) if part)
 
 
 def _misfit(result: Result) -> Markup:
-    """That the model cannot make readings like these; empty where it can, or where that is not known."""
+    """Warning that the model cannot make readings like these; empty where it can, or that is not known."""
     checks = Validation.from_record(result.record).checks
     if checks is None or not checks.alarm:
         return Markup("")
@@ -160,7 +160,7 @@ def _misfit(result: Result) -> Markup:
 
 
 def _unsettled(result: Result) -> Markup:
-    """What to do about a sampling that has not converged; empty where it has."""
+    """Advice about a sampling that has not converged; empty where it has."""
     if result.converged:
         return Markup("")
     advice = listed(check["advice"] for check in failed_checks(result))
@@ -181,7 +181,7 @@ def failed_checks(result: Result) -> list[Mapping[str, Any]]:
 
 
 def sampling_verdict(result: Result) -> Verdict:
-    """Whether the draws can be relied on."""
+    """Verdict on whether the draws can be relied on."""
     verdict, settings = result.record["verdict"], result.record["settings"]
     figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
         plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
@@ -193,19 +193,19 @@ def sampling_verdict(result: Result) -> Verdict:
 
 
 def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
-    """Whether the readings look as the model says that they look."""
-    found = Validation.from_record(result.record).checks
-    if found is None:
+    """Verdict on whether the readings look as the model says that they look."""
+    predictive_checks = Validation.from_record(result.record).checks
+    if predictive_checks is None:
         why = failed(result.record, "predictive_checks")
         return Verdict("Model fit", "not known", "fair", Markup("{}").format(why))
-    sentence = alarm_sentence(found)
+    sentence = alarm_sentence(predictive_checks)
     overstated = [check.channel for check in checks if check.overstated]
     if overstated:
         sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
     return Verdict(
         "Model fit",
-        "not adequate" if found.alarm else "adequate",
-        "poor" if found.alarm else "good",
+        "not adequate" if predictive_checks.alarm else "adequate",
+        "poor" if predictive_checks.alarm else "good",
         sentence + few_readings(result, checks),
     )
 
@@ -219,17 +219,19 @@ def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
 
 
 def identifiability_verdict(result: Result) -> Verdict:
-    """How many independent combinations of parameters the data determine."""
-    found = result.record.get("directions")
-    if found is None:
+    """Number of independent combinations of parameters that the data determine."""
+    directions = result.record.get("directions")
+    if directions is None:
         why = failed(result.record, "identifiability", "directions")
         return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
-    counts = [row for row in marginal(found) if row["scope"] == ALL] or [{**found, "directions": found["of"]}]
+    counts = [row for row in marginal(directions) if row["scope"] == ALL] or [
+        {**directions, "directions": directions["of"]}
+    ]
     determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
-    known = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
+    on_their_own = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
     plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
-        known
+        on_their_own
     )
     sentence = finding(result) or plain
     grade = "good" if determined == of else "fair" if determined else "poor"
@@ -271,13 +273,13 @@ def _cut_moments(result: Result, name: str) -> tuple[str, str]:
 
 def result_table(result: Result) -> str:
     """Verdict on the sampling, then every parameter and derived quantity of a result."""
-    found = identifiability_rows(result)
+    verdicts = identifiability_rows(result)
     rows = []
     for name, row in summary_rows(result).items():
         step = resolution(*row.hdi)
-        word = found[name].verdict if name in found else ""
+        word = verdicts[name].verdict if name in verdicts else ""
         if word == "coupled":
-            partner = found[name].coupled_with
+            partner = verdicts[name].coupled_with
             word = f"{word} with {QUANTITIES[partner].symbol if partner else 'several'}"
         values = (rounded(row.median, step), interval(*row.hdi), rounded(row.mode, step))
         rows.append((with_unit(name), angles(QUANTITIES[name].description), *values, word))

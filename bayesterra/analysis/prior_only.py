@@ -34,7 +34,7 @@ CREDIBLE = 0.9
 
 @dataclass(frozen=True)
 class PriorResult:
-    """What a study says before its readings.
+    """Result of a study before its readings.
 
     Attributes
     ----------
@@ -96,13 +96,13 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
         "constant_data": conditions_dataset(study),
         **curves,
     }
-    found = result.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
+    record = result.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
     return PriorResult(
         study=study,
         draws=labelled_tree(groups),
         summary=_summary(study, cut.x, failures),
         predictive=predictive_table(study, predictions),
-        record=with_failures(found, failures),
+        record=with_failures(record, failures),
     )
 
 

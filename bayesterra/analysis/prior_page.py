@@ -76,7 +76,7 @@ def prior_page(result: PriorResult) -> VerdictPage:
 
 
 def _support(result: PriorResult) -> Verdict:
-    """How much of the stated prior physics leaves."""
+    """Share of the stated prior that physics leaves."""
     shares: dict[str, float] = dict(result.record["prior_support"]["shares"])
     inside = shares.pop("inside the support", 0.0)
     worst = max(shares, key=lambda reason: shares[reason], default="")
@@ -88,13 +88,13 @@ def _support(result: PriorResult) -> Verdict:
 
 
 def _predictions(result: PriorResult) -> Verdict:
-    """How wide the predictions are beside the noise."""
+    """Width of the predictions beside the noise."""
     if line := failed(result.record, "curves"):
         return Verdict("Readings would teach", "not known", "fair", Markup("{}").format(line))
     outcomes = result.draws["curves"]["outcome"].to_numpy().tolist()
     ratios = {name: _ratio(result, name) for name in result.study.noise if name in outcomes}
-    parts = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
-    sentence = Markup("Spread of what the prior predicts over the noise of a reading: {}.").format(parts)
+    phrases = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
+    sentence = Markup("Spread of what the prior predicts over the noise of a reading: {}.").format(phrases)
     teaching = sum(ratio > TEACHING for ratio in ratios.values())
     grade = "good" if teaching == len(ratios) else "fair" if teaching else "poor"
     return Verdict("Readings would teach", f"in {teaching} of {len(ratios)} channels", grade, sentence)

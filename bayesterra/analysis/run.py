@@ -202,7 +202,7 @@ def run_study(
 
 @contextmanager
 def _from_segments(part: Path) -> Iterator[None]:
-    """Say so where saved segments are whole and of this run, and yet no run can go on from them."""
+    """Error for saved segments that are whole and of this run, and yet no run can go on from them."""
     try:
         yield
     except BayesterraError:
@@ -254,10 +254,10 @@ def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool =
 
 
 def _status(progress: Progress) -> dict[str, object]:
-    """What a poller of ``status.json`` sees."""
+    """Content of ``status.json``, as a poller sees it."""
     diagnosis = progress.diagnosis
-    known = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
-    numbers = {"done": progress.done, "seconds_left": progress.seconds_left, **known}
+    convergence = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
+    numbers = {"done": progress.done, "seconds_left": progress.seconds_left, **convergence}
     finite = {
         name: value if value is not None and isfinite(value) else None for name, value in numbers.items()
     }

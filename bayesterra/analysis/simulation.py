@@ -24,7 +24,7 @@ _PRIOR_DRAWS = 2000
 
 @dataclass(frozen=True)
 class Truth:
-    """What simulated data are made with.
+    """True values that simulated data are made with.
 
     Attributes
     ----------
@@ -37,27 +37,27 @@ class Truth:
     origins: Mapping[str, str]
 
 
-def true_values(study: Study, given: Mapping[str, float | str] | None = None) -> Truth:
+def true_values(study: Study, assigned: Mapping[str, float | str] | None = None) -> Truth:
     """Choose a value for every parameter.
 
-    The first of these that has one: ``given``; the study's [truth]; the prior, where it fixes the parameter;
-    [published], where there is no [truth]; the median of the prior cut to the physical support.
+    The first of these that has one: ``assigned``; the study's [truth]; the prior, where it fixes the
+    parameter; [published], where there is no [truth]; the median of the prior cut to the physical support.
 
     Parameters
     ----------
-    given : values by parameter, SI numbers or text with a unit.
+    assigned : values by parameter, SI numbers or text with a unit.
     """
-    known = tuple(name for name in PARAMETERS if name in study.prior.entries)
-    chosen = {n: parameter_value(n, v, known, bare=True) for n, v in (given or {}).items()}
+    names = tuple(name for name in PARAMETERS if name in study.prior.entries)
+    chosen = {n: parameter_value(n, v, names, bare=True) for n, v in (assigned or {}).items()}
     sources = {"given": chosen}
     sources["truth"] = dict(study.truth.values) if study.truth else {}
     sources["fixed"] = study.prior.fixed
     sources["published"] = dict(study.published.values) if study.published and not study.truth else {}
-    tied = [n for n in known if n in study.prior.ties]
-    known = tuple(n for n in known if n not in tied)
-    open_names = [n for n in known if not any(n in values for values in sources.values())]
+    tied = [n for n in names if n in study.prior.ties]
+    names = tuple(n for n in names if n not in tied)
+    open_names = [n for n in names if not any(n in values for values in sources.values())]
     sources["prior median"] = _cut_prior_medians(study) if open_names else {}
-    origins = {n: next(o for o, values in sources.items() if n in values) for n in known}
+    origins = {n: next(o for o, values in sources.items() if n in values) for n in names}
     values = {n: sources[origin][n] for n, origin in origins.items()}
     for n in tied:
         values[n], origins[n] = values[study.prior.root(n)], f"tied to {study.prior.ties[n]}"

@@ -36,15 +36,15 @@ class Either:
 class OneOf:
     """A text that is one of those known."""
 
-    def __init__(self, known: Sequence[str]) -> None:
-        self.known = frozenset(known)
+    def __init__(self, choices: Sequence[str]) -> None:
+        self.choices = frozenset(choices)
 
 
 class Each:
     """A table with any keys, or with known ones, whose entries have one shape."""
 
-    def __init__(self, shape: object, known: Sequence[str] | None = None) -> None:
-        self.shape, self.known = shape, None if known is None else frozenset(known)
+    def __init__(self, shape: object, keys: Sequence[str] | None = None) -> None:
+        self.shape, self.keys = shape, None if keys is None else frozenset(keys)
 
 
 class Whole:
@@ -233,8 +233,8 @@ def check_record(record: Any, shape: Mapping[str, object] = RECORD_SHAPE) -> Non
     """ValueError where something in a record is missing, or of another kind than the report relies on."""
     _check(record, {"failures": _ORIGIN["failures"]}, "run.json")
     failed = set(record.get("failures", ()))
-    missing = {name for name, parts in FAILING.items() if name not in record and failed & set(parts)}
-    _check(record, {name: one for name, one in shape.items() if name not in missing}, "run.json")
+    missing = {name for name, causes in FAILING.items() if name not in record and failed & set(causes)}
+    _check(record, {name: kind for name, kind in shape.items() if name not in missing}, "run.json")
     loo = record.get("loo")
     if loo is not None and len(loo["rows"]) != len(loo["full"]):
         raise ValueError("run.json: 'loo' must have as many rows as densities")
@@ -242,15 +242,15 @@ def check_record(record: Any, shape: Mapping[str, object] = RECORD_SHAPE) -> Non
 
 def _check(value: Any, shape: object, place: str) -> None:
     if isinstance(shape, Either):
-        if any(_fits(value, one) for one in shape.shapes):
+        if any(_fits(value, alternative) for alternative in shape.shapes):
             return
         raise ValueError(f"{place} is of the wrong kind (got {value!r:.40})")
     if isinstance(shape, Mapping):
         _check_table(value, shape, place)
     elif isinstance(shape, Each):
-        known = shape.known
+        keys = shape.keys
         for key, item in _table(value, place).items():
-            if known is not None and key not in known:
+            if keys is not None and key not in keys:
                 raise ValueError(f"{place} has an unknown entry {key!r:.40}")
             _check(item, shape.shape, f"{place}: {key!s:.40}")
     elif isinstance(shape, list):
@@ -279,11 +279,11 @@ def _table(value: Any, place: str) -> dict[str, Any]:
 
 
 def _fits(value: Any, shape: object) -> bool:
-    """Whether a single value is of a kind."""
+    """True where a single value is of a kind."""
     if shape is None:
         return value is None
     if isinstance(shape, OneOf):
-        return isinstance(value, str) and value in shape.known
+        return isinstance(value, str) and value in shape.choices
     if isinstance(shape, Whole):
         return type(value) is int and 0 <= value < _MOST
     if shape is float:
@@ -410,7 +410,7 @@ def read_result(folder: Path) -> Result:
 
 
 def is_pooled(folder: Path) -> bool:
-    """Whether a folder was written by a run of a study with groups."""
+    """True where a folder was written by a run of a study with groups."""
     return _marked(folder, "pooling")
 
 
@@ -435,7 +435,7 @@ def read_pooled(folder: Path) -> PooledResult:
 
 
 def _marked(folder: Path, key: str) -> bool:
-    """Whether the record of a folder has an entry that says what kind of result it is."""
+    """True where the record of a folder has an entry that says what kind of result it is."""
     try:
         return bool(read_json(folder / RECORD).get(key))
     except (OSError, ValueError, AttributeError):

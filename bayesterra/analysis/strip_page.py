@@ -76,7 +76,7 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
 
 
 def moved_by(shift: float) -> str:
-    """How far the mean moved, in words before others; nothing where it is not the mean that moved."""
+    """Shift of the mean, in words before others; nothing where it is not the mean that moved."""
     return f"by {shift:+.1f} prior sd: ".replace("-", MINUS) if abs(shift) >= SHIFT else ""
 
 

@@ -38,9 +38,10 @@ def print_result(result: Result, report: Path) -> None:
     console.print(verdict_line(result.record), highlight=False, soft_wrap=True)
     if misfit := misfit_line(result):
         PlainConsole(stderr=True).print(misfit, highlight=False, soft_wrap=True)
-    if found := result.record.get("crosscheck"):
+    if crosscheck := result.record.get("crosscheck"):
         console.print(
-            f"Cross-check by nested sampling: {found['verdict']} ({found['worst']}).", highlight=False
+            f"Cross-check by nested sampling: {crosscheck['verdict']} ({crosscheck['worst']}).",
+            highlight=False,
         )
     print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
@@ -48,19 +49,19 @@ def print_result(result: Result, report: Path) -> None:
 
 def print_pooled(record: Mapping[str, Any], report: Path) -> None:
     """Print what a run with groups found: convergence, what is shared, and the name of the report."""
-    console, found = PlainConsole(), record["pooling"]
+    console, pooling = PlainConsole(), record["pooling"]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("pooling", "log evidence", "elpd of rows", "elpd of groups"):
         table.add_column(header, justify="left" if header == "pooling" else "right", no_wrap=True)
-    for row in found["degrees"]:
+    for row in pooling["degrees"]:
         figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
         table.add_row(row["pooling"], *(f"{figure:.1f}" for figure in figures))
     console.print(table)
     console.print(verdict_line(record), highlight=False, soft_wrap=True)
-    console.print(f"Evidence prefers: {found['preferred']}. {found['sentence']}", highlight=False)
-    if found.get("sentence_as_stated"):
+    console.print(f"Evidence prefers: {pooling['preferred']}. {pooling['sentence']}", highlight=False)
+    if pooling.get("sentence_as_stated"):
         console.print(
-            f"With the other parameters as this study has them: {found['sentence_as_stated']}",
+            f"With the other parameters as this study has them: {pooling['sentence_as_stated']}",
             highlight=False,
         )
     print_failures(console, record)
@@ -120,8 +121,10 @@ def misfit_line(result: Result) -> str:
     checks = Validation.from_record(result.record).checks
     if checks is None or not checks.alarm:
         return ""
-    parts = "; ".join(f"{CHANNELS[one.channel].description} {one.finding}" for one in alarming(checks))
-    return misfit_text(f"{parts} (overall p {probability(checks.overall)})")
+    misfits = "; ".join(
+        f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks)
+    )
+    return misfit_text(f"{misfits} (overall p {probability(checks.overall)})")
 
 
 def verdict_line(record: Mapping[str, Any]) -> str:
@@ -190,8 +193,8 @@ def _general(study: Study) -> Table:
             f"r {wheel.radius * 1e3:g} mm, b {wheel.width * 1e3:g} mm, h {wheel.lug_height * 1e3:g} mm,"
             f" {wheel.lug_count} lugs, r_s {float(wheel.shearing_radius()) * 1e3:.5g} mm",
         )
-    for one in study.errors:
-        table.add_row(*_error(one))
+    for error in study.errors:
+        table.add_row(*_error(error))
     described = (study.kind, study.soil, study.date, study.source)
     table.add_row("data", " · ".join(part for part in described if part))
     for name, value in (("published", study.published), ("truth", study.truth)):
@@ -200,18 +203,18 @@ def _general(study: Study) -> Table:
     return table
 
 
-def _error(one: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
+def _error(error: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
     """A discrepancy, a ripple or the errors of slip in a line."""
-    channel = CHANNELS["slip" if isinstance(one, SlipError) else one.channel]
+    channel = CHANNELS["slip" if isinstance(error, SlipError) else error.channel]
     unit = channel.unit.removesuffix("-")
-    size = "estimated" if one.size.sd is None else f"{one.size.sd / channel.scale:g} {unit}".strip()
-    if isinstance(one, Discrepancy):
-        kind = "" if one.kernel == "smooth" else f" ({one.kernel})"
-        shape = f"a curve per wheel over slips of {one.length:g}{kind}"
+    size = "estimated" if error.size.sd is None else f"{error.size.sd / channel.scale:g} {unit}".strip()
+    if isinstance(error, Discrepancy):
+        kind = "" if error.kernel == "smooth" else f" ({error.kernel})"
+        shape = f"a curve per wheel over slips of {error.length:g}{kind}"
         return "discrepancy", f"{channel.name}: sd {size}, {shape}"
-    if isinstance(one, Ripple):
-        crests = "" if np.isinf(one.period) else f", crests {one.period:g} rows apart"
-        return "ripple", f"{channel.name}: sd {size}, memory of {one.memory:g} rows{crests}"
+    if isinstance(error, Ripple):
+        crests = "" if np.isinf(error.period) else f", crests {error.period:g} rows apart"
+        return "ripple", f"{channel.name}: sd {size}, memory of {error.memory:g} rows{crests}"
     return "slip", f"read with an error of sd {size}"
 
 
@@ -236,14 +239,14 @@ def _measurements(study: Study) -> Table:
 
 
 def _columns(study: Study) -> dict[str, FloatArray]:
-    """What the drive conditions on, then the measured outcomes; SI."""
+    """Columns of the table: what the drive conditions on, then the measured outcomes; SI."""
     rows = study.observations
-    given = {
+    conditions = {
         "load": {"load": rows.load},
         "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)},
         "both": {},
     }
-    return {**given[study.drive], **{name: rows.values[name] for name in study.noise}}
+    return {**conditions[study.drive], **{name: rows.values[name] for name in study.noise}}
 
 
 def _cell(value: float) -> str:
