@@ -85,7 +85,7 @@ def _report(message: str, code: int) -> int:
 
 
 def _bug(error: BaseException) -> str:
-    """What to say of an error that is ours, with all about it in a file of its own."""
+    """Message for an error that is ours, with all about it in a file of its own."""
     import traceback
 
     bug = f"this is a bug in bayesterra ({type(error).__name__}): please report it with"

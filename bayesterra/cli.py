@@ -148,7 +148,7 @@ def fit(
     loaded = load_study(study)
     fits = fit_study(loaded, method or None)
     print_fits(fits, loaded)
-    raise typer.Exit(0 if all(one.converged for one in fits.values() if one.path) else 3)
+    raise typer.Exit(0 if all(fitted.converged for fitted in fits.values() if fitted.path) else 3)
 
 
 @app.command(short_help="Make measurements with known parameters.")
@@ -169,8 +169,8 @@ def simulate(
     from bayesterra.study.study import load_study
 
     folder = out or beside(study, "simulated")
-    given = dict(_assignment(text) for text in set_ or ())
-    print_truth(write_simulated(load_study(study), folder, seed=seed, truth=given))
+    truth = dict(_assignment(text) for text in set_ or ())
+    print_truth(write_simulated(load_study(study), folder, seed=seed, truth=truth))
     typer.echo(printable(f"Written: {folder} (seed {seed})"))
 
 
@@ -341,9 +341,9 @@ def calibrate(
     folder = out or beside(study, "calibration")
     with chosen(workers, scheduler) as engine:
         job = CalibrationRequest(loaded, number, seed, engine)
-        found = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
-    print_calibration(found, folder / "report.html")
-    raise typer.Exit(0 if found.calibrated else 3)
+        calibration = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
+    print_calibration(calibration, folder / "report.html")
+    raise typer.Exit(0 if calibration.calibrated else 3)
 
 
 @app.command(short_help="Say what data determine, and what only repeats its prior.")
@@ -386,16 +386,16 @@ def identify(
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     with chosen(workers, scheduler) as engine:
         study_or_result = opened(what)
-        found = identify_into(
+        identifiability = identify_into(
             study_or_result, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet
         )
-    print_identified(found, folder / "report.html")
-    raise typer.Exit(0 if found.record["converged"] else 3)
+    print_identified(identifiability, folder / "report.html")
+    raise typer.Exit(0 if identifiability.record["converged"] else 3)
 
 
 @app.command(short_help="Rank drives that could come next by what they would tell.")
 def design(
-    known: Annotated[
+    study_or_result: Annotated[
         Path,
         typer.Argument(metavar="STUDY|DIR", help="A result folder, whose posterior is built on, or a study."),
     ],
@@ -448,12 +448,12 @@ def design(
     from bayesterra.runtime.parallel import chosen
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
-    folder = out or Path(f"{beside(known, 'design').name.replace('-result-', '-')}")
+    folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
     asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
     with chosen(workers, scheduler) as engine:
-        found = design_into(
-            opened_for_design(known),
+        recommendation = design_into(
+            opened_for_design(study_or_result),
             folder,
             engine=engine,
             resume=resume,
@@ -461,7 +461,7 @@ def design(
             quiet=quiet,
             **asked,
         )
-    print_design(found, folder)
+    print_design(recommendation, folder)
 
 
 @app.command(short_help="Predict rows that the fit has not seen, level by level.")
@@ -496,9 +496,9 @@ def holdout(
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
     with chosen(workers, scheduler) as engine:
-        found = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
-    print_holdout(found, folder)
-    raise typer.Exit(0 if found.converged else 3)
+        scores = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
+    print_holdout(scores, folder)
+    raise typer.Exit(0 if scores.converged else 3)
 
 
 @app.command(short_help="Posterior of plate or shear tests beside least squares.")
@@ -523,9 +523,9 @@ def soiltest(
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")
-    found = soil_test_into(file, folder, seed=seed, overwrite=overwrite, quiet=quiet)
-    print_soil_test(found, folder / "report.html")
-    raise typer.Exit(0 if found.converged else 3)
+    result = soil_test_into(file, folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    print_soil_test(result, folder / "report.html")
+    raise typer.Exit(0 if result.converged else 3)
 
 
 @app.command(short_help="Update a posterior row by row; say when the soil changes.")
@@ -578,7 +578,7 @@ def follow(
     from bayesterra.follow import session
     from bayesterra.follow.page import print_end, print_row
 
-    found = session.follow(
+    stream = session.follow(
         opened_for_stream(what),
         sys.stdin if str(data) == "-" else data,
         out=out,
@@ -591,4 +591,4 @@ def follow(
         slip_reference=slip_reference,
         sinkage_reference=sinkage_reference,
     )
-    print_end(found, out)
+    print_end(stream, out)

@@ -22,7 +22,7 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     line = " ".join(text.split())
-    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in line)
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
 
 
 def in_short(text: str, most: int = LONGEST) -> str:
@@ -69,17 +69,17 @@ def errors_in(place: object) -> Iterator[None]:
         raise _LocatedError(f"{place}: {error}") from error
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, names: Iterable[str]) -> str:
     """``" (did you mean 'slip'?)"`` where a known name is close, else nothing."""
-    by_lower = {word.lower(): word for word in known}
+    by_lower = {word.lower(): word for word in names}
     close = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.7)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The suggestion, or the list of known names where none is close."""
-    known = list(known)
-    return suggestion(name, known) or f" (known: {', '.join(known)})"
+    names = list(names)
+    return suggestion(name, names) or f" (known: {', '.join(names)})"
 
 
 _KINDS = {
@@ -88,7 +88,7 @@ _KINDS = {
     "DataFrame": ("a pandas.DataFrame of readings", "pandas.read_csv"),
     "SoilTest": ("a soil test", "bt.load_soil_test"),
 }
-"""What objects of a kind are, and what makes one."""
+"""Names of the kinds of objects, and of the call that makes one."""
 
 
 def check_kind(call: str, value: object, *kinds: type) -> None:
@@ -178,6 +178,6 @@ def checked_text(text: str, what: str) -> str:
     """
     if len(text) > LONGEST_TEXT:
         raise StudyError(f"'{what}' must have at most {LONGEST_TEXT} characters (got {len(text)})")
-    if found := _UNSEEN.search(text):
-        raise StudyError(f"'{what}' must have no control characters (got {found[0]!a})")
+    if match := _UNSEEN.search(text):
+        raise StudyError(f"'{what}' must have no control characters (got {match[0]!a})")
     return text

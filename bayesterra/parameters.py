@@ -111,7 +111,7 @@ NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "rip
 SLIP_ERROR = "slip_error"
 
 SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
-"""How names of estimated standard deviations begin: for ``str.startswith``."""
+"""Beginnings of the names of estimated standard deviations: for ``str.startswith``."""
 
 _MODULI = (
     Parameter("kc", "k_c", r"k_c", "kPa m/m^N", 1e3, "Pa m", "cohesive modulus, K_s = k_c/b + k_φ"),
@@ -192,5 +192,5 @@ DERIVED: dict[str, Parameter] = {
 
 def field_values(name: str, values: FloatArray) -> FloatArray:
     """SI values of a parameter or channel in its field unit."""
-    known = PARAMETERS.get(name) or CHANNELS[name]
-    return values / known.scale
+    quantity = PARAMETERS.get(name) or CHANNELS[name]
+    return values / quantity.scale

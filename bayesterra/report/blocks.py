@@ -145,7 +145,7 @@ def said(failures: Failures, part: str, title: str, anchor: str = "missing") -> 
 
 
 def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
-    """What could not be computed, of a result and of its page; empty where all could."""
+    """Sentences on what could not be computed, of a result and of its page; empty where all could."""
     return Markup("{}").format(angles(sentences(with_failures(record, failures))))
 
 
@@ -201,7 +201,7 @@ def render(content: object, template: str = "report.html") -> str:
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
 
 UNSEEN = "A second solution that no ensemble found would not show."
-"""What convergence cannot say."""
+"""Limit of what convergence can say."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ PARTS: Mapping[str, str] = {
     "bands": "bands of the curves",
     "finding": "the finding in a sentence",
 }
-"""What a part of a result is called in a sentence."""
+"""Names of the parts of a result in a sentence."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ class Failure:
 
     @property
     def title(self) -> str:
-        """What could not be computed."""
+        """Name of the part that could not be computed."""
         return PARTS.get(self.part, self.part)
 
     @property
     def sentence(self) -> str:
-        """What is missing and why, in one line."""
+        """Sentence on what is missing and why, in one line."""
         why = f"{self.error}: {self.message}" if self.message else self.error
         return f"{self.title} could not be computed ({why.rstrip('.')})"
 
@@ -80,14 +80,14 @@ def _place(filename: str) -> str:
 
 
 class Failures:
-    """What failed so far; ``watch`` is told what is tried."""
+    """Parts that failed so far; ``watch`` is told what is tried."""
 
     def __init__(self, watch: Callable[[str], None] = lambda title: None) -> None:
-        self._found: dict[str, Failure] = {}
+        self._failures: dict[str, Failure] = {}
         self._watch = watch
 
     def attempt(self, part: str, compute: Callable[[], T], otherwise: Callable[[], T]) -> T:
-        """What ``compute`` gives; where it raises, that is noted as a failure, and ``otherwise`` is called.
+        """Result of ``compute``; where it raises, that is noted as a failure, and ``otherwise`` is called.
 
         A lack of memory, a full disk, saved work that cannot be used and Ctrl-C are no failures of the part:
         they end the run, which can be resumed.
@@ -98,30 +98,33 @@ class Failures:
         except (MemoryError, OSError, ResultError):
             raise
         except Exception as error:  # whatever it is, hours of sampling are not to be lost by it
-            self._found[part] = Failure.of(part, error)
+            self._failures[part] = Failure.of(part, error)
             return otherwise()
 
     def __contains__(self, part: str) -> bool:
-        return part in self._found
+        return part in self._failures
 
     def __iter__(self) -> Iterator[Failure]:
-        return iter(self._found.values())
+        return iter(self._failures.values())
 
     def said(self, part: str) -> str:
         """Sentence on a part that failed; empty where it did not."""
-        return f"{self._found[part].sentence}." if part in self._found else ""
+        return f"{self._failures[part].sentence}." if part in self._failures else ""
 
     def record(self) -> dict[str, Any]:
         """The entry ``failures`` of a record; nothing where nothing failed."""
-        kept = {part: {**asdict(one), "trace": list(one.trace)} for part, one in self._found.items()}
+        kept = {
+            part: {**asdict(failure), "trace": list(failure.trace)}
+            for part, failure in self._failures.items()
+        }
         return {"failures": kept} if kept else {}
 
 
 def failures_of(record: Mapping[str, Any]) -> tuple[Failure, ...]:
-    """What a record says has failed; nothing for those of versions that ended there."""
+    """Failures in a record; nothing for those of versions that ended there."""
     return tuple(
-        Failure(str(part), str(one["error"]), str(one["message"]), tuple(map(str, one["trace"])))
-        for part, one in record.get("failures", {}).items()
+        Failure(str(part), str(entry["error"]), str(entry["message"]), tuple(map(str, entry["trace"])))
+        for part, entry in record.get("failures", {}).items()
     )
 
 
@@ -131,19 +134,19 @@ REPORT = "report: "
 
 def sentences(record: Mapping[str, Any]) -> str:
     """All that failed, in a few sentences; empty where nothing did."""
-    found = [one.sentence for one in failures_of(record)]
-    return f"{'. '.join(found)}. All else stands without it." if found else ""
+    texts = [failure.sentence for failure in failures_of(record)]
+    return f"{'. '.join(texts)}. All else stands without it." if texts else ""
 
 
-def failed(record: Mapping[str, Any], *parts: str) -> str:
+def failed(record: Mapping[str, Any], *names: str) -> str:
     """Sentence on the first of the parts that failed; empty where none did."""
-    return next((f"{one.sentence}." for one in failures_of(record) if one.part in parts), "")
+    return next((f"{failure.sentence}." for failure in failures_of(record) if failure.part in names), "")
 
 
 def with_failures(record: Mapping[str, Any], more: Failures) -> dict[str, Any]:
     """A record with further failures; those of an earlier report give way."""
     before = record.get("failures", {}).items()
-    known = {part: one for part, one in before if not part.startswith(REPORT)}
-    known |= more.record().get("failures", {})
+    failures = {part: entry for part, entry in before if not part.startswith(REPORT)}
+    failures |= more.record().get("failures", {})
     kept = {name: value for name, value in record.items() if name != "failures"}
-    return {**kept, **({"failures": known} if known else {})}
+    return {**kept, **({"failures": failures} if failures else {})}

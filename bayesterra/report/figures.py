@@ -39,7 +39,7 @@ PROBABILITIES = (0.5, 0.9)
 
 @dataclass(frozen=True)
 class Mark:
-    """How a point estimate is drawn everywhere."""
+    """Mark of a point estimate, the same in all figures."""
 
     label: str
     colour: str
@@ -104,16 +104,16 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def one_of(kind: str, value: str, known: Iterable[str]) -> str:
+def one_of(kind: str, value: str, choices: Iterable[str]) -> str:
     """The value, if it is one of those known.
 
     Raises
     ------
     ValueError : it is not.
     """
-    known = list(known)
-    if value not in known:
-        raise ValueError(f"'{kind}' must be one of {', '.join(known)} (got {value!r})")
+    choices = list(choices)
+    if value not in choices:
+        raise ValueError(f"'{kind}' must be one of {', '.join(choices)} (got {value!r})")
     return value
 
 
@@ -146,7 +146,7 @@ def unit_text(unit: str) -> str:
 
 
 Drawn: TypeAlias = Axes | NDArray[Any]
-"""What a figure function returns: axes or an array of them."""
+"""Return of a figure function: axes or an array of them."""
 
 
 def figure_of(drawn: Drawn) -> Figure:

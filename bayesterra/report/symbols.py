@@ -81,10 +81,10 @@ def amount(name: str, text: str) -> Markup:
 
 def listed(items: Iterable[str | Markup], last: str = "and") -> Markup:
     """Items as in a sentence: a, b and c."""
-    parts = [Markup("{}").format(item) for item in items]
-    if len(parts) < 2:
-        return parts[0] if parts else Markup("")
-    return Markup("{} {} {}").format(Markup(", ").join(parts[:-1]), last, parts[-1])
+    texts = [Markup("{}").format(item) for item in items]
+    if len(texts) < 2:
+        return texts[0] if texts else Markup("")
+    return Markup("{} {} {}").format(Markup(", ").join(texts[:-1]), last, texts[-1])
 
 
 def symbols(names: Iterable[str], last: str = "and") -> Markup:

@@ -29,7 +29,7 @@ class PlainConsole(Console):
 
 
 def print_failures(console: Console, record: Mapping[str, Any]) -> None:
-    """Say what could not be computed; nothing where all could."""
+    """Print what could not be computed; nothing where all could."""
     if text := sentences(record):
         console.print(
             f"{text} run.json says where it failed: please report it.", highlight=False, soft_wrap=True
@@ -42,7 +42,7 @@ def _harmless(line: str) -> str:
 
 
 def note(sentence: str) -> None:
-    """Say something on standard error, in one line."""
+    """Print a note on standard error, in one line."""
     PlainConsole(stderr=True).print(f"note: {sentence}", soft_wrap=True)
 
 
