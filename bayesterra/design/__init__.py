@@ -1,1 +1,1 @@
-"""Which drive to command next: expected information of candidates."""
+"""Choice of the drive to command next: expected information of candidates."""

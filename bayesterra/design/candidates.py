@@ -26,7 +26,7 @@ SLIPS = 13
 """Slips of the default grid."""
 
 MARGIN = 0.25
-"""How far the default grid goes beyond the driven slips, as a share of their range."""
+"""Reach of the default grid beyond the driven slips, as a share of their range."""
 
 LOADS = 4
 """Distinct loads of a study that become candidates; of more, the lowest, the median and the highest do."""
@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What is read."""
+        """Channels that are read."""
         return tuple(noise.channel for noise in self.noise)
 
     @property
@@ -73,7 +73,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class CandidateOptions:
-    """What a person asked for; everything has a default.
+    """Wishes of a person; everything has a default.
 
     Attributes
     ----------
@@ -104,14 +104,14 @@ def candidates(study: Study, wishes: CandidateOptions) -> list[Candidate]:
     own = tuple(study.noise.values())
     added = tuple(_sensor(study, text) for text in wishes.sensors)
     sets = [own, _ordered((*own, *added))] if added else [own]
-    found = [
+    grid = [
         Candidate((name,), (wheel,), np.array([slip]), np.array([load]), noise)
         for name, wheel in wheels.items()
         for load in loads
         for noise in sets
         for slip in slips
     ]
-    return [*found, _again(study, _ordered(added))] if added else found
+    return [*grid, _again(study, _ordered(added))] if added else grid
 
 
 def parameters_of_interest(study: Study, about: Sequence[str]) -> tuple[str, ...]:
@@ -148,18 +148,18 @@ def _loads(study: Study, wishes: CandidateOptions) -> list[float]:
     if wishes.loads:
         return [_load(load) for load in wishes.loads]
     rows = study.observations.used()
-    known = known_loads(rows)[~np.isnan(known_loads(rows))]
-    distinct = np.unique([float(f"{load:.3g}") for load in known])
+    measured = known_loads(rows)[~np.isnan(known_loads(rows))]
+    distinct = np.unique([float(f"{load:.3g}") for load in measured])
     if distinct.size > LOADS:
-        distinct = np.quantile(known, (0.0, 0.5, 1.0))
-    found = distinct.tolist() or [reference_load(study)]
-    if np.isnan(found).any():
+        distinct = np.quantile(measured, (0.0, 0.5, 1.0))
+    loads = distinct.tolist() or [reference_load(study)]
+    if np.isnan(loads).any():
         raise StudyError("'load' must be given, as the study holds neither load nor normal force")
-    return [float(load) for load in found]
+    return [float(load) for load in loads]
 
 
-def _load(given: float | str) -> float:
-    load = quantity(given, "N", "load", bare=True)
+def _load(value: float | str) -> float:
+    load = quantity(value, "N", "load", bare=True)
     if load <= 0:
         raise StudyError(f"'load' must be above 0 (got {load:g} N)")
     return load
@@ -168,9 +168,9 @@ def _load(given: float | str) -> float:
 def _sensor(study: Study, text: str) -> Noise:
     """Noise of a new channel, from ``name`` or ``name=sd``."""
     name, equals, sd = (part.strip() for part in text.partition("="))
-    known = DRIVE_OUTCOMES[study.drive]
-    if name not in known:
-        raise StudyError(f"unknown channel '{name}'{did_you_mean(name, known)}")
+    outcomes = DRIVE_OUTCOMES[study.drive]
+    if name not in outcomes:
+        raise StudyError(f"unknown channel '{name}'{did_you_mean(name, outcomes)}")
     if name in study.noise:
         raise StudyError(f"'{name}' is read already: every candidate has it")
     if not equals:
@@ -183,7 +183,7 @@ def _example(channel: str) -> str:
 
 
 def _ordered(noise: tuple[Noise, ...]) -> tuple[Noise, ...]:
-    return tuple(sorted(noise, key=lambda one: list(CHANNELS).index(one.channel)))
+    return tuple(sorted(noise, key=lambda sensor: list(CHANNELS).index(sensor.channel)))
 
 
 def _again(study: Study, noise: tuple[Noise, ...]) -> Candidate:
@@ -202,7 +202,7 @@ STEP = 1e-3
 
 @dataclass(frozen=True)
 class Situation:
-    """What is known before the next drive.
+    """Knowledge before the next drive.
 
     Attributes
     ----------
@@ -267,10 +267,10 @@ def readings_of(situation: Situation, candidate: Candidate) -> tuple[Reading, ..
 
 def _rows(candidate: Candidate) -> Iterator[Candidate]:
     for i in range(len(candidate.slip)):
-        one = slice(i, i + 1)
+        row = slice(i, i + 1)
         yield replace(
-            candidate, wheel=candidate.wheel[one], wheels=candidate.wheels[one], slip=candidate.slip[one],
-            load=candidate.load[one],
+            candidate, wheel=candidate.wheel[row], wheels=candidate.wheels[row], slip=candidate.slip[row],
+            load=candidate.load[row],
         )  # fmt: skip
 
 
@@ -286,19 +286,19 @@ def _row(situation: Situation, row: Candidate) -> Reading:
 def _modelled(study: Study, row: Candidate, soil: FloatArray, load: FloatArray) -> FloatArray:
     """Outcomes (n, 1, k) of the drive, as they are read but for noise."""
     conditions = Conditions.of(row.wheels, row.slip)
-    drive, given = study.drive, load
+    drive, conditioned = study.drive, load
     if drive == "sinkage":
         carried = Forward(study.model, "load", conditions, load)(soil).values[:, :, 0]
-        given = np.nanmedian(carried + offset_of(soil), axis=0) if np.isfinite(carried).any() else load
-    found = Forward(study.model, drive, conditions, frozen(given), as_read=True)(soil)
-    return np.where(found.status[:, None, None] == 0, found.values, np.nan)
+        conditioned = np.nanmedian(carried + offset_of(soil), axis=0) if np.isfinite(carried).any() else load
+    outcomes = Forward(study.model, drive, conditions, frozen(conditioned), as_read=True)(soil)
+    return np.where(outcomes.status[:, None, None] == 0, outcomes.values, np.nan)
 
 
 def _read(
     situation: Situation, row: Candidate, noise: tuple[Noise, ...], values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Means and standard deviations (n, k) of some channels."""
-    study, channels = situation.study, tuple(one.channel for one in noise)
+    study, channels = situation.study, tuple(sensor.channel for sensor in noise)
     blank = Observations(row.wheel, row.slip, row.load, {}, {}, np.ones(1, dtype=np.bool_), (1,))
     conditions = Conditions.of(row.wheels, row.slip)
     likelihood = Likelihood(Forward(study.model, study.drive, conditions, row.load), blank, noise)
@@ -321,10 +321,10 @@ def _with_latent_load(situation: Situation, row: Candidate, soil: FloatArray) ->
     slope = _read(situation, row, others, rise)[0]
     spread = _load_sd(situation, row, at)
     covariance = _diagonal(scale**2) + (slope * spread)[:, :, None] * (slope * spread)[:, None, :]
-    known: BoolArray = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
-    safe = np.where(known[:, None, None], covariance, np.eye(len(others)))
+    answered: BoolArray = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    safe = np.where(answered[:, None, None], covariance, np.eye(len(others)))
     whitening: FloatArray = np.asarray(np.linalg.inv(np.linalg.cholesky(safe)), dtype=np.float64)
-    return Reading(np.where(known[:, None], mean, np.nan), whitening, others)
+    return Reading(np.where(answered[:, None], mean, np.nan), whitening, others)
 
 
 def _load_sd(situation: Situation, row: Candidate, at: FloatArray) -> FloatArray:

@@ -56,12 +56,12 @@ class Grid:
 
     def together(self, picks: Sequence[int | None]) -> Pairs | None:
         """Readings of some rows, each in its place."""
-        found = [self.pairs(index, place) for place, index in enumerate(picks) if index is not None]
-        return sum(found[1:], found[0]) if found else None
+        readings = [self.pairs(index, place) for place, index in enumerate(picks) if index is not None]
+        return sum(readings[1:], readings[0]) if readings else None
 
 
 class Question(NamedTuple):
-    """What a candidate is judged for.
+    """Question to a judge: a candidate, and the place of a plan that it is judged for.
 
     Attributes
     ----------
@@ -96,8 +96,8 @@ class Evaluation:
 
     def __call__(self, question: Question) -> Estimate:
         """Judge a candidate beside the rows that stand already."""
-        one, beside = self.grid.pairs(question.candidate, question.place), self._together(question.picks)
-        return METHODS[question.method](one if beside is None else beside + one, self.grid.interest)
+        readings, beside = self.grid.pairs(question.candidate, question.place), self._together(question.picks)
+        return METHODS[question.method](readings if beside is None else beside + readings, self.grid.interest)
 
     def _together(self, picks: tuple[int | None, ...]) -> Pairs | None:
         if picks not in self._beside:
@@ -108,7 +108,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a design is.
+    """Progress of a design.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Judge:
     grid: Grid
     engine: Engine = field(default_factory=in_process)
     finished: Mapping[int, Estimate] = field(default_factory=dict)
-    report: Report = lambda found, progress: None
+    report: Report = lambda estimates, progress: None
     count: int = 0
 
     def __post_init__(self) -> None:
@@ -152,21 +152,21 @@ class Judge:
         beside = tuple(None if i == place else index for i, index in enumerate(picks))
         n, first = len(self.grid.candidates), self.count
         self.count += n
-        known = {i: self.finished[first + i] for i in range(n) if first + i in self.finished}
-        started, before = time.perf_counter(), len(known)
+        judgements = {i: self.finished[first + i] for i in range(n) if first + i in self.finished}
+        started, before = time.perf_counter(), len(judgements)
         self.report({}, Progress(place + 1, before, n, first + before, None))
-        todo = [Question(i, place, beside, method) for i in range(n) if i not in known]
+        todo = [Question(i, place, beside, method) for i in range(n) if i not in judgements]
         for batch in ended(self._task, todo, self.engine, short=True):
-            known |= {question.candidate: one for question, one in batch}
-            left = (time.perf_counter() - started) / (len(known) - before) * (n - len(known))
-            new = {first + question.candidate: one for question, one in batch}
-            self.report(new, Progress(place + 1, len(known), n, first + len(known), left))
-        return tuple(known[i] for i in range(n))
+            judgements |= {question.candidate: judgement for question, judgement in batch}
+            left = (time.perf_counter() - started) / (len(judgements) - before) * (n - len(judgements))
+            new = {first + question.candidate: judgement for question, judgement in batch}
+            self.report(new, Progress(place + 1, len(judgements), n, first + len(judgements), left))
+        return tuple(judgements[i] for i in range(n))
 
 
-def as_content(one: Estimate) -> dict[str, Any]:
+def as_content(judgement: Estimate) -> dict[str, Any]:
     """An estimate as a store of tasks keeps it, to the last digit."""
-    return {**asdict(one), "replicates": one.replicates.tolist()}
+    return {**asdict(judgement), "replicates": judgement.replicates.tolist()}
 
 
 def from_content(content: Mapping[str, Any]) -> Estimate:
@@ -184,7 +184,7 @@ UNANSWERED = 0.05
 """Share of draws without an answer above which a candidate is marked."""
 
 CRITERIA = ("information", "sd")
-"""What is maximised: the gain about the parameters of interest together, or the mean log shrinking of sds."""
+"""Criteria: the gain about the parameters of interest together, or the mean log shrinking of sds."""
 
 PASSES = 3
 """Times, at most, that every chosen row is asked whether another one would do better in its place."""
@@ -224,7 +224,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Design:
-    """Which measurement next.
+    """Choice of the next measurements.
 
     Attributes
     ----------
@@ -262,20 +262,20 @@ class Design:
         return pd.DataFrame(rows)
 
     def _row(self, rank: int, index: int) -> dict[str, object]:
-        candidate, one = self.candidates[index], self.ranking.estimates[index]
+        candidate, judgement = self.candidates[index], self.ranking.estimates[index]
         lag, lag_error = self.ranking.behind(index)
         return {
             "rank": rank,
             **described(candidate),
-            "gain [bit]": one.values[0] / BIT,
-            "gain_error": one.errors[0] / BIT,
+            "gain [bit]": judgement.values[0] / BIT,
+            "gain_error": judgement.errors[0] / BIT,
             "behind_best [bit]": lag / BIT,
             "behind_error": lag_error / BIT,
-            "gain_all [bit]": one.values[1] / BIT,
-            "gain_all_error": one.errors[1] / BIT,
-            **self.deviations(one),
-            "no_answer": 1 - one.answered,
-            "effective_draws": one.effective,
+            "gain_all [bit]": judgement.values[1] / BIT,
+            "gain_all_error": judgement.errors[1] / BIT,
+            **self.deviations(judgement),
+            "no_answer": 1 - judgement.answered,
+            "effective_draws": judgement.effective,
             "method": self.ranking.method,
             "chosen": self.picks.count(index),
         }
@@ -287,30 +287,30 @@ class Design:
             {
                 "drive": number,
                 **described(self.candidates[index]),
-                "joint_gain [bit]": one.values[0] / BIT,
-                "joint_gain_error": one.errors[0] / BIT,
-                **self.deviations(one),
-                "no_answer": 1 - one.answered,
+                "joint_gain [bit]": judgement.values[0] / BIT,
+                "joint_gain_error": judgement.errors[0] / BIT,
+                **self.deviations(judgement),
+                "no_answer": 1 - judgement.answered,
                 "method": self.method,
             }
-            for number, (index, one) in enumerate(zip(self.picks, self.together, strict=True), start=1)
+            for number, (index, judgement) in enumerate(zip(self.picks, self.together, strict=True), start=1)
         ]
         return pd.DataFrame(rows)
 
-    def deviations(self, one: Estimate) -> dict[str, float]:
+    def deviations(self, judgement: Estimate) -> dict[str, float]:
         """Standard deviation before and after, and its error, of every parameter of interest."""
-        found: dict[str, float] = {}
+        columns: dict[str, float] = {}
         for i, name in enumerate(self.about):
-            known = PARAMETERS[name]
-            column = f"sd_{name}" + ("" if known.unit == "-" else f" [{known.unit}]")
-            found[column] = float(self.before[i] / known.scale)
-            found[f"{column} after"] = float(one.values[2 + i] / known.scale)
-            found[f"{column} error"] = float(one.errors[2 + i] / known.scale)
-        return found
+            parameter = PARAMETERS[name]
+            column = f"sd_{name}" + ("" if parameter.unit == "-" else f" [{parameter.unit}]")
+            columns[column] = float(self.before[i] / parameter.scale)
+            columns[f"{column} after"] = float(judgement.values[2 + i] / parameter.scale)
+            columns[f"{column} error"] = float(judgement.errors[2 + i] / parameter.scale)
+        return columns
 
 
 def described(candidate: Candidate) -> dict[str, object]:
-    """Where and with what a candidate drives, as columns."""
+    """Place and sensors of a candidate, as columns."""
     several = len(candidate.slip) > 1
     return {
         "wheel": ", ".join(dict.fromkeys(candidate.wheel)),
@@ -330,20 +330,20 @@ class _Choice:
 
     def rank(self, picks: Sequence[int | None], place: int) -> Ranking:
         """Every candidate in one place, beside the rows in the others."""
-        found = self.judge.estimates("mixture", picks, place)
-        known = [one.effective for one in found if np.isfinite(one.values[0])]
-        if not known:
+        judgements = self.judge.estimates("mixture", picks, place)
+        effective = [judgement.effective for judgement in judgements if np.isfinite(judgement.values[0])]
+        if not effective:
             raise StudyError(
                 "no drive that was asked for has an answer for enough draws: try other loads or slips"
             )
-        if min(known) >= EFFECTIVE:
-            return self._ranking(found, "mixture")
+        if min(effective) >= EFFECTIVE:
+            return self._ranking(judgements, "mixture")
         return self._ranking(self.judge.estimates("regression", picks, place), "regression")
 
-    def _ranking(self, found: tuple[Estimate, ...], method: str) -> Ranking:
+    def _ranking(self, judgements: tuple[Estimate, ...], method: str) -> Ranking:
         before = self.judge.grid.interest.values.std(axis=0, ddof=1)
-        scores = [score(one, self.by, before) for one in found]
-        return Ranking(found, method, np.array(scores))
+        scores = [score(judgement, self.by, before) for judgement in judgements]
+        return Ranking(judgements, method, np.array(scores))
 
     def exchanged(self, picks: list[int]) -> list[int]:
         """The plan with rows exchanged as long as that makes it better (Fedorov 1972, one row at a time)."""
@@ -356,11 +356,11 @@ class _Choice:
         return picks
 
 
-def score(one: Estimate, by: str, before: FloatArray) -> FloatArray:
-    """What is maximised (1 + groups,), nats."""
+def score(judgement: Estimate, by: str, before: FloatArray) -> FloatArray:
+    """Criterion to maximise (1 + groups,), nats."""
     if by == "information":
-        return np.asarray(one.replicates[:, 0])
-    return np.asarray(-np.log(one.replicates[:, 2:] / before).mean(axis=1))
+        return np.asarray(judgement.replicates[:, 0])
+    return np.asarray(-np.log(judgement.replicates[:, 2:] / before).mean(axis=1))
 
 
 def choose(
@@ -373,7 +373,7 @@ def choose(
     seed: int = 1,
     engine: Engine | None = None,
     finished: Mapping[int, Estimate] = MappingProxyType({}),
-    report: Report = lambda found, progress: None,
+    report: Report = lambda estimates, progress: None,
 ) -> Design:
     """Rank candidates by what they tell about some parameters, and choose several rows to drive together.
 
@@ -405,6 +405,6 @@ def choose(
     joint = [grid.together(picks[: i + 1]) for i in range(number)]
     return Design(
         situation, tuple(about), tuple(candidates), by, ranking, tuple(picks),
-        tuple(METHODS[last.method](one, interest) for one in joint if one is not None),
+        tuple(METHODS[last.method](readings, interest) for readings in joint if readings is not None),
         last.method, interest.values.std(axis=0, ddof=1), seed,
     )  # fmt: skip

@@ -33,7 +33,7 @@ PER_TERM = 20
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a candidate is expected to tell, with the same from all groups of draws but one.
+    """Expected information of a candidate, with the same from all groups of draws but one.
 
     Attributes
     ----------
@@ -64,33 +64,37 @@ def jackknife(replicates: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((len(left) - 1) * left.var(axis=0)))
 
 
-def estimate(found: Pairs, interest: Interest) -> Estimate:
+def estimate(densities: Pairs, interest: Interest) -> Estimate:
     """Gains by mixtures over the draws, standard deviations by weighing them; NaN with too few answers."""
-    kept = np.flatnonzero(found.answered)
+    kept = np.flatnonzero(densities.answered)
     if len(kept) < FEWEST:
-        return _nothing(found, interest)
+        return _nothing(densities, interest)
     square = np.ix_(kept, kept)
-    group = kept * GROUPS // len(found.answered)
+    group = kept * GROUPS // len(densities.answered)
     values = interest.values[kept] - interest.values[kept].mean(axis=0)
-    marginal = _Mixture.of(found.log[square], np.zeros((1, 1)), group, np.column_stack([values, values**2]))
-    parts, given = [marginal], None
-    if found.given is not None:
-        given = _Mixture.of(found.given[square], interest.log_kernel[square], group, values[:, :0])
-        parts.append(given)
-    rows = [_replicate(marginal, given, left_out) for left_out in (-1, *range(GROUPS))]
-    effective = min(float(np.median(1 / part.share(-1))) for part in parts)
-    return Estimate(np.array(rows), float(found.answered.mean()), effective)
+    marginal = _Mixture.of(
+        densities.log[square], np.zeros((1, 1)), group, np.column_stack([values, values**2])
+    )
+    mixtures, conditional = [marginal], None
+    if densities.conditional is not None:
+        conditional = _Mixture.of(
+            densities.conditional[square], interest.log_kernel[square], group, values[:, :0]
+        )
+        mixtures.append(conditional)
+    rows = [_replicate(marginal, conditional, left_out) for left_out in (-1, *range(GROUPS))]
+    effective = min(float(np.median(1 / mixture.share(-1))) for mixture in mixtures)
+    return Estimate(np.array(rows), float(densities.answered.mean()), effective)
 
 
-def _nothing(found: Pairs, interest: Interest) -> Estimate:
+def _nothing(densities: Pairs, interest: Interest) -> Estimate:
     blank = np.full((1 + GROUPS, 2 + len(interest.columns)), np.nan)
-    return Estimate(blank, float(found.answered.mean()), np.nan)
+    return Estimate(blank, float(densities.answered.mean()), np.nan)
 
 
-def _replicate(marginal: _Mixture, given: _Mixture | None, left_out: int) -> FloatArray:
+def _replicate(marginal: _Mixture, conditional: _Mixture | None, left_out: int) -> FloatArray:
     """Gain of interest, gain of all, standard deviations; without one group of draws."""
     gain = marginal.gain(left_out)
-    about = gain - given.gain(left_out) if given else gain
+    about = gain - conditional.gain(left_out) if conditional else gain
     return np.array([about, gain, *marginal.deviations(left_out)])
 
 
@@ -127,9 +131,9 @@ class _Mixture:
         return cls(
             group,
             own - peak,
-            np.stack([weights[:, one] @ columns[one] for one in members]),
-            np.stack([np.square(weights[:, one]).sum(axis=1) for one in members]),
-            np.stack([kernel[:, one].sum(axis=1) for one in members]),
+            np.stack([weights[:, member] @ columns[member] for member in members]),
+            np.stack([np.square(weights[:, member]).sum(axis=1) for member in members]),
+            np.stack([kernel[:, member].sum(axis=1) for member in members]),
         )
 
     def _left(self, left_out: int, sums: FloatArray) -> FloatArray:
@@ -162,17 +166,17 @@ class _Mixture:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0).mean(axis=0)))
 
 
-def normal_estimate(found: Pairs, interest: Interest) -> Estimate:
+def normal_estimate(densities: Pairs, interest: Interest) -> Estimate:
     """Lower bounds of the gains, by regression of normal scores of the parameters on the readings.
 
     With R the covariance of what a regression of z on terms of y leaves, I(y; z) ≥ h(z) − ½ log det 2πe R
     (Barber and Agakov 2003), and h(z) is taken as that of a normal law. It holds for any number of readings.
     """
-    kept = np.flatnonzero(found.answered)
+    kept = np.flatnonzero(densities.answered)
     if len(kept) < FEWEST:
-        return _nothing(found, interest)
-    group = kept * GROUPS // len(found.answered)
-    terms = _terms(found.readings[kept])
+        return _nothing(densities, interest)
+    group = kept * GROUPS // len(densities.answered)
+    terms = _terms(densities.readings[kept])
     scores, values = interest.scores[kept], interest.values[kept]
     targets = np.column_stack([scores, values / values.std(axis=0)])
     products = np.stack([_products(terms[group == g], targets[group == g]) for g in range(GROUPS)])
@@ -183,7 +187,7 @@ def normal_estimate(found: Pairs, interest: Interest) -> Estimate:
         gains = [_log_ratio(before, after, list(c)) for c in _sets(interest)]
         d = scores.shape[1]
         rows.append([*gains, *(np.sqrt(np.diagonal(after)[d:]) * values.std(axis=0))])
-    return Estimate(np.array(rows), float(found.answered.mean()), np.inf)
+    return Estimate(np.array(rows), float(densities.answered.mean()), np.inf)
 
 
 def _terms(readings: FloatArray) -> FloatArray:
@@ -245,7 +249,7 @@ class Interest:
 
     @property
     def whole(self) -> bool:
-        """Whether all parameters are of interest."""
+        """True where all parameters are of interest."""
         return len(self.columns) == int(self.draws.shape[1])
 
     @property
@@ -277,31 +281,35 @@ class Interest:
 
 @dataclass(frozen=True)
 class Pairs:
-    """What readings say, pair by pair.
+    """Log densities of readings, pair by pair of draws.
 
     Attributes
     ----------
     log : (n, n) log density of the readings that draw i makes, under draw j.
-    given : the same under draw j moved to the parameters of interest of draw i; None where these are all.
+    conditional : the same under draw j moved to the parameters of interest of draw i; None where these are
     answered : draws (n,) for which the model has an answer; the others have no part.
     readings : those readings (n, k).
     """
 
     log: FloatArray
-    given: FloatArray | None
+    conditional: FloatArray | None
     answered: BoolArray
     readings: FloatArray
 
     def __add__(self, other: Pairs) -> Pairs:
         """Readings of both, which are independent given the parameters."""
-        given = None if self.given is None or other.given is None else self.given + other.given
+        conditional = (
+            None
+            if self.conditional is None or other.conditional is None
+            else self.conditional + other.conditional
+        )
         both = np.column_stack([self.readings, other.readings])
-        return Pairs(self.log + other.log, given, self.answered & other.answered, both)
+        return Pairs(self.log + other.log, conditional, self.answered & other.answered, both)
 
 
 def pairs(readings: tuple[Reading, ...], interest: Interest, rng: Generator) -> Pairs:
     """Draw the readings of every draw, row by row, and compute their densities under all draws."""
-    first, *others = (_row(one, interest, rng) for one in readings)
+    first, *others = (_row(reading, interest, rng) for reading in readings)
     return sum(others, first)
 
 
@@ -317,10 +325,10 @@ def _row(reading: Reading, interest: Interest, rng: Generator) -> Pairs:
 
 def _regressed(reading: Reading, terms: FloatArray) -> FloatArray:
     """Means (n, k) as a quadratic in the parameters of interest explains them."""
-    known = reading.answered
-    if known.sum() <= terms.shape[1]:
+    answered = reading.answered
+    if answered.sum() <= terms.shape[1]:
         return np.zeros(reading.mean.shape)
-    weights = np.linalg.lstsq(terms[known], reading.mean[known], rcond=None)[0]
+    weights = np.linalg.lstsq(terms[answered], reading.mean[answered], rcond=None)[0]
     return np.asarray(terms @ weights)
 
 

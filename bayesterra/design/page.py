@@ -73,12 +73,12 @@ def _warning(design: Design) -> Markup:
 
 
 def words(candidate: Candidate) -> str:
-    """Where a candidate drives, in short."""
+    """Place of a candidate, in short."""
     return "all rows again" if candidate.repeats else f"slip {candidate.slip[0]:.3g}"
 
 
 def _next(design: Design) -> Verdict:
-    distinct = dict.fromkeys(one.where for one in design.chosen)
+    distinct = dict.fromkeys(candidate.where for candidate in design.chosen)
     many = len(design.picks) > 1
     word = f"{len(design.picks)} drives" if many else words(design.chosen[0])
     counted = [_times(design, where) for where in distinct]
@@ -88,30 +88,30 @@ def _next(design: Design) -> Verdict:
 
 
 def _times(design: Design, where: str) -> str:
-    times = sum(one.where == where for one in design.chosen)
+    times = sum(candidate.where == where for candidate in design.chosen)
     return f"{times} × {where}" if times > 1 else where
 
 
 def _promise(design: Design) -> Verdict:
-    """What is expected of the spread of the parameters of interest."""
+    """Verdict on the expected spread of the parameters of interest."""
     last = design.together[-1]
-    parts = [_change(design, i, last) for i in range(min(len(design.about), 4))]
+    changes = [_change(design, i, last) for i in range(min(len(design.about), 4))]
     bits = last.values[0] / BIT
     grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
-    sentence = Markup("Standard deviation of {}.").format(listed(parts))
+    sentence = Markup("Standard deviation of {}.").format(listed(changes))
     return Verdict("Expected", f"{plain(bits, 2)} bit", grade, sentence)
 
 
-def _change(design: Design, column: int, one: Estimate) -> Markup:
+def _change(design: Design, column: int, estimate: Estimate) -> Markup:
     name = design.about[column]
-    before, after, _ = figures_of(design, column, one)
+    before, after, _ = figures_of(design, column, estimate)
     return Markup("{} from {} to {}").format(symbol(name), before, amount(name, after))
 
 
-def figures_of(design: Design, column: int, one: Estimate) -> tuple[str, str, str]:
+def figures_of(design: Design, column: int, estimate: Estimate) -> tuple[str, str, str]:
     """Standard deviation before, after, and the error of the latter, in field units."""
     scale = PARAMETERS[design.about[column]].scale
-    before, after, error = design.before[column], one.values[2 + column], one.errors[2 + column]
+    before, after, error = design.before[column], estimate.values[2 + column], estimate.errors[2 + column]
     if not np.isfinite(after):
         return plain(before / scale, 2), NOTHING, NOTHING
     step = resolution(0.0, before / scale)
@@ -119,7 +119,7 @@ def figures_of(design: Design, column: int, one: Estimate) -> tuple[str, str, st
 
 
 def _certainty(design: Design) -> Verdict:
-    """Whether the recommended row is better than the next one by more than chance."""
+    """Verdict on whether the recommended row is better than the next one by more than chance."""
     order = design.ranking.order
     if len(order) < 2 or not np.isfinite(design.ranking.scores[order[1], 0]):
         return Verdict("Ranking", "one candidate", "fair", Markup("There is nothing to compare with."))
@@ -162,13 +162,13 @@ def _now(design: Design, column: int) -> Markup:
 
 
 def _row(design: Design, rank: int, index: int) -> tuple[Cell, ...]:
-    candidate, one = design.candidates[index], design.ranking.estimates[index]
+    candidate, estimate = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
-    mark = " !" if 1 - one.answered > UNANSWERED else ""
-    known = np.isfinite(one.values[0])
-    gain = with_error(one.values[0] / BIT, one.errors[0] / BIT) if known else (NOTHING, NOTHING)
-    behind = with_error(lag, lag_error) if known and lag > 0 else (NOTHING, NOTHING)
-    after = (figures_of(design, i, one)[1] for i in range(min(len(design.about), 4)))
+    mark = " !" if 1 - estimate.answered > UNANSWERED else ""
+    finite = np.isfinite(estimate.values[0])
+    gain = with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT) if finite else (NOTHING, NOTHING)
+    behind = with_error(lag, lag_error) if finite and lag > 0 else (NOTHING, NOTHING)
+    after = (figures_of(design, i, estimate)[1] for i in range(min(len(design.about), 4)))
     return (
         str(rank), candidate.where + mark, symbols(candidate.channels), *gain, *behind, *after,
     )  # fmt: skip
@@ -180,9 +180,9 @@ def _plan_section(design: Design) -> Section:
         *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
-    for number, (index, one) in enumerate(zip(design.picks, design.together, strict=True), start=1):
-        gain = with_error(one.values[0] / BIT, one.errors[0] / BIT)
-        after = (figures_of(design, i, one)[1] for i in range(min(len(design.about), 4)))
+    for number, (index, estimate) in enumerate(zip(design.picks, design.together, strict=True), start=1):
+        gain = with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
+        after = (figures_of(design, i, estimate)[1] for i in range(min(len(design.about), 4)))
         rows.append((str(number), design.candidates[index].where, *gain, *after))
     bound = " Too few draws remain effective: gains are lower bounds, by regression."
     caption = Markup("All recommended drives; each line with those above it.{}").format(
@@ -197,7 +197,7 @@ def _method_section(design: Design) -> Section:
         "information": "the information about the parameters of interest together",
         "sd": "the mean log shrinking of the standard deviation of each parameter of interest",
     }[design.by]
-    known = {
+    basis = {
         "posterior": "Everything is averaged over the posterior as it stands",
         "prior": "Everything is averaged over the prior, cut to what physics allows; no readings are used",
     }[design.situation.source]
@@ -212,7 +212,7 @@ def _method_section(design: Design) -> Section:
         "these are known is taken off. What is maximised is {}. Several drives are chosen one after the "
         "other and then exchanged one at a time. Errors come from leaving out {} groups of draws in turn. A "
         "gain trusts the model: it does not see what the model has wrong at slips that nobody drove."
-    ).format(known, how, by, design.ranking.estimates[0].replicates.shape[0] - 1)
+    ).format(basis, how, by, design.ranking.estimates[0].replicates.shape[0] - 1)
     rows: tuple[tuple[Cell, ...], ...] = (
         ("draws", given(len(design.situation.draws))),
         ("seed", given(design.seed)),
@@ -258,14 +258,14 @@ def gain_over_slip_png(design: Design, dpi: float = 200) -> bytes:
 
 
 def _line(design: Design, candidate: Candidate) -> str:
-    """What tells a line from the others."""
+    """Label that tells a line from the others."""
     if candidate.repeats:
         return f"all rows again, only {_channels(candidate)}"
-    others = [one for one in design.candidates if not one.repeats]
-    parts = [f"wheel {literal(candidate.wheel[0])}"] if len({one.wheel for one in others}) > 1 else []
-    parts += [f"{candidate.load[0]:.4g} N"] if len({float(one.load[0]) for one in others}) > 1 else []
-    parts += [_channels(candidate)] if len({one.channels for one in others}) > 1 else []
-    return ", ".join(parts)
+    others = [row for row in design.candidates if not row.repeats]
+    texts = [f"wheel {literal(candidate.wheel[0])}"] if len({row.wheel for row in others}) > 1 else []
+    texts += [f"{candidate.load[0]:.4g} N"] if len({float(row.load[0]) for row in others}) > 1 else []
+    texts += [_channels(candidate)] if len({row.channels for row in others}) > 1 else []
+    return ", ".join(texts)
 
 
 def _channels(candidate: Candidate) -> str:
@@ -277,7 +277,7 @@ def _draw(ax: Axes, design: Design, members: list[int], label: str, style: dict[
     error = 2 * np.array([design.ranking.estimates[i].errors[0] for i in members]) / BIT
     slip = np.array([design.candidates[i].slip[0] for i in members])
     if design.candidates[members[0]].repeats:
-        ends = np.array([float(one.slip[0]) for one in design.candidates if not one.repeats])
+        ends = np.array([float(row.slip[0]) for row in design.candidates if not row.repeats])
         slip, gain, error = np.array([ends.min(), ends.max()]), np.repeat(gain, 2), np.repeat(error, 2)
     marker = "o" if len(slip) < 3 or np.isnan(gain).any() else ""
     ax.fill_between(slip, gain - error, gain + error, color=style["color"], alpha=0.2, linewidth=0)
@@ -340,21 +340,25 @@ def _ranking(design: Design) -> RichTable:
 
 
 def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
-    candidate, one = design.candidates[index], design.ranking.estimates[index]
+    candidate, estimate = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
-    mark = " !" if 1 - one.answered > LOST else ""
-    known = with_error(one.values[0] / BIT, one.errors[0] / BIT) if np.isfinite(one.values[0]) else (NOTHING,)
+    mark = " !" if 1 - estimate.answered > LOST else ""
+    gain = (
+        with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
+        if np.isfinite(estimate.values[0])
+        else (NOTHING,)
+    )
     behind = " ± ".join(with_error(lag, lag_error)) if lag > 0 else ""
-    changes = (" → ".join(figures_of(design, i, one)[:2]) for i in range(deviations))
-    return (candidate.where + mark, symbols, " ± ".join(known), behind, *changes)
+    changes = (" → ".join(figures_of(design, i, estimate)[:2]) for i in range(deviations))
+    return (candidate.where + mark, symbols, " ± ".join(gain), behind, *changes)
 
 
 def design_lines(design: Design) -> list[str]:
-    """What is recommended and expected, and what to keep in mind."""
+    """Lines on the recommendation, the gain to expect, and the cautions."""
     last = design.together[-1]
     gain, error = with_error(last.values[0] / BIT, last.errors[0] / BIT)
-    drives = "; ".join(one.where for one in design.chosen)
+    drives = "; ".join(candidate.where for candidate in design.chosen)
     lines = [f"Recommended: {drives}: {gain} ± {error} bit about {', '.join(design.about)}."]
     for i, name in enumerate(design.about):
         before, after, off = figures_of(design, i, last)
@@ -366,7 +370,7 @@ def design_lines(design: Design) -> list[str]:
         lines.append(
             "From the prior alone, no readings used; a result folder in place of the study builds on them."
         )
-    marked = sum(1 - one.answered > LOST for one in design.ranking.estimates)
+    marked = sum(1 - estimate.answered > LOST for estimate in design.ranking.estimates)
     if marked:
         lines.append(f"! At {marked} candidates the model has no answer for over {LOST:.0%} of the draws.")
     return lines
@@ -385,5 +389,5 @@ def design_bar(*, show: bool) -> Iterator[Callable[[DesignProgress], None]]:
 
 
 def design_html(design: Design) -> str:
-    """Which drive next, as a self-contained HTML page."""
+    """Page of a design, as self-contained HTML."""
     return render(design_page(design, version("bayesterra")), "design.html")

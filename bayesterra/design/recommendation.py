@@ -87,33 +87,33 @@ class Recommendation(Design):
             "by": self.by,
             "candidates": len(self.candidates),
             "method": self.ranking.method,
-            "recommended": [one.where for one in self.chosen],
-            "channels": [list(one.channels) for one in self.chosen],
+            "recommended": [candidate.where for candidate in self.chosen],
+            "channels": [list(candidate.channels) for candidate in self.chosen],
         }
 
 
-def situation_of(known: Result | Study, seed: int = 1) -> Situation:
-    """What is known before the drive: the posterior of a result, or the cut prior of a study."""
-    if isinstance(known, Result):
-        draws = known.values()
+def situation_of(study_or_result: Result | Study, seed: int = 1) -> Situation:
+    """Knowledge before the drive: the posterior of a result, or the cut prior of a study."""
+    if isinstance(study_or_result, Result):
+        draws = study_or_result.values()
         chosen = np.linspace(0, len(draws) - 1, min(len(draws), DRAWS)).astype(np.int64)
-        return Situation(known.study, posterior(known.study), draws[chosen], "posterior")
-    density = posterior(known)
-    return Situation(known, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
+        return Situation(study_or_result.study, posterior(study_or_result.study), draws[chosen], "posterior")
+    density = posterior(study_or_result)
+    return Situation(study_or_result, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
 
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What a design is asked, complete.
+    """Question to a design, complete.
 
     Attributes
     ----------
-    situation, found : what is known before, and the candidates.
+    situation, candidates : what is known before, and the drives to judge.
     about, number, by, seed : see :func:`recommend`.
     """
 
     situation: Situation
-    found: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]
     about: tuple[str, ...]
     number: int
     by: str
@@ -127,17 +127,18 @@ class DesignRequest:
     ) -> Recommendation:
         """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
         design = choose(
-            self.situation, self.found, self.about, number=self.number, by=self.by, seed=self.seed,
+            self.situation, self.candidates, self.about, number=self.number, by=self.by, seed=self.seed,
             engine=engine, finished=finished, report=report,
         )  # fmt: skip
         return Recommendation.of(design)
 
     @property
     def origin(self) -> dict[str, Any]:
-        """What must be the same for judged candidates to belong together, by names fit for a message."""
+        """Facts that judged candidates of one design share, by names fit for a message."""
         study, prints = self.situation.study, self.situation.study.fingerprint
         candidates = [
-            (one.wheel, one.wheels, one.slip.tolist(), one.load.tolist(), one.noise) for one in self.found
+            (drive.wheel, drive.wheels, drive.slip.tolist(), drive.load.tolist(), drive.noise)
+            for drive in self.candidates
         ]
         return {
             "seed": self.seed,
@@ -155,7 +156,7 @@ class DesignRequest:
 
 
 def design_request(
-    known: Result | Study,
+    study_or_result: Result | Study,
     *,
     about: Sequence[str] = (),
     slips: Sequence[float] = (),
@@ -171,12 +172,12 @@ def design_request(
         raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
     if not 1 <= number <= MOST:
         raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
-    study = known.study if isinstance(known, Result) else known
+    study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
-    wishes = CandidateOptions(slips, loads, dict(_wheel(study, one) for one in wheels), channels)
-    found = candidates(study, wishes)
-    return DesignRequest(situation_of(known, seed), tuple(found), tuple(names), number, by, seed)
+    wishes = CandidateOptions(slips, loads, dict(_wheel(study, wheel) for wheel in wheels), channels)
+    grid = candidates(study, wishes)
+    return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
 
 
 def recommend(
@@ -220,15 +221,15 @@ def recommend(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
         seed=seed,
     )  # fmt: skip
-    return question.answered(engine, lambda found, update: progress(update))
+    return question.answered(engine, lambda estimates, update: progress(update))
 
 
-def _wheel(study: Study, given: str | Wheel) -> tuple[str, Wheel]:
-    return ("other wheel", given) if isinstance(given, Wheel) else wheel_named(study, given)
+def _wheel(study: Study, wheel: str | Wheel) -> tuple[str, Wheel]:
+    return ("other wheel", wheel) if isinstance(wheel, Wheel) else wheel_named(study, wheel)
 
 
 def design_into(
-    known: Result | Study,
+    study_or_result: Result | Study,
     out: Path,
     *,
     engine: Engine | None = None,
@@ -253,17 +254,17 @@ def design_into(
     from bayesterra.report.terminal import note
 
     check_free(out, overwrite=overwrite, mark=MARK)
-    if isinstance(known, Result) and not known.converged:
+    if isinstance(study_or_result, Result) and not study_or_result.converged:
         note("the sampling of this result has not converged: gains from its draws may be wrong")
-    question = design_request(known, **wishes)
+    question = design_request(study_or_result, **wishes)
     opened = task_folder(
         out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite
     )
     with opened as (part, store, status):
         with design_bar(show=not quiet) as show:
 
-            def update(found: Mapping[int, Estimate], progress: Progress) -> None:
-                store.add({task: as_content(one) for task, one in found.items()})
+            def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
+                store.add({task: as_content(estimate) for task, estimate in estimates.items()})
                 status.note(_status(progress))
                 show(progress)
                 watch(progress)
@@ -275,7 +276,7 @@ def design_into(
 
 
 def _status(progress: Progress) -> dict[str, object]:
-    """What a poller of ``status.json`` sees."""
+    """Content of ``status.json``, as a poller sees it."""
     return {
         "stage": f"judging for drive {progress.drive}",
         "done": progress.done / progress.of,
