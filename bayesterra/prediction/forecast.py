@@ -38,13 +38,13 @@ def slips_of(texts: Sequence[str]) -> list[float]:
     ------
     StudyError : one is not a number.
     """
-    found = []
+    slips = []
     for part in (part.strip() for text in texts for part in text.split(",")):
         try:
-            found.append(float(part))
+            slips.append(float(part))
         except ValueError:
             raise StudyError(f"'slip' must be numbers with commas, e.g. 0.1,0.3 (got {part!r})") from None
-    return found
+    return slips
 
 
 def forecast(
@@ -65,7 +65,7 @@ def forecast(
     slip_reference : radius behind ``slips``: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     """
     cases: list[Case] = []
-    for name, wheel in [wheel_named(result.study, given) for given in wheels or (None,)]:
+    for name, wheel in [wheel_named(result.study, text) for text in wheels or (None,)]:
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
         grid = _grid(result, asked)
@@ -79,13 +79,13 @@ def _on_shearing_radius(slips: Sequence[float], wheel: Wheel, reference: str) ->
     radii = {"rim": wheel.radius, "tip": wheel.radius + wheel.lug_height}
     if not len(slips):
         return np.empty(0)
-    given = checked_slips(slips)
+    values = checked_slips(slips)
     if reference in radii:
-        converted = convert_slip(given, radii[reference], float(wheel.shearing_radius()))
+        converted = convert_slip(values, radii[reference], float(wheel.shearing_radius()))
         return checked_slips(np.asarray(converted))
     if reference != "shearing":
         raise StudyError(f"'slip_reference' must be rim, tip or shearing (got {reference!r})")
-    return given
+    return values
 
 
 def _grid(result: Result, asked: FloatArray) -> FloatArray:

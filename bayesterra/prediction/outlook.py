@@ -100,8 +100,8 @@ class RoverOutlook:
 
     def probability_to_climb(self, slope: float, *, driven: bool = False) -> float:
         """Share of all draws that climb ``slope`` (rad) at some slip; ``driven``: at driven slips only."""
-        found = self.slopes_driven if driven else self.slopes
-        return float((np.nan_to_num(found.value, nan=-np.inf) >= slope).mean())
+        slopes = self.slopes_driven if driven else self.slopes
+        return float((np.nan_to_num(slopes.value, nan=-np.inf) >= slope).mean())
 
     @property
     def cannot(self) -> FloatArray:
@@ -116,7 +116,7 @@ class RoverOutlook:
     @property
     def notes(self) -> tuple[str, ...]:
         """Assumptions, where the prediction leaves what was measured, and what is not in it."""
-        return (*(str(one) for one in self.rover.assumptions), *self._slips(), *self.remarks, MODEL_ERROR)
+        return (*(str(note) for note in self.rover.assumptions), *self._slips(), *self.remarks, MODEL_ERROR)
 
     def _slips(self) -> Iterator[str]:
         low, high = self.driven
@@ -156,23 +156,23 @@ class RoverOutlook:
     def greatest_table(self) -> pd.DataFrame:
         """Quantiles of the greatest slope and tow force, at all slips and at the driven ones."""
         rows = []
-        for name, unit, scale, found, most in (
+        for name, unit, scale, peak, most in (
             ("greatest_slope", "deg", DEGREE, self.slopes, "all"),
             ("greatest_slope", "deg", DEGREE, self.slopes_driven, "driven"),
             ("greatest_tow", "N", 1.0, self.tows, "all"),
             ("greatest_tow", "N", 1.0, self.tows_driven, "driven"),
         ):
-            values = zip(CURVE_QUANTILES, quantiles(found.value) / scale, strict=True)
+            values = zip(CURVE_QUANTILES, quantiles(peak.value) / scale, strict=True)
             rows.append(
                 {
                     "quantity": name,
                     "unit": unit,
                     "slips": most,
                     **{f"q{100 * level:02.0f}": value for level, value in values},
-                    "at_slip_q50": quantiles(found.slip)[2],
-                    "draws": len(found.value),
-                    "no_answer": int(np.isnan(found.value).sum()),
-                    "still_rising": int(found.rising.sum()),
+                    "at_slip_q50": quantiles(peak.slip)[2],
+                    "draws": len(peak.value),
+                    "no_answer": int(np.isnan(peak.value).sum()),
+                    "still_rising": int(peak.rising.sum()),
                 }
             )
         return pd.DataFrame(rows)
@@ -185,9 +185,9 @@ class RoverOutlook:
         return pd.DataFrame(
             {
                 "slope [deg]": slopes,
-                "probability": [self.probability_to_climb(one * DEGREE) for one in slopes],
+                "probability": [self.probability_to_climb(slope * DEGREE) for slope in slopes],
                 "probability_driven_slips": [
-                    self.probability_to_climb(one * DEGREE, driven=True) for one in slopes
+                    self.probability_to_climb(slope * DEGREE, driven=True) for slope in slopes
                 ],
             }
         )
@@ -298,9 +298,9 @@ def drive_rover(
     alphas, pulls = checked_slopes(slopes), checked_tows(tows)
     draws, index = spread(result, DRAWS)
     ground = SoftGround(study.model, rover, study.prior.soil_values(draws))
-    found = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
+    sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
     pulled = sweep(rover, ground, len(draws), "tow")
-    asked = _joined([states_at(rover, ground, found[tow], alphas) for tow in pulls])
+    asked = _joined([states_at(rover, ground, sweeps[tow], alphas) for tow in pulls])
     rows = study.observations.used().slip
     driven = (float(rows.min()), float(rows.max()))
     return RoverOutlook(
@@ -308,10 +308,10 @@ def drive_rover(
         model=study.model.name,
         rover=rover,
         asked=asked,
-        over_slope=states_at(rover, ground, found[pulls[0]], _curve(alphas.max(), SLOPES[-1])),
+        over_slope=states_at(rover, ground, sweeps[pulls[0]], _curve(alphas.max(), SLOPES[-1])),
         over_tow=_over_tow(rover, ground, float(alphas[0]), pulls, pulled),
-        slopes=greatest(rover, ground, found[0.0]),
-        slopes_driven=greatest(rover, ground, found[0.0], driven[1]),
+        slopes=greatest(rover, ground, sweeps[0.0]),
+        slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]),
         tows=greatest(rover, ground, pulled),
         tows_driven=greatest(rover, ground, pulled, driven[1]),
         index=index,
@@ -350,22 +350,24 @@ def _curve(last: float, least: float) -> FloatArray:
 def _over_tow(rover: Rover, ground: SoftGround, slope: float, tows: FloatArray, flat: Sweep) -> State | None:
     if tows[-1] == 0:
         return None
-    found = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
-    return states_at(rover, ground, found, np.linspace(0.0, tows[-1], CURVE))
+    traction = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
+    return states_at(rover, ground, traction, np.linspace(0.0, tows[-1], CURVE))
 
 
 def _joined(states: Sequence[State]) -> State:
     """States (n, k) side by side."""
     names = [field.name for field in fields(State)]
-    return State(**{name: np.concatenate([getattr(one, name) for one in states], axis=1) for name in names})
+    return State(
+        **{name: np.concatenate([getattr(state, name) for state in states], axis=1) for name in names}
+    )
 
 
 def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
-    """Say where loads, wheels and gravity leave what was measured."""
+    """Sentences on where loads, wheels and gravity leave what was measured."""
     middles = [quantiles(asked.load[:, i, axle])[2] for i in range(asked.load.shape[1]) for axle in (0, 1)]
-    known, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
-    if known and loads.size and not (0.999 * known[0] <= loads.min() and loads.max() <= 1.001 * known[1]):
-        named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in known))
+    ends, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
+    if ends and loads.size and not (0.999 * ends[0] <= loads.min() and loads.max() <= 1.001 * ends[1]):
+        named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield (
             f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N:"
             " extrapolated"
@@ -384,7 +386,7 @@ ROVER = "rover.json"
 
 
 class RoverSheet(RoverOutlook):
-    """What draws say about a rover, to be saved as a folder with its plot."""
+    """Prediction of a rover from draws, to be saved as a folder with its plot."""
 
     @classmethod
     def of(cls, outlook: RoverOutlook) -> Self:
@@ -462,15 +464,15 @@ def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:
     ------
     StudyError : one is not a number.
     """
-    found: list[float | str] = []
+    slopes: list[float | str] = []
     for part in (part.strip() for text in texts for part in text.split(",")):
         try:
-            found.append(float(part) * DEGREE)
+            slopes.append(float(part) * DEGREE)
         except ValueError:
             if not part[:1].isdigit():
                 raise StudyError(f"'slope' must be degrees with commas, e.g. 0,5,10 (got {part!r})") from None
-            found.append(part)
-    return tuple(found) or SLOPES
+            slopes.append(part)
+    return tuple(slopes) or SLOPES
 
 
 def tows_of(texts: Sequence[str]) -> tuple[float | str, ...]:

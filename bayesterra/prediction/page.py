@@ -124,13 +124,13 @@ def _points(ax: Axes, slip: FloatArray, band: FloatArray) -> None:
 
 def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
     """Keep the bands in view, except where an efficiency falls without end at the smallest slips."""
-    known = np.concatenate([modelled.ravel(), readings.ravel()])
-    known = known[np.isfinite(known)]
-    if not known.size:
+    values = np.concatenate([modelled.ravel(), readings.ravel()])
+    values = values[np.isfinite(values)]
+    if not values.size:
         return
     medians = modelled[1][np.isfinite(modelled[1])]
     reach = 3 * max(float(np.ptp(medians)), 0.05 * float(np.abs(medians).max()), 1e-9)
-    low, high = max(known.min(), medians.min() - reach), min(known.max(), medians.max() + reach)
+    low, high = max(values.min(), medians.min() - reach), min(values.max(), medians.max() + reach)
     ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
 
 
@@ -207,11 +207,11 @@ def _bands(at: Prediction) -> RichTable:
         table.add_column(header, justify="right" if header else "left", no_wrap=True)
     rows = at.table.set_index(["slip", "quantity"])
     for slip, share in zip(at.slip, at.unanswered, strict=True):
-        for i, (name, known) in enumerate(PREDICTED.items()):
-            unit = "" if known.unit == "-" else f" [{known.unit}]"
+        for i, (name, quantity) in enumerate(PREDICTED.items()):
+            unit = "" if quantity.unit == "-" else f" [{quantity.unit}]"
             mark = f"{100 * share:.3g} %{' !' if share > UNANSWERED else ''}"
             first, last = ("", "") if i else (f"{slip:.4g}", mark)
-            table.add_row(first, f"{known.symbol}{unit}", *_cells(rows.loc[(slip, name)].to_dict()), last)
+            table.add_row(first, f"{quantity.symbol}{unit}", *_cells(rows.loc[(slip, name)].to_dict()), last)
         table.add_section()
     return table
 
@@ -341,12 +341,12 @@ def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> 
     ax.plot(x, q50, color=colour)
 
 
-def _chance(ax: Axes, found: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:
+def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:
     """One minus the distribution of the greatest value."""
-    values = np.nan_to_num(found.value, nan=-np.inf) / scale
+    values = np.nan_to_num(overall.value, nan=-np.inf) / scale
     x = np.linspace(0, 1.05 * max(float(values.max()), 1e-9), _STEPS)
-    for one, line in ((found, "-"), (driven, "--")):
-        least = np.nan_to_num(one.value, nan=-np.inf) / scale
+    for peak, line in ((overall, "-"), (driven, "--")):
+        least = np.nan_to_num(peak.value, nan=-np.inf) / scale
         ax.plot(x, (least >= x[:, None]).mean(axis=1), color=DATA, linestyle=line)
     ax.set(xlabel=label, ylabel=share, xlim=(0, x[-1]), ylim=(0, 1.03))
 
@@ -422,8 +422,8 @@ def prediction_table(prediction: Prediction) -> str:
     rows = []
     for slip, share in zip(prediction.slip, prediction.unanswered, strict=True):
         mark = Markup("<b>{:.3g} %</b>") if share > UNANSWERED else Markup("{:.3g} %")
-        found = (bands.loc[(slip, name)].to_dict() for name in PREDICTED)
-        rows.append((f"{slip:.4g}", *(_band(row) for row in found), mark.format(100 * share)))
+        quantities = (bands.loc[(slip, name)].to_dict() for name in PREDICTED)
+        rows.append((f"{slip:.4g}", *(_band(row) for row in quantities), mark.format(100 * share)))
     head = Markup("Wheel {} under {} N: median (90 %), without measurement noise").format(
         prediction.name, given(round(prediction.load, 1))
     )

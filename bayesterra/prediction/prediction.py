@@ -31,7 +31,7 @@ PREDICTED: dict[str, Channel] = {
     **{name: CHANNELS[name] for name in ("sinkage", "drawbar_pull", "resistance_moment")},
     EFFICIENCY.name: EFFICIENCY,
 }
-"""What is predicted, the last axis of predictions."""
+"""Outcomes that are predicted, the last axis of predictions."""
 
 _MODELLED, _READING = "modelled", "reading"
 
@@ -72,7 +72,7 @@ class Prediction:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the prediction leaves what was measured; one sentence each."""
+        """Sentences on where the prediction leaves what was measured, one each."""
         low, high = self.driven
         beyond = self.slip[(self.slip < low) | (self.slip > high)]
         if not beyond.size:
@@ -112,9 +112,9 @@ class Prediction:
         )
 
     def _row(self, i: int, name: str) -> dict[str, object]:
-        known, column = PREDICTED[name], list(PREDICTED).index(name)
+        outcome, column = PREDICTED[name], list(PREDICTED).index(name)
         bands = {
-            f"{kind}_q{100 * level:02.0f}": value / known.scale
+            f"{kind}_q{100 * level:02.0f}": value / outcome.scale
             for kind, values in ((_MODELLED, self.modelled), (_READING, self.readings))
             for level, value in zip(CURVE_QUANTILES, quantiles(values[:, i, column]), strict=True)
         }
@@ -124,7 +124,7 @@ class Prediction:
             "load [N]": self.load,
             "slip": self.slip[i],
             "quantity": name,
-            "unit": known.unit,
+            "unit": outcome.unit,
             **bands,
             "draws": len(self.reasons),
             "no_answer": int(counts.sum()),
@@ -149,11 +149,11 @@ class Prediction:
             "load [N]": self.load,
             "slip": np.tile(self.slip, n),
         }
-        for column, (name, known) in enumerate(PREDICTED.items()):
-            unit = "" if known.unit == "-" else f" [{known.unit}]"
+        for column, (name, outcome) in enumerate(PREDICTED.items()):
+            unit = "" if outcome.unit == "-" else f" [{outcome.unit}]"
             for kind, values in (("", self.modelled), ("_" + _READING, self.readings)):
                 if not np.isnan(values[:, :, column]).all():
-                    columns[f"{name}{kind}{unit}"] = values[:, :, column].ravel() / known.scale
+                    columns[f"{name}{kind}{unit}"] = values[:, :, column].ravel() / outcome.scale
         return pd.DataFrame(columns)
 
 
@@ -165,14 +165,14 @@ def quantiles(values: FloatArray) -> FloatArray:
 
 def _derived_row(name: str, posterior: FloatArray, prior: FloatArray) -> dict[str, object]:
     """One row; empty where no draw has an answer."""
-    known = DERIVED[name]
-    after, before = (values[np.isfinite(values)] / known.scale for values in (posterior, prior))
+    derived = DERIVED[name]
+    after, before = (values[np.isfinite(values)] / derived.scale for values in (posterior, prior))
     if not after.size or not before.size:
         return {}
     low, high = hdi(after)
     return {
         "quantity": name,
-        "unit": known.unit,
+        "unit": derived.unit,
         "median": np.median(after),
         "mean": after.mean(),
         "sd": after.std(),
@@ -218,9 +218,9 @@ def predict(
     draws, index = spread(result)
     forward = Forward(study.model, "load", Conditions.of(driven, at), np.full(len(at), carried))
     soil = study.prior.soil_values(draws)
-    parts = [forward.row(i)(soil) for i in range(len(at))]
+    blocks = [forward.row(i)(soil) for i in range(len(at))]
     rng = default_rng(seed)
-    outcomes = np.concatenate([part.values for part in parts], axis=1)
+    outcomes = np.concatenate([block.values for block in blocks], axis=1)
     outcomes = outcomes + _discrepancy(study, forward, driven, draws, rng)
     rows = study.observations.used().slip
     return Prediction(
@@ -231,7 +231,7 @@ def predict(
         slip=at,
         modelled=_with_efficiency(outcomes, forward.conditions),
         readings=_with_noise(study, forward, outcomes, draws, rng),
-        reasons=np.column_stack([part.status for part in parts]),
+        reasons=np.column_stack([block.status for block in blocks]),
         index=index,
         driven=(float(rows.min()), float(rows.max())),
         derived=_derived(study, driven, carried, draws),
@@ -266,17 +266,17 @@ def _discrepancy(
     study: Study, forward: Forward, driven: Wheel, draws: FloatArray, rng: Generator
 ) -> FloatArray:
     """The model's own error (n, k, 3): as the readings of the same wheel tell it, else as stated before."""
-    slip, found = forward.conditions.slip, np.zeros((len(draws), len(forward.conditions.slip), 3))
+    slip, error = forward.conditions.slip, np.zeros((len(draws), len(forward.conditions.slip), 3))
     if not study.errors.discrepancy:
-        return found
+        return error
     target = posterior(study)
     name = next((name for name, wheel in study.wheels.items() if wheel == driven), None)
     values = target.noise_values(draws)
     curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
     for column, channel in enumerate(target.likelihood.channels):
         if channel in forward.outcomes:
-            found[:, :, forward.outcomes.index(channel)] = curve[:, :, column]
-    return found
+            error[:, :, forward.outcomes.index(channel)] = curve[:, :, column]
+    return error
 
 
 def _with_noise(
@@ -304,7 +304,7 @@ def _with_noise(
 
 def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> FloatArray:
     """Ripple and effect of slip errors (n, k, 3) of readings of another sweep."""
-    found = np.zeros((len(draws), len(forward.conditions.slip), 3))
+    deviation = np.zeros((len(draws), len(forward.conditions.slip), 3))
     if study.errors:
         target = posterior(study)
         channels = tuple(name for name in target.likelihood.channels if name in forward.outcomes)
@@ -312,8 +312,8 @@ def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) ->
         drawn = target.likelihood.fresh(forward, soil, values, rng)
         for channel in channels:
             column = target.likelihood.channels.index(channel)
-            found[:, :, forward.outcomes.index(channel)] = drawn[:, :, column]
-    return found
+            deviation[:, :, forward.outcomes.index(channel)] = drawn[:, :, column]
+    return deviation
 
 
 def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:
@@ -321,32 +321,32 @@ def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str
 
 
 def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
-    """Say where load and wheel leave what was measured."""
+    """Sentences on where load and wheel leave what was measured."""
     ends = measured_loads(study)
     if ends and not 0.999 * ends[0] <= load <= 1.001 * ends[1]:
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield f"load {load:.4g} N is not among the measured loads, {named} N: extrapolated"
     if study.errors.discrepancy:
-        known = (
+        basis = (
             "as its readings tell it" if wheel in study.wheels.values() else "as stated before any reading"
         )
         yield (
-            f"the model's own error is part of it, {known}; derived quantities are those of the model alone"
+            f"the model's own error is part of it, {basis}; derived quantities are those of the model alone"
         )
     yield from wheel_remarks(study, wheel)
 
 
 def wheel_remarks(study: Study, wheel: Wheel) -> Iterator[str]:
-    """Say where a wheel leaves those that were measured."""
+    """Sentences on where a wheel leaves those that were measured."""
     if wheel not in study.wheels.values():
         yield (
             f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
             " soil need not hold for another, least of all when only one of them has lugs"
         )
-    widths = {one.width for one in study.wheels.values()}
+    widths = {measured.width for measured in study.wheels.values()}
     if wheel.width not in widths and not study.prior.uses_moduli:
-        given = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))
+        named = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))
         yield (
-            f"K_s = k_c/b + k_φ was identified with wheels {given} wide and taken unchanged for"
+            f"K_s = k_c/b + k_φ was identified with wheels {named} wide and taken unchanged for"
             f" {1e3 * wheel.width:g} mm: small where k_c is, as in dry soils"
         )

@@ -127,7 +127,7 @@ class Rover:
 
     @property
     def equal_slip(self) -> bool:
-        """Whether all wheels are commanded the same speed on their shearing radius."""
+        """True where all wheels are commanded the same speed on their shearing radius."""
         return self.front_to_rear_speed == 1
 
     def slips(self, slowest: FloatArray) -> FloatArray:
@@ -142,7 +142,7 @@ class Rover:
 
 @table(frozen=True, kw_only=True, config=_CONFIG)
 class _Centre(Table):
-    """Where the centre of gravity is."""
+    """Place of the centre of gravity."""
 
     height: Length
     ahead_of_rear_axle: Length
@@ -204,10 +204,10 @@ def read_rover(path: Path, wheels: Mapping[str, Wheel], phi: float) -> Rover:
 def _plain(content: Mapping[str, Any], prefix: str, assumptions: list[Assumption]) -> dict[str, Any]:
     """The content with bare values in the place of assumptions, which are gathered."""
     plain: dict[str, Any] = {}
-    for key, given in content.items():
+    for key, item in content.items():
         name = f"{prefix}{key}"
-        noted = isinstance(given, Mapping) and not {"value", "assumption"}.isdisjoint(given)
-        value = _value(name, given, assumptions) if noted else given
+        noted = isinstance(item, Mapping) and not {"value", "assumption"}.isdisjoint(item)
+        value = _value(name, item, assumptions) if noted else item
         plain[key] = _plain(value, f"{name}.", assumptions) if isinstance(value, Mapping) else value
     return plain
 
@@ -226,8 +226,8 @@ def _value(key: str, entry: Mapping[str, Any], assumptions: list[Assumption]) ->
 def _weight(file: _File) -> tuple[float, float | None]:
     """Weight, and the gravity behind it where that is known."""
     if (file.mass is None) == (file.weight is None):
-        given = "both" if file.mass is not None else "neither"
-        raise StudyError(f"needs either 'mass' or 'weight' (got {given})")
+        present = "both" if file.mass is not None else "neither"
+        raise StudyError(f"needs either 'mass' or 'weight' (got {present})")
     if file.weight is not None:
         return file.weight, file.gravity
     gravity = EARTH if file.gravity is None else file.gravity
@@ -235,7 +235,7 @@ def _weight(file: _File) -> tuple[float, float | None]:
 
 
 def _left_out(file: _File) -> Iterator[Assumption]:
-    """What stands in for keys that were left out."""
+    """Assumptions that stand in for keys that were left out."""
     if file.mass is not None and file.gravity is None:
         yield Assumption("gravity", f"{EARTH} m/s²", "none is given, so the Earth's is taken")
     if file.tow_height is None:
@@ -256,14 +256,14 @@ def _wheel(
         first = next(iter(wheels), None)
         hint = f' (e.g. wheel = "{first}", the study\'s)' if first else ""
         raise StudyError(f"needs 'wheel', or 'front_wheel' and 'rear_wheel'{hint}")
-    key, given = keys[0], content[keys[0]]
-    if isinstance(given, str):
-        if given not in wheels:
-            raise StudyError(f"'{key}': unknown wheel '{given}'{did_you_mean(given, wheels)}")
-        return given, wheels[given]
-    if not isinstance(given, Mapping):
-        raise StudyError(f"'{key}' must be the name of a study's wheel or a table (got {given!r})")
+    key, entry = keys[0], content[keys[0]]
+    if isinstance(entry, str):
+        if entry not in wheels:
+            raise StudyError(f"'{key}': unknown wheel '{entry}'{did_you_mean(entry, wheels)}")
+        return entry, wheels[entry]
+    if not isinstance(entry, Mapping):
+        raise StudyError(f"'{key}' must be the name of a study's wheel or a table (got {entry!r})")
     try:
-        return key.replace("_", " "), resolved(wheel_of(key, given), phi)
+        return key.replace("_", " "), resolved(wheel_of(key, entry), phi)
     except StudyError as error:
         raise StudyError(str(error).replace("[wheels.", "[")) from error

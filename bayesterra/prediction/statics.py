@@ -23,7 +23,7 @@ _LEAST = 1e-6  # share of the weight at which an axle's load is held while other
 
 
 class Outcome(IntEnum):
-    """How the question for a slip ends."""
+    """Outcome of the question for a slip."""
 
     HELD = 0
     CANNOT = 1
@@ -58,7 +58,7 @@ _OF_STATUS[[Status.LOAD, Status.SINKAGE]] = Outcome.SINKS
 
 
 class Ground(Protocol):
-    """What the wheels drive on: n soils, known by their numbers."""
+    """Ground under the wheels: n soils, known by their numbers."""
 
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
@@ -153,14 +153,14 @@ def settle(
         a, across = alpha[active], weight * np.cos(alpha[active])
         held = np.clip(front[active], _LEAST * weight, across - _LEAST * weight)
         load[active] = 0.5 * np.column_stack([held, across - held])
-        found, codes = ground.respond(soils[active], slip[active], load[active], 0.25 * across)
-        values[active] = found
-        pull = 2 * found[:, :, 1].sum(axis=1)
+        responses, codes = ground.respond(soils[active], slip[active], load[active], 0.25 * across)
+        values[active] = responses
+        pull = 2 * responses[:, :, 1].sum(axis=1)
         if slope is None:
             alpha[active] = np.arcsin(np.clip((pull - pulled[active]) / weight, -1, 1))
         elif tow is None:
             pulled[active] = pull - weight * np.sin(a)
-        front[active] = front_load(rover, found, alpha[active], pulled[active])
+        front[active] = front_load(rover, responses, alpha[active], pulled[active])
         change = np.maximum(np.abs(front[active] - held) / weight, np.abs(alpha[active] - a))
         lifts = np.minimum(held, across - held) <= _LEAST * weight * (1 + 1e-9)
         done = (change < SETTLED) | (codes != Outcome.HELD) | (lifts & _stays_off(front[active], across))
@@ -174,7 +174,7 @@ def settle(
 
 
 def _stays_off(front: FloatArray, across: FloatArray) -> BoolArray:
-    """Whether an axle that already carries next to nothing would carry less than nothing."""
+    """True where an axle that already carries next to nothing would carry less than nothing."""
     return np.asarray((front <= 0) | (front >= across))
 
 
@@ -221,7 +221,7 @@ _ZOOMS = 5
 
 @dataclass(frozen=True)
 class Sweep:
-    """What n soils hold over ``SLIPS``.
+    """Slopes or tow forces that n soils hold over ``SLIPS``.
 
     Attributes
     ----------
@@ -251,7 +251,7 @@ class Sweep:
 
     @property
     def ending(self) -> IntArray:
-        """Why (n,) slips beyond the last of the run have no answer; ``CANNOT`` where there are none."""
+        """Outcomes (n,) that end the run, of the slips beyond its last; ``CANNOT`` where there are none."""
         runs = self.runs
         after = np.where(runs.any(axis=1), runs.shape[1] - runs[:, ::-1].argmax(axis=1), 0)
         inside = np.minimum(after, runs.shape[1] - 1)
@@ -260,29 +260,29 @@ class Sweep:
 
 
 def sweep(rover: Rover, ground: Ground, count: int, sought: Sought, fixed: float = 0.0) -> Sweep:
-    """What ``count`` soils hold at every slip: slopes against the tow force ``fixed``, or the other way."""
+    """Slopes that ``count`` soils hold at every slip against the tow force ``fixed``, or the other way."""
     soils = np.repeat(np.arange(count), len(SLIPS))
-    slowest, given = np.tile(SLIPS, count), np.full(len(soils), fixed)
+    slowest, constant = np.tile(SLIPS, count), np.full(len(soils), fixed)
     if sought == "slope":
-        state = settle(rover, ground, soils, slowest, tow=given)
+        state = settle(rover, ground, soils, slowest, tow=constant)
     else:
-        state = settle(rover, ground, soils, slowest, slope=given)
+        state = settle(rover, ground, soils, slowest, slope=constant)
     value = state.slope if sought == "slope" else state.tow
     held = np.where(state.outcome == Outcome.HELD, value, np.nan)
     shape = (count, len(SLIPS))
     return Sweep(sought, fixed, held.reshape(shape), state.outcome.reshape(shape))
 
 
-def states_at(rover: Rover, ground: Ground, found: Sweep, values: FloatArray) -> State:
-    """The states (n, k) in which n soils hold slopes or tow forces ``values`` (k,), as ``found`` sought.
+def states_at(rover: Rover, ground: Ground, traction: Sweep, values: FloatArray) -> State:
+    """The states (n, k) in which n soils hold slopes or tow forces ``values`` (k,), as ``traction`` sought.
 
     Where the outcome is ``BRAKES``, the state is that at slip 0, in which the wheels pull more than is asked.
     """
-    shape = (len(found.held), len(values))
-    low, outcome = _brackets(found, values)
+    shape = (len(traction.held), len(values))
+    low, outcome = _brackets(traction, values)
     wanted = np.broadcast_to(values, shape)
-    fixed = np.full(shape, found.fixed)
-    slope, tow = (wanted, fixed) if found.sought == "slope" else (fixed, wanted)
+    fixed = np.full(shape, traction.fixed)
+    slope, tow = (wanted, fixed) if traction.sought == "slope" else (fixed, wanted)
     soils = np.broadcast_to(np.arange(shape[0])[:, None], shape)
     rows, alpha, pulled, start = soils.ravel(), slope.flatten(), tow.flatten(), low.ravel()
     slip, load, sinkage, pull, moment = (np.full((rows.size, 2), np.nan) for _ in range(5))
@@ -295,14 +295,14 @@ def states_at(rover: Rover, ground: Ground, found: Sweep, values: FloatArray) ->
     return shaped(whole, shape)
 
 
-def _brackets(found: Sweep, values: FloatArray) -> tuple[IntArray, IntArray]:
+def _brackets(traction: Sweep, values: FloatArray) -> tuple[IntArray, IntArray]:
     """Index (n, k) of the last slip before a value is first held, and outcomes (n, k)."""
-    runs, first = found.runs, found.first
-    reached = runs[:, None, :] & (np.nan_to_num(found.held, nan=-np.inf)[:, None, :] >= values[:, None])
+    runs, first = traction.runs, traction.first
+    reached = runs[:, None, :] & (np.nan_to_num(traction.held, nan=-np.inf)[:, None, :] >= values[:, None])
     at = reached.argmax(axis=2)
-    outcome = np.where(reached.any(axis=2), Outcome.HELD, found.ending[:, None])
+    outcome = np.where(reached.any(axis=2), Outcome.HELD, traction.ending[:, None])
     # Held at the first slip with an answer: at slip 0 it rolls by itself; else what keeps lower slips out.
-    before = found.outcome[np.arange(len(first)), np.maximum(first - 1, 0)]
+    before = traction.outcome[np.arange(len(first)), np.maximum(first - 1, 0)]
     early = np.where(first == 0, Outcome.BRAKES, before)
     outcome = np.where((outcome == Outcome.HELD) & (at == first[:, None]), early[:, None], outcome)
     return np.maximum(at - 1, 0), outcome.astype(np.int64)
@@ -372,42 +372,42 @@ class Greatest:
     rising: BoolArray
 
 
-def greatest(rover: Rover, ground: Ground, found: Sweep, most: float = 1.0) -> Greatest:
-    """The greatest of what ``found`` sought, at slips up to ``most``."""
-    runs = found.runs
+def greatest(rover: Rover, ground: Ground, traction: Sweep, most: float = 1.0) -> Greatest:
+    """The greatest of what ``traction`` sought, at slips up to ``most``."""
+    runs = traction.runs
     usable = runs & (most + 1e-12 >= SLIPS)
-    held = np.where(usable, found.held, -np.inf)
+    held = np.where(usable, traction.held, -np.inf)
     every, best = np.arange(len(held)), held.argmax(axis=1)
     value, slip = held[every, best], SLIPS[best]
     ends = np.minimum(SLIPS[len(SLIPS) - 1 - runs[:, ::-1].argmax(axis=1)], most)
-    low = np.maximum(slip - _GAP, SLIPS[found.first])
+    low = np.maximum(slip - _GAP, SLIPS[traction.first])
     high = np.minimum(slip + _GAP, ends)
-    known = np.flatnonzero(np.isfinite(value))
+    soils = np.flatnonzero(np.isfinite(value))
     for _ in range(_ZOOMS):
-        width = (high - low)[known]
-        inner = low[known, None] + width[:, None] * np.array([0.25, 0.5, 0.75, 1.0])
-        reached = _reached(rover, ground, found, known, inner)
+        width = (high - low)[soils]
+        inner = low[soils, None] + width[:, None] * np.array([0.25, 0.5, 0.75, 1.0])
+        reached = _reached(rover, ground, traction, soils, inner)
         top = reached.argmax(axis=1)
-        higher = reached[np.arange(len(known)), top]
-        better = higher > value[known]
-        slip[known] = np.where(better, inner[np.arange(len(known)), top], slip[known])
-        value[known] = np.where(better, higher, value[known])
-        low[known] = np.maximum(low[known], slip[known] - 0.25 * width)
-        high[known] = np.minimum(high[known], slip[known] + 0.25 * width)
+        higher = reached[np.arange(len(soils)), top]
+        better = higher > value[soils]
+        slip[soils] = np.where(better, inner[np.arange(len(soils)), top], slip[soils])
+        value[soils] = np.where(better, higher, value[soils])
+        low[soils] = np.maximum(low[soils], slip[soils] - 0.25 * width)
+        high[soils] = np.minimum(high[soils], slip[soils] + 0.25 * width)
     answered = np.isfinite(value)
     rising = answered & (slip >= ends - 1e-9)
     return Greatest(np.where(answered, value, np.nan), np.where(answered, slip, np.nan), rising)
 
 
-def _reached(rover: Rover, ground: Ground, found: Sweep, soils: IntArray, slips: FloatArray) -> FloatArray:
-    """What ``soils`` (p,) hold at slips (p, m) of their own; −inf where there is no balanced state."""
+def _reached(rover: Rover, ground: Ground, traction: Sweep, soils: IntArray, slips: FloatArray) -> FloatArray:
+    """Values that ``soils`` (p,) hold at slips (p, m) of their own; −inf where there is no balanced state."""
     count = slips.shape[1]
-    given = np.full(slips.size, found.fixed)
+    constant = np.full(slips.size, traction.fixed)
     rows = np.repeat(soils, count)
-    if found.sought == "slope":
-        state = settle(rover, ground, rows, slips.ravel(), tow=given)
+    if traction.sought == "slope":
+        state = settle(rover, ground, rows, slips.ravel(), tow=constant)
         value = state.slope
     else:
-        state = settle(rover, ground, rows, slips.ravel(), slope=given)
+        state = settle(rover, ground, rows, slips.ravel(), slope=constant)
         value = state.tow
     return np.where(state.outcome == Outcome.HELD, value, -np.inf).reshape(slips.shape)
