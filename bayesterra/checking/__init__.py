@@ -1,1 +1,1 @@
-"""Whether a posterior can be trusted: predictive checks, rows and levels left out, calibration."""
+"""Checks of a posterior: predictive checks, rows and levels left out, calibration."""

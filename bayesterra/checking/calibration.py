@@ -36,7 +36,7 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a calibration is.
+    """Progress of a calibration.
 
     Attributes
     ----------
@@ -92,35 +92,35 @@ def calibration_of(
     StudyError, SupportError : see :func:`check`.
     """
     check(study, n)
-    known = {outcome.task: outcome for outcome in finished if outcome.task <= n}
-    open_tasks = [task for task in range(1, n + 1) if task not in known]
+    outcomes = {outcome.task: outcome for outcome in finished if outcome.task <= n}
+    open_tasks = [task for task in range(1, n + 1) if task not in outcomes]
     replication = Replication(study, seed, fit or ShortRuns())
-    started, before = time.perf_counter(), len(known)
-    report((), _progress(known, n, None))
+    started, before = time.perf_counter(), len(outcomes)
+    report((), _progress(outcomes, n, None))
     for batch in ended(replication, open_tasks, engine or in_process()):
-        known |= batch
-        pace = (time.perf_counter() - started) / (len(known) - before)
-        report([outcome for _, outcome in batch], _progress(known, n, pace * (n - len(known))))
+        outcomes |= batch
+        pace = (time.perf_counter() - started) / (len(outcomes) - before)
+        report([outcome for _, outcome in batch], _progress(outcomes, n, pace * (n - len(outcomes))))
     return Calibration(
-        study, table([known[task] for task in sorted(known)], study), origin_of(study, seed, fit)
+        study, table([outcomes[task] for task in sorted(outcomes)], study), origin_of(study, seed, fit)
     )
 
 
-def _progress(known: dict[int, Outcome], n: int, seconds_left: float | None) -> Progress:
-    unsettled = sum(outcome.status != CONVERGED for outcome in known.values())
-    return Progress(len(known), n, unsettled, seconds_left)
+def _progress(outcomes: dict[int, Outcome], n: int, seconds_left: float | None) -> Progress:
+    unsettled = sum(outcome.status != CONVERGED for outcome in outcomes.values())
+    return Progress(len(outcomes), n, unsettled, seconds_left)
 
 
-def table(known: Iterable[Outcome], study: Study) -> pd.DataFrame:
+def table(outcomes: Iterable[Outcome], study: Study) -> pd.DataFrame:
     """One row per outcome; see :attr:`Calibration.table`."""
-    rows = [asdict(outcome) for outcome in known]
+    rows = [asdict(outcome) for outcome in outcomes]
     ranks = [row.pop("ranks") for row in rows]
     names = quantity_names(study.prior.names, study.drive)
     return pd.DataFrame(rows).join(pd.DataFrame(ranks, columns=list(names)))
 
 
 def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]:
-    """What outcomes depend on, and what must be the same for a calibration to go on."""
+    """Origin of outcomes: all that they depend on, which must be the same for a calibration to go on."""
     chosen = fit or ShortRuns()
     named = {"fit": getattr(chosen, "__qualname__", type(chosen).__name__)}
     settings = chosen.record() if isinstance(chosen, ShortRuns) else named
@@ -142,9 +142,9 @@ class CalibrationResult(Calibration):
     """A calibration that can be saved as a folder with its report."""
 
     @classmethod
-    def of(cls, found: Calibration) -> Self:
+    def of(cls, calibration: Calibration) -> Self:
         """The same calibration, with a report to write."""
-        return cls(**{field.name: getattr(found, field.name) for field in fields(Calibration)})
+        return cls(**{field.name: getattr(calibration, field.name) for field in fields(Calibration)})
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write report, ranks, record and study into a new folder; returns the path of the report.
@@ -195,15 +195,15 @@ def calibrate(
     check_kind("bt.calibrate", study, Study)
     check_seed(seed)
     check_number("n", n)
-    found = calibration_of(
+    calibration = calibration_of(
         study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )
-    return CalibrationResult.of(found)
+    return CalibrationResult.of(calibration)
 
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """What to calibrate, and how; see :func:`calibrate`."""
+    """Request for a calibration; see :func:`calibrate`."""
 
     study: Study
     n: int
@@ -253,13 +253,13 @@ def calibrate_study(
                 job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
                 report=update,
             )  # fmt: skip
-        found = CalibrationResult.of(made)
-        found._write(part)
-    return found
+        result = CalibrationResult.of(made)
+        result._write(part)
+    return result
 
 
 def _made_with(job: CalibrationRequest) -> dict[str, Any]:
-    """What must be the same for replications to belong together, by names fit for a message."""
+    """Settings that replications must share to belong together, by names fit for a message."""
     origin = origin_of(job.study, job.seed, job.fit)
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
@@ -267,7 +267,7 @@ def _made_with(job: CalibrationRequest) -> dict[str, Any]:
 
 
 def _status(progress: Progress) -> dict[str, object]:
-    """What a poller of ``status.json`` sees."""
+    """Content of ``status.json`` for a poller."""
     return {
         "stage": "calibrating",
         "done": progress.done / progress.of,

@@ -50,22 +50,22 @@ from bayesterra.report.terminal import PlainConsole, task_bar
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
 
-def calibration_page(found: Calibration) -> VerdictPage:
+def calibration_page(calibration: Calibration) -> VerdictPage:
     """Put the page together."""
-    study = found.study
+    study = calibration.study
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
-        facts=(study.model.name, f"drive {study.drive}", f"{len(found.table)} replications"),
-        warning=_warning(found),
-        verdicts=(_posterior(found), _sampling(found), _power(found)),
+        facts=(study.model.name, f"drive {study.drive}", f"{len(calibration.table)} replications"),
+        warning=_warning(calibration),
+        verdicts=(_posterior(calibration), _sampling(calibration), _power(calibration)),
         sections=(
-            _ranks_section(found),
-            _coverage_section(found),
-            _power_section(found),
-            _replications_section(found),
-            _reproduce_section(found),
+            _ranks_section(calibration),
+            _coverage_section(calibration),
+            _power_section(calibration),
+            _replications_section(calibration),
+            _reproduce_section(calibration),
         ),
-        version=found.record["versions"]["bayesterra"],
+        version=calibration.record["versions"]["bayesterra"],
     )
 
 
@@ -83,39 +83,38 @@ def named(quantity: str) -> Markup:
     return symbol(quantity)
 
 
-def _warning(found: Calibration) -> Markup:
-    if not found.failing:
+def _warning(calibration: Calibration) -> Markup:
+    if not calibration.failing:
         return Markup("")
     return Markup(
         "True values are <b>not distributed like draws</b> of their posteriors: {}. Intervals of this "
         "configuration do not hold what they promise."
-    ).format(listed(tendency(row) for row in _failing_rows(found)))
+    ).format(listed(tendency(row) for row in _failing_rows(calibration)))
 
 
-def _failing_rows(found: Calibration) -> list[dict[Any, Any]]:
-    return (
-        found.tests[found.tests["verdict"] == "not uniform"].sort_values("p_value").head(4).to_dict("records")
-    )
+def _failing_rows(calibration: Calibration) -> list[dict[Any, Any]]:
+    tests = calibration.tests
+    return tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4).to_dict("records")
 
 
 def tendency(row: Mapping[Any, Any]) -> Markup:
     """In words, what error the ranks of a quantity look like."""
     error = 1.0 / np.sqrt(row["ranks"])
-    parts = []
+    faults = []
     if abs(row["width"] - 1) > 2 * error:
         word = "wide" if row["width"] > 1 else "narrow"
-        parts.append(f"too {word} (width {row['width']:.2f} of the right one)")
+        faults.append(f"too {word} (width {row['width']:.2f} of the right one)")
     if abs(row["shift"]) > 2 * error:
         word = "high" if row["shift"] > 0 else "low"
-        parts.append(f"too {word} by {abs(row['shift']):.2f} sd")
-    return Markup("{} {}").format(named(row["quantity"]), " and ".join(parts) or "of another shape")
+        faults.append(f"too {word} by {abs(row['shift']):.2f} sd")
+    return Markup("{} {}").format(named(row["quantity"]), " and ".join(faults) or "of another shape")
 
 
-def _posterior(found: Calibration) -> Verdict:
-    tested, failing = len(found.tested), found.failing
-    smallest = found.tests["p_value"].min() if tested else float("nan")
+def _posterior(calibration: Calibration) -> Verdict:
+    tested, failing = len(calibration.tested), calibration.failing
+    smallest = calibration.tests["p_value"].min() if tested else float("nan")
     figures_ = Markup("smallest p {}, threshold {}: {} % for all together").format(
-        p_text(smallest), p_text(found.threshold), f"{100 * LEVEL:g}"
+        p_text(smallest), p_text(calibration.threshold), f"{100 * LEVEL:g}"
     )
     if failing:
         sentence = Markup("Ranks of {} of {} quantities are not uniform ({}).").format(
@@ -123,8 +122,8 @@ def _posterior(found: Calibration) -> Verdict:
         )
     else:
         sentence = Markup("Ranks of all {} quantities are uniform ({}).").format(tested, figures_)
-    grade = {CALIBRATED: "good", MISCALIBRATED: "poor"}.get(found.verdict, "fair")
-    return Verdict("Posterior", found.verdict, grade, sentence)
+    grade = {CALIBRATED: "good", MISCALIBRATED: "poor"}.get(calibration.verdict, "fair")
+    return Verdict("Posterior", calibration.verdict, grade, sentence)
 
 
 def p_text(p: float) -> str:
@@ -136,30 +135,30 @@ def p_text(p: float) -> str:
     return "< 0.0001" if p < 1e-4 else plain(p, 2) if p >= 0.001 else f"{p:.4f}"
 
 
-def _sampling(found: Calibration) -> Verdict:
-    n = len(found.table)
-    settled = n - found.unsettled
-    allowed = found.unsettled <= UNSETTLED * n
+def _sampling(calibration: Calibration) -> Verdict:
+    n = len(calibration.table)
+    settled = n - calibration.unsettled
+    allowed = calibration.unsettled <= UNSETTLED * n
     sentence = Markup(
         "{} of {} replications did not converge; at most {} % may. They are ranked too{}."
-    ).format(found.unsettled, n, f"{100 * UNSETTLED:g}", _failures(found))
-    grade = "good" if not found.unsettled else "fair" if allowed else "poor"
+    ).format(calibration.unsettled, n, f"{100 * UNSETTLED:g}", _failures(calibration))
+    grade = "good" if not calibration.unsettled else "fair" if allowed else "poor"
     return Verdict("Sampling", f"{settled} of {n} converged", grade, sentence)
 
 
-def _failures(found: Calibration) -> str:
-    failed = len(found.table) - found.ranked
+def _failures(calibration: Calibration) -> str:
+    failed = len(calibration.table) - calibration.ranked
     return f", but for {failed} that failed" if failed else ""
 
 
-def _power(found: Calibration) -> Verdict:
-    one = dict(zip(found.power["error"], found.power["one"], strict=True))
-    small = found.power["one"].iloc[1]
+def _power(calibration: Calibration) -> Verdict:
+    chances = dict(zip(calibration.power["error"], calibration.power["one"], strict=True))
+    small = calibration.power["one"].iloc[1]
     word, grade = ("high", "good") if small >= HIGH_POWER else ("moderate", "fair")
     word, grade = (word, grade) if small >= SOME_POWER else ("low", "poor")
-    parts = (f"{name}: {percent(value)}" for name, value in one.items())
+    phrases = (f"{name}: {percent(value)}" for name, value in chances.items())
     sentence = Markup("Chance that so many replications notice, in one parameter alone, a {}.").format(
-        listed(parts)
+        listed(phrases)
     )
     return Verdict("Power", word, grade, sentence)
 
@@ -173,22 +172,22 @@ def percent(share: float) -> str:
     return "< 1 %" if share < 0.01 else "> 99 %" if share > 0.99 else f"{100 * share:.0f} %"
 
 
-def _ranks_section(found: Calibration) -> Section:
-    pictures = tuple(_picture(found, name) for name in found.tested)
+def _ranks_section(calibration: Calibration) -> Section:
+    pictures = tuple(_picture(calibration, name) for name in calibration.tested)
     caption = Markup(
         "For each quantity the share of true values below each rank among {} draws, less the uniform share. "
         "Dark grey holds the whole curve of a right posterior with probability 0.95; pale grey is the "
         "verdict’s own band, with probability {} for each quantity and {} for all together. Curves like "
         "∪∩ mean draws too wide, ∩∪ too narrow; all above zero means draws too high, all below too low."
-    ).format(DRAWS, f"{1 - found.threshold:.4f}", f"{1 - LEVEL:g}")
+    ).format(DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - LEVEL:g}")
     header: tuple[Cell, ...] = ("quantity", "ranks", "p", "verdict", "shift [sd]", "width")
-    rows = tuple(_test_row(row) for row in found.tests.to_dict("records"))
-    error = 1 / np.sqrt(max(found.ranked, 1))
+    rows = tuple(_test_row(row) for row in calibration.tests.to_dict("records"))
+    error = 1 / np.sqrt(max(calibration.ranked, 1))
     below = Markup(
         "p of the simultaneous test; below {} a quantity fails. Shift and width are those of a Gaussian "
         "posterior with such ranks, in units of the right standard deviation (0 and 1 where all is right; "
         "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
-    ).format(p_text(found.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
+    ).format(p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
     return Section(
         "ranks",
         "Ranks",
@@ -196,9 +195,9 @@ def _ranks_section(found: Calibration) -> Section:
     )
 
 
-def _picture(found: Calibration, name: str) -> Picture:
+def _picture(calibration: Calibration, name: str) -> Picture:
     alt = f"Distribution of the ranks of {name}, less the uniform one"
-    return drawing(rank_ecdf(found, name), alt)
+    return drawing(rank_ecdf(calibration, name), alt)
 
 
 def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -212,11 +211,11 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def _coverage_section(found: Calibration) -> Section:
+def _coverage_section(calibration: Calibration) -> Section:
     header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in COVERAGES))
-    tests = found.tests[found.tests["verdict"] != "constant"]
+    tests = calibration.tests[calibration.tests["verdict"] != "constant"]
     rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
-    n = max(found.ranked, 1)
+    n = max(calibration.ranked, 1)
     errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in COVERAGES)
     caption = Markup(
         "Share of true values inside the central intervals, in %. Binomial standard errors of right ones: "
@@ -235,25 +234,26 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     return (named(row["quantity"]), *cells)
 
 
-def _power_section(found: Calibration) -> Section:
-    free = len(found.study.prior.names)
+def _power_section(calibration: Calibration) -> Section:
+    free = len(calibration.study.prior.names)
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
     rows = tuple(
-        (row["error"], percent(row["one"]), percent(row["all"])) for row in found.power.to_dict("records")
+        (row["error"], percent(row["one"]), percent(row["all"]))
+        for row in calibration.power.to_dict("records")
     )
     caption = Markup(
         "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
         "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
-    ).format(found.ranked)
+    ).format(calibration.ranked)
     return Section("power", "Power", (Table(caption, "lrr", header, rows),))
 
 
-def _replications_section(found: Calibration) -> Section:
-    table = found.table
+def _replications_section(calibration: Calibration) -> Section:
+    table = calibration.table
     rows: list[tuple[Cell, ...]] = [
         ("replications", str(len(table))),
         ("not converged", str(int((table["status"] == UNCONVERGED).sum()))),
-        ("failed", str(len(table) - found.ranked)),
+        ("failed", str(len(table) - calibration.ranked)),
         ("effective draws: fewest, median", _pair(table["ess"], "min")),
         ("R-hat: largest, median", _pair(table["r_hat"], "max", 4)),
         ("processor seconds: most, median", _pair(table["seconds"], "max")),
@@ -274,11 +274,11 @@ def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
     return f"{plain(float(getattr(values, extreme)()), digits)}, {plain(float(values.median()), digits)}"
 
 
-def _reproduce_section(found: Calibration) -> Section:
-    record = found.record
+def _reproduce_section(calibration: Calibration) -> Section:
+    record = calibration.record
     command = "bayesterra calibrate STUDY -n {} --seed {}"
     rows: tuple[tuple[Cell, ...], ...] = (
-        ("command", Markup("<code>{}</code>").format(command.format(len(found.table), record["seed"]))),
+        ("command", Markup("<code>{}</code>").format(command.format(len(calibration.table), record["seed"]))),
         ("settings", _settings(record["settings"])),
         ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
         ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
@@ -298,11 +298,11 @@ def _reproduce_section(found: Calibration) -> Section:
 
 def _settings(settings: Mapping[str, Any]) -> str:
     """All settings in one line, tables by their names."""
-    parts = []
+    entries = []
     for name, value in settings.items():
         inner = f" ({_settings(value)})" if isinstance(value, Mapping) else f" {value}"
-        parts.append(f"{name.replace('_', ' ')}{inner}")
-    return ", ".join(parts)
+        entries.append(f"{name.replace('_', ' ')}{inner}")
+    return ", ".join(entries)
 
 
 @styled
@@ -336,21 +336,21 @@ def _name(quantity: str) -> str:
     if quantity in (LOG_LIKELIHOOD, LOG_PRIOR):
         return quantity.replace("_", " ")
     ending = " at the largest slip" if quantity.endswith(AT_SLIP) else ""
-    known: Mapping[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
-    return f"${known[quantity.removesuffix(AT_SLIP)].latex}${ending}"
+    quantities: Mapping[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
+    return f"${quantities[quantity.removesuffix(AT_SLIP)].latex}${ending}"
 
 
-def print_calibration(found: Calibration, report: Path, console: Console | None = None) -> None:
+def print_calibration(calibration: Calibration, report: Path, console: Console | None = None) -> None:
     """Print the verdict with what stands behind it, and the name of the report."""
     console = console or PlainConsole()
-    table = RichTable(title=found.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
+    table = RichTable(title=calibration.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES)):
         table.add_column(header, justify="left" if header == "quantity" else "right", no_wrap=True)
-    for row in found.tests.to_dict("records"):
+    for row in calibration.tests.to_dict("records"):
         table.add_row(*_ranked(row))
     console.print(table)
     console.print("shift and width in sd of a right posterior; truths inside central intervals in %")
-    for line in calibration_lines(found):
+    for line in calibration_lines(calibration):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
@@ -372,15 +372,15 @@ def _short(quantity: str) -> str:
     return quantity if quantity in PARAMETERS else quantity.replace("_", " ")
 
 
-def calibration_lines(found: Calibration) -> list[str]:
+def calibration_lines(calibration: Calibration) -> list[str]:
     """The verdict, what did not converge, and what would have been noticed."""
-    n, power = len(found.table), found.power.iloc[1]
-    smallest = found.tests["p_value"].min() if found.tested else np.nan
-    word = "NOT calibrated" if found.failing else found.verdict
-    lines = [f"Posterior {word}: smallest p {smallest:.2g}, threshold {found.threshold:.2g}."]
-    if found.unsettled:
+    n, power = len(calibration.table), calibration.power.iloc[1]
+    smallest = calibration.tests["p_value"].min() if calibration.tested else np.nan
+    word = "NOT calibrated" if calibration.failing else calibration.verdict
+    lines = [f"Posterior {word}: smallest p {smallest:.2g}, threshold {calibration.threshold:.2g}."]
+    if calibration.unsettled:
         allowed = f"{UNSETTLED:.0%} allowed"
-        lines.append(f"{found.unsettled} of {n} replications did not converge ({allowed}).")
+        lines.append(f"{calibration.unsettled} of {n} replications did not converge ({allowed}).")
     lines.append(
         f"{n} replications notice a {power['error']} with probability {power['one']:.2f} in one parameter,"
         f" {power['all']:.2f} in all."

@@ -1,4 +1,4 @@
-"""What the model misses: the posterior of its discrepancy over slip, and which parameters it trades with."""
+"""Discrepancy of the model over slip: its posterior, and which parameters it trades with."""
 
 from __future__ import annotations
 
@@ -81,16 +81,16 @@ class Missed:
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:
-        """Where the model is surely off, 90 % of the draws on one side."""
+        """Stretches of slip where the model is surely off, 90 % of the draws on one side."""
         side = np.where(self.bands[0] > 0, 1, np.where(self.bands[-1] < 0, -1, 0))
-        found = []
+        stretches = []
         for sign, group in groupby(range(len(side)), key=lambda i: int(side[i])):
             places = list(group)
             if sign:
                 middle = self.bands[2, places]
                 ends = sorted((float(middle.min()), float(middle.max())), key=abs)
-                found.append(Stretch(float(self.slip[places[0]]), float(self.slip[places[-1]]), *ends))
-        return tuple(found)
+                stretches.append(Stretch(float(self.slip[places[0]]), float(self.slip[places[-1]]), *ends))
+        return tuple(stretches)
 
 
 def missed(result: Result) -> tuple[Missed, ...]:
@@ -124,7 +124,7 @@ def _found(result: Result) -> Iterator[Missed]:
 def trades(
     names: tuple[str, ...], draws: FloatArray, slip: FloatArray, curve: FloatArray
 ) -> tuple[Trade, ...]:
-    """How much of level and tilt of a curve (n, g) over slips (g,) goes with the parameters of draws (n, d).
+    """Shares of level and tilt of a curve (n, g) over slips (g,) that go with the parameters of draws (n, d).
 
     Sizes of errors are left out; nothing where no other parameter is free.
     """
@@ -132,16 +132,16 @@ def trades(
     if not soil:
         return ()
     x = (draws[:, soil] - draws[:, soil].mean(axis=0)) / draws[:, soil].std(axis=0)
-    found = []
+    trade_offs = []
     for shape, values in (("level", curve.mean(axis=1)), ("tilt", curve @ (slip - slip.mean()))):
         y = values - values.mean()
         explained = x @ np.linalg.lstsq(x, y, rcond=None)[0]
         single = [float(np.corrcoef(column, y)[0, 1]) for column in x.T]
         most = int(np.abs(single).argmax())
-        found.append(Trade(shape, float(explained.var() / y.var()), names[soil[most]], single[most]))
-    return tuple(found)
+        trade_offs.append(Trade(shape, float(explained.var() / y.var()), names[soil[most]], single[most]))
+    return tuple(trade_offs)
 
 
-def notable(found: tuple[Trade, ...]) -> tuple[Trade, ...]:
+def notable(trade_offs: tuple[Trade, ...]) -> tuple[Trade, ...]:
     """Those with a share of ``NOTABLE`` or more, the greatest first."""
-    return tuple(sorted((one for one in found if one.share >= NOTABLE), key=lambda one: -one.share))
+    return tuple(sorted((trade for trade in trade_offs if trade.share >= NOTABLE), key=lambda t: -t.share))

@@ -31,7 +31,7 @@ TOLERANCE = 0.03
 WAYS = ("slip", "wheel", "row")
 
 By: TypeAlias = str | Sequence[object]
-"""How rows are grouped: see :func:`levels`."""
+"""Grouping of rows: see :func:`levels`."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple
     """
     if not tolerance >= 0:
         raise StudyError(f"'tolerance' must not be negative (got {tolerance:g})")
-    found = _named(study, by, tolerance) if isinstance(by, str) else _listed(study, by)
+    folds = _named(study, by, tolerance) if isinstance(by, str) else _listed(study, by)
     use = study.observations.use
-    found = [level for level in found if level.left.any()]
-    if len(found) < 2 and (not found or found[0].left.sum() == use.sum()):
+    folds = [fold for fold in folds if fold.left.any()]
+    if len(folds) < 2 and (not folds or folds[0].left.sum() == use.sum()):
         what = f"levels of '{by}'" if isinstance(by, str) else "groups of rows"
         wide = f" at tolerance {tolerance:g}" if by == "slip" else ""
-        raise StudyError(f"to leave one out there must be two or more {what} (got {len(found)}{wide})")
-    return tuple(found)
+        raise StudyError(f"to leave one out there must be two or more {what} (got {len(folds)}{wide})")
+    return tuple(folds)
 
 
 def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
@@ -100,8 +100,8 @@ def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
     used = np.flatnonzero(rows.use)
     number = np.full(len(rows), -1)
     number[used] = clusters(rows.slip[used], tolerance)
-    parts = [number == k for k in range(number.max() + 1)]
-    return [Fold(f"slip {rows.slip[part].mean():.3f}", part) for part in parts]
+    masks = [number == k for k in range(number.max() + 1)]
+    return [Fold(f"slip {rows.slip[mask].mean():.3f}", mask) for mask in masks]
 
 
 def _labelled(study: Study, labels: Sequence[object]) -> list[Fold]:
@@ -117,20 +117,20 @@ def _listed(study: Study, by: Sequence[object]) -> list[Fold]:
         if len(by) != len(rows):
             raise StudyError(f"'by' must have one label for each of {len(rows)} rows (got {len(by)})")
         return _labelled(study, list(by))
-    known = {row: i for i, row in enumerate(rows.rows) if rows.use[i]}
-    found, seen = [], set[int]()
+    places = {row: i for i, row in enumerate(rows.rows) if rows.use[i]}
+    folds, seen = [], set[int]()
     for group in by:
         numbers = list(group) if isinstance(group, list | tuple | np.ndarray) else [group]
         left = np.zeros(len(rows), dtype=np.bool_)
         for number in numbers:
-            if not isinstance(number, Integral) or int(number) not in known:
+            if not isinstance(number, Integral) or int(number) not in places:
                 raise StudyError(f"'by' must hold numbers of rows in use (got {number!r})")
             if int(number) in seen:
                 raise StudyError(f"'by' must name a row once (row {number} is named twice)")
             seen.add(int(number))
-            left[known[int(number)]] = True
-        found.append(Fold("row " + ", ".join(str(number) for number in numbers), left))
-    return found
+            left[places[int(number)]] = True
+        folds.append(Fold("row " + ", ".join(str(number) for number in numbers), left))
+    return folds
 
 
 DRAWS = 1000
@@ -165,7 +165,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What leaving one level out found.
+    """Result of leaving one level out.
 
     Attributes
     ----------
@@ -192,32 +192,32 @@ class LeaveOneOut:
     """The task: the number of a level in, an outcome out, the same wherever and whenever it is run."""
 
     study: Study
-    levels: tuple[Fold, ...]
+    folds: tuple[Fold, ...]
     seed: int
     fit: Fit = field(default_factory=lambda: REFITS)
 
     def __call__(self, task: int) -> Outcome:
         """Leave level number ``task`` out, counted from 0."""
         started = time.process_time()
-        level = self.levels[task]
-        scorer = _Scorer(self.study, level)
-        rows = [row for name in BASELINES for row in scorer.baseline(name, self.levels)]
+        fold = self.folds[task]
+        scorer = _Scorer(self.study, fold)
+        rows = [row for name in BASELINES for row in scorer.baseline(name, self.folds)]
         fitting, predicting = SeedSequence(self.seed, spawn_key=(task,)).spawn(2)
-        training = self.study.with_use(self.study.observations.use & ~level.left)
+        training = self.study.with_use(self.study.observations.use & ~fold.left)
         try:
             fitted = self.fit(training, fitting)
             target, rng = posterior(training), default_rng(predicting)
             draws = fitted.draws[:: max(1, -(-len(fitted.draws) // DRAWS))]
-            rows = scorer.model(predictives(self.study, target, draws, level.left, rng)) + rows
+            rows = scorer.model(predictives(self.study, target, draws, fold.left, rng)) + rows
             bands = tuple(_bands(self.study, predict_curves(self.study, target, draws, rng)))
         except (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
             note = f"{type(error).__name__}: {error}"
             seconds = time.process_time() - started
-            return Outcome(level.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
+            return Outcome(fold.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
         status = CONVERGED if fitted.converged else UNCONVERGED
         seconds = time.process_time() - started
         return Outcome(
-            level.name, status, fitted.ess, fitted.r_hat, seconds, rows=tuple(rows), bands=bands
+            fold.name, status, fitted.ess, fitted.r_hat, seconds, rows=tuple(rows), bands=bands
         )  # fmt: skip
 
 
@@ -226,42 +226,42 @@ class _Scorer:
     """Scores of predictive laws for the readings of one level."""
 
     study: Study
-    level: Fold
+    fold: Fold
 
     @property
     def places(self) -> IntArray:
-        """Where the level's rows stand in the table."""
-        return np.flatnonzero(self.level.left)
+        """Places of the level's rows in the table."""
+        return np.flatnonzero(self.fold.left)
 
     @property
     def kept(self) -> BoolArray:
         """The training rows (m,)."""
-        return self.study.observations.use & ~self.level.left
+        return self.study.observations.use & ~self.fold.left
 
-    def model(self, found: Any) -> list[dict[str, Any]]:
+    def model(self, laws: Any) -> list[dict[str, Any]]:
         """Rows of the study's own model."""
         name, rows = self.study.model.name, []
         for row, place in enumerate(self.places):
-            unanswered = 1 - float(found.answered(row).mean())
-            for column, channel in enumerate(found.channels):
-                law = found.law(row, column)
+            unanswered = 1 - float(laws.answered(row).mean())
+            for column, channel in enumerate(laws.channels):
+                law = laws.law(row, column)
                 rows += self._scored(name, int(place), channel, law, unanswered, "")
         return rows
 
-    def baseline(self, name: str, levels: tuple[Fold, ...]) -> list[dict[str, Any]]:
+    def baseline(self, name: str, folds: tuple[Fold, ...]) -> list[dict[str, Any]]:
         """Rows of a baseline."""
         number = np.full(len(self.study.observations), -1)
-        for i, level in enumerate(levels):
-            number[level.left] = i
-        known, rows = conditions(self.study), []
+        for i, fold in enumerate(folds):
+            number[fold.left] = i
+        inputs, rows = conditions(self.study), []
         for channel in scored_channels(self.study):
             values = self.study.observations.values[channel]
             kept = self.kept & ~np.isnan(values)
             answer = Answer(())
             if kept.sum() >= 2:
-                slip_level = clusters(known[kept, 0], TOLERANCE)
-                training = TrainingRows(known[kept], values[kept], number[kept], slip_level)
-                answer = BASELINES[name](training, known[self.level.left])
+                slip_level = clusters(inputs[kept, 0], TOLERANCE)
+                training = TrainingRows(inputs[kept], values[kept], number[kept], slip_level)
+                answer = BASELINES[name](training, inputs[self.fold.left])
             laws = answer.laws or (None,) * len(self.places)
             for place, law in zip(self.places, laws, strict=True):
                 rows += self._scored(name, int(place), channel, law, 0.0, answer.detail)
@@ -279,7 +279,7 @@ class _Scorer:
         slip = float(rows.slip[place])
         head = {
             "predictor": predictor,
-            "level": self.level.name,
+            "level": self.fold.name,
             "row": rows.rows[place],
             "wheel": rows.wheel[place],
             "slip": slip,
@@ -311,18 +311,18 @@ def _scores(law: Mixture | None, observed: float, scale: float) -> dict[str, Any
 
 def _bands(study: Study, curves: Any) -> list[Band]:
     """Bands of the scored channels."""
-    found = []
+    bands = []
     for curve in curves:
         for channel in scored_channels(study):
             column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
             readings = curve.readings[:, :, column] / scale
             q = np.full((3, len(curve.slip)), np.nan)
             for i in range(len(curve.slip)):
-                known = readings[np.isfinite(readings[:, i]), i]
-                if known.size:
-                    q[:, i] = np.quantile(known, [0.05, 0.5, 0.95])
-            found.append(Band(curve.wheel, channel, curve.slip, *q))
-    return found
+                finite = readings[np.isfinite(readings[:, i]), i]
+                if finite.size:
+                    q[:, i] = np.quantile(finite, [0.05, 0.5, 0.95])
+            bands.append(Band(curve.wheel, channel, curve.slip, *q))
+    return bands
 
 
 KNOWN = {"load": (), "both": ("normal_force",), "sinkage": ("sinkage",)}
@@ -339,7 +339,7 @@ def scored_channels(study: Study) -> tuple[str, ...]:
 
 
 def conditions(study: Study) -> FloatArray:
-    """What is known of every row (m, k): slip, load (or sinkage), and the wheel (0 or 1)."""
+    """Conditions of every row (m, k), known beforehand: slip, load (or sinkage), and the wheel (0 or 1)."""
     rows = study.observations
     driven = rows.values["sinkage"] if study.drive == "sinkage" else known_loads(rows)
     driven = np.nan_to_num(driven)  # never read: says nothing
@@ -364,7 +364,7 @@ class Predictives:
     dof: tuple[float, ...]
 
     def answered(self, row: int) -> BoolArray:
-        """Which draws (n,) have an answer at a row."""
+        """True for draws (n,) that have an answer at a row."""
         return np.asarray(np.isfinite(self.centre[:, row]).all(axis=1))
 
     def law(self, row: int, channel: int) -> Mixture | None:
@@ -414,5 +414,5 @@ def blinded(study: Study, left: BoolArray) -> Observations:
     """The rows in ``left`` (m,) without the readings that are to be predicted."""
     rows = study.observations.take(left)
     nothing = frozen(np.full(len(rows), np.nan))
-    known = KNOWN[study.drive]
-    return replace(rows, values={n: v if n in known else nothing for n, v in rows.values.items()})
+    kept = KNOWN[study.drive]
+    return replace(rows, values={n: v if n in kept else nothing for n, v in rows.values.items()})

@@ -51,7 +51,7 @@ class Holdout:
 
     @property
     def converged(self) -> bool:
-        """Whether every refit converged."""
+        """True where every refit converged."""
         return all(outcome.status == CONVERGED for outcome in self.outcomes)
 
     @property
@@ -81,15 +81,15 @@ class Holdout:
         return pd.DataFrame(
             [
                 {
-                    "level": level.name,
-                    "rows": " ".join(str(rows[i]) for i in level.left.nonzero()[0]),
+                    "level": fold.name,
+                    "rows": " ".join(str(rows[i]) for i in fold.left.nonzero()[0]),
                     "status": outcome.status,
                     "ess": outcome.ess,
                     "r_hat": outcome.r_hat,
                     "seconds": outcome.seconds,
                     "note": outcome.note,
                 }
-                for level, outcome in zip(self.levels, self.outcomes, strict=True)
+                for fold, outcome in zip(self.levels, self.outcomes, strict=True)
             ]
         )
 
@@ -120,19 +120,19 @@ def holdout_of(
     """
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to fit again")
-    parts = levels(study, by, tolerance)
-    task = LeaveOneOut(study, parts, seed, fit or REFITS)
+    folds = levels(study, by, tolerance)
+    task = LeaveOneOut(study, folds, seed, fit or REFITS)
     done: dict[int, Outcome] = {}
-    report(f"leaving out {len(parts)} levels, one at a time")
-    for number, outcome in completed(task, range(len(parts)), engine or in_process()):
+    report(f"leaving out {len(folds)} levels, one at a time")
+    for number, outcome in completed(task, range(len(folds)), engine or in_process()):
         done[number] = outcome
-        report(f"leaving out {len(parts)} levels: {len(done)} done")
-    found = tuple(done[number] for number in range(len(parts)))
-    return Holdout(study, parts, found, _record(study, by, tolerance, seed, fit or REFITS))
+        report(f"leaving out {len(folds)} levels: {len(done)} done")
+    outcomes = tuple(done[number] for number in range(len(folds)))
+    return Holdout(study, folds, outcomes, _record(study, by, tolerance, seed, fit or REFITS))
 
 
 def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
-    """What the outcomes depend on."""
+    """Origin of the outcomes: all that they depend on."""
     named = {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
     return {
         "kind": "holdout",
@@ -156,9 +156,9 @@ class HoldoutResult(Holdout):
     """Left-out levels with their predictions, which can be saved as a folder with its page."""
 
     @classmethod
-    def of(cls, found: Holdout) -> Self:
+    def of(cls, holdout: Holdout) -> Self:
         """The same, with a page to write."""
-        return cls(**{field.name: getattr(found, field.name) for field in fields(Holdout)})
+        return cls(**{field.name: getattr(holdout, field.name) for field in fields(Holdout)})
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write page, plots, tables, record and study into a new folder; returns the path of the page.
@@ -227,8 +227,10 @@ def leave_out(
     check_kind("bt.leave_out", what, Study, Result)
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
-    found = holdout_of(study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress)
-    return HoldoutResult.of(found)
+    holdout = holdout_of(
+        study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress
+    )
+    return HoldoutResult.of(holdout)
 
 
 def leave_out_into(
@@ -248,6 +250,6 @@ def leave_out_into(
     study = load_study(path)
     check_free(out, overwrite=overwrite, mark=MARK)
     with stages(show=not quiet) as show:
-        found = leave_out(study, progress=show, **asked)
-    found.save(out, overwrite=overwrite)
-    return found
+        result = leave_out(study, progress=show, **asked)
+    result.save(out, overwrite=overwrite)
+    return result

@@ -61,33 +61,33 @@ MARKED = 0.05
 """Share of draws without an answer from which a row is named."""
 
 
-def holdout_page(found: Holdout, version: str) -> VerdictPage:
+def holdout_page(holdout: Holdout, version: str) -> VerdictPage:
     """Put the page together."""
-    study, kind = found.study, found.study.kind
-    rows = sum(int(level.left.sum()) for level in found.levels)
+    study, kind = holdout.study, holdout.study.kind
+    rows = sum(int(fold.left.sum()) for fold in holdout.levels)
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(
             f"{kind} data",
             f"model {study.model.name}, {study.drive}-driven",
-            f"{rows} rows left out in {len(found.levels)} levels",
+            f"{rows} rows left out in {len(holdout.levels)} levels",
         ),
-        warning=_warning(found),
-        verdicts=(_coverage(found), _skill(found), _refits(found)),
+        warning=_warning(holdout),
+        verdicts=(_coverage(holdout), _skill(holdout), _refits(holdout)),
         sections=(
-            _rows_section(found),
-            _scores_section(found),
-            _bands_section(found),
-            _method_section(found),
+            _rows_section(holdout),
+            _scores_section(holdout),
+            _bands_section(holdout),
+            _method_section(holdout),
         ),
         version=version,
     )
 
 
-def _warning(found: Holdout) -> Markup:
+def _warning(holdout: Holdout) -> Markup:
     wrong = [
-        level.name
-        for level, outcome in zip(found.levels, found.outcomes, strict=True)
+        fold.name
+        for fold, outcome in zip(holdout.levels, holdout.outcomes, strict=True)
         if outcome.status != "converged"
     ]
     if not wrong:
@@ -97,23 +97,23 @@ def _warning(found: Holdout) -> Markup:
     )
 
 
-def _own(found: Holdout) -> list[dict[Any, Any]]:
+def _own(holdout: Holdout) -> list[dict[Any, Any]]:
     """The model's scores by channel, all rows."""
-    table = found.summary
-    return table[(table["predictor"] == found.model) & (table["part"] == "all")].to_dict("records")
+    table = holdout.summary
+    return table[(table["predictor"] == holdout.model) & (table["part"] == "all")].to_dict("records")
 
 
-def _coverage(found: Holdout) -> Verdict:
-    """Whether nine in ten readings lie where nine in ten should."""
-    parts, low, high = [], False, False
-    for row in _own(found):
+def _coverage(holdout: Holdout) -> Verdict:
+    """Verdict on whether nine in ten readings lie where nine in ten should."""
+    counts, low, high = [], False, False
+    for row in _own(holdout):
         share, rows = row["covered90"], row["rows"]
         error = max(np.nan_to_num(row["covered90_se"]), float(np.sqrt(0.09 / rows)))
         low, high = low or share < 0.9 - WIDE * error, high or share > 0.9 + WIDE * error
         counted = Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"]))
-        parts.append(counted)
-    sentence = Markup("The 90 % intervals hold {}.").format(listed(parts))
-    if not parts:
+        counts.append(counted)
+    sentence = Markup("The 90 % intervals hold {}.").format(listed(counts))
+    if not counts:
         return Verdict("Coverage", "unknown", "poor", Markup("No refit could be scored."))
     word, grade = (
         ("too narrow", "poor") if low else ("too wide", "fair") if high else ("not contradicted", "good")
@@ -121,20 +121,20 @@ def _coverage(found: Holdout) -> Verdict:
     return Verdict("Coverage", word, grade, sentence)
 
 
-def _skill(found: Holdout) -> Verdict:
-    """Whether the model beats the stronger one of the regressions."""
-    table = found.skills
+def _skill(holdout: Holdout) -> Verdict:
+    """Verdict on whether the model beats the stronger one of the regressions."""
+    table = holdout.skills
     if table.empty:
         return Verdict("Skill", "unknown", "poor", Markup("No refit could be scored."))
     rows = table[(table["part"] == "all") & (table["baseline"] != "mean")]
-    parts = [
+    gains = [
         Markup("{}: {} against {} ({})").format(symbol(row["channel"]), *_gain(row))
         for row in rows.to_dict("records")
     ]
     better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
     word, grade = ("better than regression", "good") if better else ("not clearly better", "fair")
     word, grade = ("worse than regression", "poor") if worse else (word, grade)
-    return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(parts)))
+    return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(gains)))
 
 
 def _gain(row: Mapping[Any, Any]) -> tuple[str, str, str]:
@@ -156,51 +156,51 @@ def percent(share: float) -> str:
     return f"{number(100 * share, 0)} %" if np.isfinite(share) else NOTHING
 
 
-def _refits(found: Holdout) -> Verdict:
-    fine = sum(outcome.status == "converged" for outcome in found.outcomes)
-    grade = "good" if found.converged else "poor"
-    lost = found.table["no_answer"].max()
+def _refits(holdout: Holdout) -> Verdict:
+    fine = sum(outcome.status == "converged" for outcome in holdout.outcomes)
+    grade = "good" if holdout.converged else "poor"
+    lost = holdout.table["no_answer"].max()
     text = Markup("Largest share of draws without an answer at a left-out row: {}.").format(percent(lost))
-    return Verdict("Fits", f"{fine} of {len(found.outcomes)} converged", grade, text)
+    return Verdict("Fits", f"{fine} of {len(holdout.outcomes)} converged", grade, text)
 
 
-def _rows_section(found: Holdout) -> Section:
-    picture = drawing(all_left_out(found.table), "Left-out readings and their predictive intervals")
+def _rows_section(holdout: Holdout) -> Section:
+    picture = drawing(all_left_out(holdout.table), "Left-out readings and their predictive intervals")
     caption = Markup(
         "Every left-out reading (dot) with the central 50 and 90 % of what was predicted for it by fits that "
         "have not seen its level: model, polynomial, Gaussian process. Grey ground: slips beyond those of "
         "the training rows."
     )
-    own = found.table[found.table["predictor"] == found.model]
+    own = holdout.table[holdout.table["predictor"] == holdout.model]
     marked = own[own["no_answer"] > MARKED].drop_duplicates("row")
     blocks: tuple[Any, ...] = (Gallery("whole", (picture,), caption),)
     if len(marked):
-        parts = (f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy())
+        entries = (f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy())
         sentence = Markup("Draws for which the model has no answer were set aside at {}.").format(
-            listed(parts)
+            listed(entries)
         )
         blocks = (*blocks, Text(sentence))
     return Section("rows", "Left-out readings", blocks)
 
 
-def _scores_section(found: Holdout) -> Section:
+def _scores_section(holdout: Holdout) -> Section:
     header: tuple[Cell, ...] = (
         "", "rows", "", "rows, levels", "mean CRPS", "±", "in 50 % [%]", "±", "in 90 % [%]", "±",
         "not scored",
     )  # fmt: skip
-    rows = tuple(_score_row(row) for row in found.summary.to_dict("records"))
+    rows = tuple(_score_row(row) for row in holdout.summary.to_dict("records"))
     caption = Markup(
         "Mean scores in the unit of the channel (the smaller the better; the absolute error of a law without "
         "width) and shares of readings inside the central intervals. Standard errors are from the spread "
         "between levels, as rows of one level are not independent; with few levels they are rough, and 0 "
         "says no more than that all agree. A reading without a prediction counts as not covered."
     )
-    against = tuple(_skill_row(row) for row in found.skills.to_dict("records"))
+    against = tuple(_skill_row(row) for row in holdout.skills.to_dict("records"))
     head: tuple[Cell, ...] = ("against", "", "rows", "skill", "90 %", "levels won")
     below = Markup(
         "Skill: 1 − mean CRPS of {} / mean CRPS of the baseline, with the central 90 % when levels are drawn "
         "again with replacement. Positive: the model is better."
-    ).format(found.model)
+    ).format(holdout.model)
     return Section(
         "scores",
         "Scores",
@@ -226,8 +226,8 @@ def _skill_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     return (*head, percent(row["skill"]), _between(row), won)
 
 
-def _bands_section(found: Holdout) -> Section:
-    picture = drawing(bands_without(found), "Predictive bands of the fits without each level")
+def _bands_section(holdout: Holdout) -> Section:
+    picture = drawing(bands_without(holdout), "Predictive bands of the fits without each level")
     caption = Markup(
         "The model fitted without each level: median and 90 % of readings over slip at the median load. "
         "Dots: training rows; rings: the rows left out."
@@ -242,7 +242,7 @@ KNOWN = {
 }
 
 
-def _method_section(found: Holdout) -> Section:
+def _method_section(holdout: Holdout) -> Section:
     text = Markup(
         "One level at a time is left out and the posterior of all other rows is sampled. Of a left-out row "
         "{} stay known; everything else that was read is predicted, noise included. The predictive law is "
@@ -250,13 +250,13 @@ def _method_section(found: Holdout) -> Section:
         "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
         "same training rows and conditions and find the noise there themselves; the model is told the noise "
         "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best."
-    ).format(KNOWN[found.study.drive], ", ".join(baseline_names()))
+    ).format(KNOWN[holdout.study.drive], ", ".join(baseline_names()))
     refits = tuple(
         (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
-        for row in found.refits.to_dict("records")
+        for row in holdout.refits.to_dict("records")
     )
     head: tuple[Cell, ...] = ("without", "rows", "sampling", "effective draws", "R-hat", "")
-    record = found.record
+    record = holdout.record
     origin: tuple[tuple[Cell, ...], ...] = (
         ("grouping", f"{record['by']}{_tolerance(record)}"),
         ("seed", str(record["seed"])),
@@ -323,7 +323,7 @@ def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
 
 
 def _places(table: pd.DataFrame) -> dict[int, float]:
-    """Where every row stands: rows of a level side by side, a gap between levels, ascending slip."""
+    """Place of every row on the axis: rows of a level side by side, a gap between levels, ascending slip."""
     rows = table.drop_duplicates("row").sort_values("slip", kind="stable")
     order = {level: i for i, level in enumerate(rows["level"].unique())}
     rows = rows.sort_values("level", key=lambda names: names.map(order), kind="stable")
@@ -347,8 +347,8 @@ def _ground(ax: Axes, rows: pd.DataFrame, place: dict[int, float]) -> None:
 def _limit(ax: Axes, table: pd.DataFrame) -> None:
     """Keep readings and most bars in view; wild baselines may leave it."""
     seen = table[table["predictor"] != "mean"]
-    known = np.concatenate([seen["observed"], seen["q25"].dropna(), seen["q75"].dropna()])
-    reach = float(np.ptp(known)) or 1.0
+    values = np.concatenate([seen["observed"], seen["q25"].dropna(), seen["q75"].dropna()])
+    reach = float(np.ptp(values)) or 1.0
     low, high = table["observed"].min() - 0.6 * reach, table["observed"].max() + 0.6 * reach
     drawn = np.concatenate([seen["q05"].dropna(), seen["q95"].dropna(), seen["observed"]])
     low, high = max(low, drawn.min()), min(high, drawn.max())
@@ -376,36 +376,36 @@ def all_left_out(table: pd.DataFrame) -> FloatArray:
 
 
 @styled
-def bands_without(found: Holdout) -> FloatArray:
+def bands_without(holdout: Holdout) -> FloatArray:
     """Draw, for every channel (rows) and level (columns, 12 at most), the model fitted without the level.
 
     Line and band: median and 90 % of the readings that the fit expects over slip, at the median load. Dots:
     the training rows; rings: the rows that were left out.
     """
-    names = channels(found.table)
-    shown = [i for i, outcome in enumerate(found.outcomes) if outcome.bands][:MOST]
+    names = channels(holdout.table)
+    shown = [i for i, outcome in enumerate(holdout.outcomes) if outcome.bands][:MOST]
     figure = new_figure(max(1.75 * len(shown), 3.0) + 0.5, 1.75 * len(names) + 0.5)
     axes = np.asarray(
         figure.subplots(len(names), max(len(shown), 1), squeeze=False, sharex=True, sharey="row")
     )
     for column, i in enumerate(shown):
         for row, name in enumerate(names):
-            _without(axes[row, column], found, i, name)
-        axes[0, column].set_title(f"without {literal(found.levels[i].name)}", fontsize=8.5)
+            _without(axes[row, column], holdout, i, name)
+        axes[0, column].set_title(f"without {literal(holdout.levels[i].name)}", fontsize=8.5)
     for row, name in enumerate(names):
         axes[row, 0].set_ylabel(label(CHANNELS[name]))
     figure.supxlabel("slip ratio $s$ [–]", fontsize=9, color=INK)
     return axes
 
 
-def _without(ax: Axes, found: Holdout, number: int, channel: str) -> None:
-    rows, level, scale = found.study.observations, found.levels[number], CHANNELS[channel].scale
-    wheel = rows.wheel[int(np.argmax(level.left))]
-    band = next(b for b in found.outcomes[number].bands if (b.wheel, b.channel) == (wheel, channel))
+def _without(ax: Axes, holdout: Holdout, number: int, channel: str) -> None:
+    rows, fold, scale = holdout.study.observations, holdout.levels[number], CHANNELS[channel].scale
+    wheel = rows.wheel[int(np.argmax(fold.left))]
+    band = next(b for b in holdout.outcomes[number].bands if (b.wheel, b.channel) == (wheel, channel))
     _band(ax, band)
     mine = np.array([name == wheel for name in rows.wheel])
     values = rows.values[channel] / scale
-    for chosen, face in ((rows.use & ~level.left & mine, DATA), (level.left, "white")):
+    for chosen, face in ((rows.use & ~fold.left & mine, DATA), (fold.left, "white")):
         style: dict[str, Any] = {"color": DATA, "markerfacecolor": face, "markersize": 3.5, "zorder": 6}
         ax.plot(rows.slip[chosen], values[chosen], "o", **style)
 
@@ -422,9 +422,9 @@ def left_out_png(table: pd.DataFrame, dpi: float = 200) -> bytes:
 
 
 @styled
-def bands_png(found: Holdout, dpi: float = 200) -> bytes:
+def bands_png(holdout: Holdout, dpi: float = 200) -> bytes:
     """The drawing of :func:`bands_without` as PNG on white, the same bytes each time."""
-    return _png(figure_of(bands_without(found)), dpi)
+    return _png(figure_of(bands_without(holdout)), dpi)
 
 
 def _png(figure: Figure, dpi: float) -> bytes:
@@ -433,20 +433,20 @@ def _png(figure: Figure, dpi: float) -> bytes:
     return buffer.getvalue()
 
 
-def print_holdout(found: Holdout, folder: Path, console: Console | None = None) -> None:
+def print_holdout(holdout: Holdout, folder: Path, console: Console | None = None) -> None:
     """Print coverage and mean scores of model and baselines, and where the files are."""
     console = console or PlainConsole()
-    title = f"{len(found.levels)} levels left out, one at a time"
+    title = f"{len(holdout.levels)} levels left out, one at a time"
     table = RichTable(title=title, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %"):
         table.add_column(header, justify="right" if header else "left", no_wrap=True)
-    rows = found.summary[found.summary["part"] == "all"] if len(found.table) else found.table
+    rows = holdout.summary[holdout.summary["part"] == "all"] if len(holdout.table) else holdout.table
     for channel in rows["channel"].unique():
         for row in rows[rows["channel"] == channel].to_dict("records"):
             table.add_row(*_scored(row))
         table.add_section()
     console.print(table)
-    for outcome in found.outcomes:
+    for outcome in holdout.outcomes:
         if outcome.status != "converged":
             line = f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
             console.print(line, highlight=False, soft_wrap=True)
@@ -461,6 +461,6 @@ def _scored(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     return (CHANNELS[row["channel"]].symbol, row["predictor"], str(row["rows"]), score, *shares)
 
 
-def holdout_html(found: Holdout) -> str:
+def holdout_html(holdout: Holdout) -> str:
     """Levels left out and predicted, as a self-contained HTML page."""
-    return render(holdout_page(found, version("bayesterra")), "holdout.html")
+    return render(holdout_page(holdout, version("bayesterra")), "holdout.html")

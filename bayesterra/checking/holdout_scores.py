@@ -42,7 +42,7 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
 
     Rows without a predictive law have no score and count as not covered; ``unscored`` is their number.
     """
-    found = []
+    records = []
     for predictor, channel, part, rows in _parts(table):
         record = {
             "predictor": predictor,
@@ -57,8 +57,8 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
             scored = rows[rows[score].notna()]
             level = pd.factorize(scored["level"])[0]
             record[score], record[f"{score}_se"] = clustered(scored[score].to_numpy(np.float64), level)
-        found.append(record)
-    return pd.DataFrame(found)
+        records.append(record)
+    return pd.DataFrame(records)
 
 
 def _parts(table: pd.DataFrame) -> Iterator[tuple[str, str, str, pd.DataFrame]]:
@@ -72,13 +72,13 @@ def _parts(table: pd.DataFrame) -> Iterator[tuple[str, str, str, pd.DataFrame]]:
 
 
 def skills(table: pd.DataFrame, model: str, seed: int = 1) -> pd.DataFrame:
-    """How much smaller the model's mean CRPS is than a baseline's: 1 − CRPS / CRPS(baseline).
+    """Skill: share by which the model's mean CRPS is below a baseline's, 1 − CRPS / CRPS(baseline).
 
     Only rows that both have a law for. ``skill_lo``, ``skill_hi``: central 90 % when levels are drawn again
     with replacement, which needs two levels or more; ``difference`` of the mean CRPS with its standard error
     by level, negative where the model is better. ``levels_won``: levels in which the model's is the smaller.
     """
-    found = []
+    records = []
     keys = ["row", "channel"]
     own = table[table["predictor"] == model].set_index(keys)
     for baseline in (name for name in table["predictor"].unique() if name != model):
@@ -90,8 +90,8 @@ def skills(table: pd.DataFrame, model: str, seed: int = 1) -> pd.DataFrame:
                 rows = rows if part == "all" else rows[rows["extrapolated"] == (part == "end")]
                 if len(rows):
                     head = {"model": model, "baseline": baseline, "channel": channel, "part": part}
-                    found.append({**head, **_skill(rows, default_rng(seed))})
-    return pd.DataFrame(found)
+                    records.append({**head, **_skill(rows, default_rng(seed))})
+    return pd.DataFrame(records)
 
 
 def _skill(rows: pd.DataFrame, rng: Generator) -> dict[str, float]:
@@ -250,24 +250,24 @@ class Answer:
     detail: str = ""
 
 
-def training_mean(known: TrainingRows, new: FloatArray) -> Answer:
+def training_mean(training: TrainingRows, new: FloatArray) -> Answer:
     """The mean of the training rows, whatever the slip: a floor."""
-    design, at = np.ones((len(known.readings), 1)), np.ones((len(new), 1))
-    return Answer(_regressed(design, known.readings, at))
+    design, at = np.ones((len(training.readings), 1)), np.ones((len(new), 1))
+    return Answer(_regressed(design, training.readings, at))
 
 
-def polynomial(known: TrainingRows, new: FloatArray) -> Answer:
+def polynomial(training: TrainingRows, new: FloatArray) -> Answer:
     """Least squares on powers of slip and on the other conditions, with Student-t predictive laws.
 
     The degree in slip is the one that, inside the training rows, predicts a level best that it has not seen
     (smallest mean square). Where too few rows are left for any, the mean of the training rows.
     """
-    found = {degree: _left_out_square(known, degree) for degree in DEGREES}
-    degree = min(found, key=lambda each: found[each])
-    if not np.isfinite(found[degree]):
-        return Answer(training_mean(known, new).laws, "mean")
-    design, at = _designs(known.conditions, new, degree)
-    return Answer(_regressed(design, known.readings, at), f"degree {degree}")
+    squares = {degree: _left_out_square(training, degree) for degree in DEGREES}
+    degree = min(squares, key=lambda each: squares[each])
+    if not np.isfinite(squares[degree]):
+        return Answer(training_mean(training, new).laws, "mean")
+    design, at = _designs(training.conditions, new, degree)
+    return Answer(_regressed(design, training.readings, at), f"degree {degree}")
 
 
 def _designs(conditions: FloatArray, new: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
@@ -282,20 +282,20 @@ def _designs(conditions: FloatArray, new: FloatArray, degree: int) -> tuple[Floa
     return columns(conditions), columns(new)
 
 
-def _left_out_square(known: TrainingRows, degree: int) -> float:
+def _left_out_square(training: TrainingRows, degree: int) -> float:
     """Mean square by which training levels are missed when left out; infinite where that cannot be done."""
-    design, _ = _designs(known.conditions, known.conditions, degree)
-    if len(design) - design.shape[1] < LEAST_DOF or len(np.unique(known.level)) < 2:
+    design, _ = _designs(training.conditions, training.conditions, degree)
+    if len(design) - design.shape[1] < LEAST_DOF or len(np.unique(training.level)) < 2:
         return np.inf
     misses = []
-    for level in np.unique(known.level):
-        left = known.level == level
-        rest = known.take(~left)
-        inner, at = _designs(rest.conditions, known.conditions[left], degree)
+    for level in np.unique(training.level):
+        left = training.level == level
+        rest = training.take(~left)
+        inner, at = _designs(rest.conditions, training.conditions[left], degree)
         if len(np.unique(rest.slip_level)) <= degree or np.linalg.matrix_rank(inner) < inner.shape[1]:
             return np.inf
         coefficients = np.linalg.lstsq(inner, rest.readings, rcond=None)[0]
-        misses.append(known.readings[left] - at @ coefficients)
+        misses.append(training.readings[left] - at @ coefficients)
     return float(np.mean(np.concatenate(misses) ** 2))
 
 
@@ -315,28 +315,29 @@ def _regressed(design: FloatArray, readings: FloatArray, at: FloatArray) -> tupl
     return tuple(Mixture(np.array([centre]), np.array([scale]), float(dof)) for centre, scale in pairs)
 
 
-def gaussian_process(known: TrainingRows, new: FloatArray) -> Answer:
+def gaussian_process(training: TrainingRows, new: FloatArray) -> Answer:
     """A Gaussian process with a linear trend and a squared-exponential covariance.
 
     Amplitude, lengths and noise are those of the highest posterior density under wide log-normal priors;
     their own uncertainty is not in the predictive laws, as is usual.
     """
-    spread = float(known.readings.std()) or 1.0
-    y = (known.readings - known.readings.mean()) / spread
-    size = known.conditions.std(axis=0)
-    size = np.where(size > 1e-9 * np.abs(known.conditions).max(axis=0), size, np.inf)  # constant: no effect
-    centre = known.conditions.mean(axis=0)
+    spread = float(training.readings.std()) or 1.0
+    y = (training.readings - training.readings.mean()) / spread
+    size = training.conditions.std(axis=0)
+    # a constant condition has no effect
+    size = np.where(size > 1e-9 * np.abs(training.conditions).max(axis=0), size, np.inf)
+    centre = training.conditions.mean(axis=0)
     size[0] = 1.0
-    x, at = (known.conditions - centre) / size, (new - centre) / size
-    found = [minimize(_misfit, start, args=(x, y), method="L-BFGS-B") for start in _STARTS]
-    best = min(found, key=lambda each: float(each.fun)).x
+    x, at = (training.conditions - centre) / size, (new - centre) / size
+    optima = [minimize(_misfit, start, args=(x, y), method="L-BFGS-B") for start in _STARTS]
+    best = min(optima, key=lambda each: float(each.fun)).x
     noise = np.exp(2 * best[3])
     factor = cho_factor(_covariance(best, x, x) + noise * np.eye(len(x)), lower=True)
     across = _covariance(best, at, x)
     mean = across @ cho_solve(factor, y)
     own = np.diag(_covariance(best, at, at)) + noise
     variance = np.maximum(own - (across * cho_solve(factor, across.T).T).sum(axis=1), noise)
-    pairs = zip(known.readings.mean() + spread * mean, spread * np.sqrt(variance), strict=True)
+    pairs = zip(training.readings.mean() + spread * mean, spread * np.sqrt(variance), strict=True)
     laws = tuple(Mixture(np.array([m]), np.array([s])) for m, s in pairs)
     return Answer(laws, f"length {np.exp(best[1]):.2g}")
 

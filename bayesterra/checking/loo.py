@@ -138,12 +138,12 @@ def leave_one_out(
     cases = [_Case(near, whole, x, density, i) for i in range(density.shape[1])]
     limit = pareto_limit(len(x)) if len(cases) >= few_rows else -np.inf
     with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = list(pool.map(lambda case, stream: case.result(limit, stream), cases, streams))
+        results = list(pool.map(lambda case, stream: case.result(limit, stream), cases, streams))
     rows = posterior.likelihood.observations.rows
     return CrossValidation(
-        tuple(case.left_out(row, one) for row, case, one in zip(rows, cases, found, strict=True)),
+        tuple(case.left_out(row, result) for row, case, result in zip(rows, cases, results, strict=True)),
         tuple((logsumexp(density, axis=0) - np.log(len(x))).tolist()),
-        _pits(posterior, cases, found) if len(cases) >= few_rows else {},
+        _pits(posterior, cases, results) if len(cases) >= few_rows else {},
     )
 
 
@@ -166,8 +166,8 @@ class _Weighted:
 
     @classmethod
     def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> _Weighted:
-        known = np.isfinite(log_weights)
-        return cls(x[known], *pareto_smoothed(log_weights[known]), log_row[known])
+        finite = np.isfinite(log_weights)
+        return cls(x[finite], *pareto_smoothed(log_weights[finite]), log_row[finite])
 
     def estimate(self) -> tuple[float, float]:
         """Elpd of the row and its Monte Carlo error."""
@@ -204,10 +204,10 @@ class _Case:
         row = self.density[:, self.index]
         return _Weighted.of(self.x, -row, row)
 
-    def left_out(self, row: int, found: _Weighted) -> LeftOut:
+    def left_out(self, row: int, result: _Weighted) -> LeftOut:
         """The entry of a row whose :meth:`result` is known."""
-        elpd, error = found.estimate()
-        return LeftOut(row, elpd, error, self.weighted.k, found is not self.weighted)
+        elpd, error = result.estimate()
+        return LeftOut(row, elpd, error, self.weighted.k, result is not self.weighted)
 
     def result(self, limit: float, seed: SeedSequence) -> _Weighted:
         """The posterior without the row; sampled afresh where k̂ is above the limit."""
@@ -228,10 +228,10 @@ class _Case:
         """Parameters, log prior with Jacobian, log density of the row and the others, −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
         prior = self.near.posterior.log_prior(x)
-        known = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
-        prior = np.where(known, prior + np.where(known, log_jacobian, 0.0), -np.inf)
+        supported = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
+        prior = np.where(supported, prior + np.where(supported, log_jacobian, 0.0), -np.inf)
         row, others = np.full(len(u), -np.inf), np.full(len(u), -np.inf)
-        inside = np.flatnonzero(known)
+        inside = np.flatnonzero(supported)
         total, rows = self.near.posterior.log_rows(x[inside])
         answered = np.isfinite(rows).all(axis=1)
         inside, total, rows = inside[answered], total[answered], rows[answered]
@@ -252,19 +252,19 @@ class _Case:
         return _Weighted.of(x, log_weights, row)
 
 
-def _pits(posterior: Posterior, cases: Sequence[_Case], found: Sequence[_Weighted]) -> Pits:
+def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weighted]) -> Pits:
     """Probability below each reading, per channel; empty where the load is latent."""
     likelihood = posterior.likelihood
     if likelihood.forward.drive == "both":
         return {}
     full = normal_scores(posterior, cases[0].x)
     table = np.empty((len(cases), len(likelihood.channels)))
-    for i, (case, one) in enumerate(zip(cases, found, strict=True)):
-        if one is case.weighted:
-            table[i] = np.exp(one.log_weights) @ ndtr(full[:, i])
+    for i, (case, result) in enumerate(zip(cases, results, strict=True)):
+        if result is case.weighted:
+            table[i] = np.exp(result.log_weights) @ ndtr(full[:, i])
         else:
-            chosen = systematic(np.exp(one.log_weights), PIT_DRAWS, default_rng(0))
-            table[i] = ndtr(normal_scores(posterior, one.x[chosen])[:, i]).mean(axis=0)
+            chosen = systematic(np.exp(result.log_weights), PIT_DRAWS, default_rng(0))
+            table[i] = ndtr(normal_scores(posterior, result.x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
 
 
@@ -283,7 +283,7 @@ class Difference:
 
     @property
     def distinguishable(self) -> bool:
-        """Whether it is at least ``INDISTINCT`` and at least two standard errors."""
+        """True where it is at least ``INDISTINCT`` and at least two standard errors."""
         return bool(abs(self.elpd) >= INDISTINCT and abs(self.elpd) >= 2 * self.se)
 
     @property
@@ -301,7 +301,7 @@ def difference(first: CrossValidation, second: CrossValidation) -> Difference:
     ------
     ValueError : they were fitted to different rows.
     """
-    rows = [[left_out.row for left_out in one.rows] for one in (first, second)]
+    rows = [[left_out.row for left_out in model.rows] for model in (first, second)]
     if rows[0] != rows[1]:
         raise ValueError(f"models are compared on the same rows only (got rows {rows[0]} and {rows[1]})")
     by_row = first.by_row - second.by_row

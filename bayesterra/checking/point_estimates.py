@@ -15,7 +15,7 @@ from bayesterra.parameters import MODEL_PARAMETERS, PRIOR_PARAMETERS
 
 @dataclass(frozen=True)
 class PointEstimate:
-    """Where a point estimate stands in the posterior.
+    """Place of a point estimate in the posterior.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ def _standing(
 
 
 def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
-    """Whether a value lies within a thousandth of the prior's range (98 % range if infinite) of an end."""
+    """True where a value lies within a thousandth of the prior's range (98 % range if infinite) of an end."""
     law = posterior.prior.laws[name]
     low, high = law.range
     width = high - low if np.isfinite(high - low) else float(np.ptp(law.quantile(np.array([0.01, 0.99]))))
@@ -114,7 +114,7 @@ def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
 
 
 def of_point_estimate(standing: PointEstimate) -> dict[str, Any]:
-    """Where a point estimate stands in the posterior."""
+    """Record of a point estimate's place in the posterior."""
     return {
         "credible_level": standing.credible_level,
         "log_density": standing.log_density if np.isfinite(standing.log_density) else None,

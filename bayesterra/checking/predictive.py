@@ -1,4 +1,4 @@
-"""What the draws say about readings: at the measured rows, and as bands over slip."""
+"""Predictions of readings by the draws: at the measured rows, and as bands over slip."""
 
 from __future__ import annotations
 
@@ -147,12 +147,14 @@ def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, r
     curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)
     fresh = whole.fresh(forward, soil, values, rng)
     readings = np.full(outcomes.values.shape, np.nan)
-    known = [noise for noise in whole.noise if noise.channel in forward.outcomes]
-    places = [(forward.outcomes.index(one.channel), whole.channels.index(one.channel)) for one in known]
+    noises = [noise for noise in whole.noise if noise.channel in forward.outcomes]
+    places = [
+        (forward.outcomes.index(noise.channel), whole.channels.index(noise.channel)) for noise in noises
+    ]
     for to, column in places:
         outcomes.values[:, :, to] += curve[:, :, column]
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
-    likelihood = Likelihood(forward, blank, known)
+    likelihood = Likelihood(forward, blank, noises)
     drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
     for i, (to, column) in enumerate(places):
         readings[:, :, to] = drawn[:, :, i] + fresh[:, :, column]
@@ -169,9 +171,9 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     drive = "sinkage" if study.drive == "sinkage" else "load"
     if drive == "load":
         load = float(np.median(known_loads(observations)[mine]))
-        given = np.full(GRID, study.middle_load if np.isnan(load) else load)
+        driven = np.full(GRID, study.middle_load if np.isnan(load) else load)
     else:
         order = np.argsort(slips, kind="stable")
         slip = np.linspace(slips.min(), slips.max(), GRID)
-        given = np.interp(slip, slips[order], observations.values["sinkage"][mine][order])
-    return Forward(study.model, drive, Conditions.of(study.wheels[wheel], slip), given, as_read=True)
+        driven = np.interp(slip, slips[order], observations.values["sinkage"][mine][order])
+    return Forward(study.model, drive, Conditions.of(study.wheels[wheel], slip), driven, as_read=True)

@@ -77,13 +77,15 @@ OF_RESIDUALS = (
                 False, 4, _neighbours),
 )  # fmt: skip
 
-TEST_STATISTICS: dict[str, TestStatistic] = {one.name: one for one in (*OF_RESIDUALS, LARGEST)}
+TEST_STATISTICS: dict[str, TestStatistic] = {
+    statistic.name: statistic for statistic in (*OF_RESIDUALS, LARGEST)
+}
 
 
 def applicable(slip: FloatArray) -> tuple[TestStatistic, ...]:
     """The statistics of residuals that readings at these slips (m,) can have."""
     distinct = len(np.unique(slip))
-    return tuple(one for one in OF_RESIDUALS if distinct >= one.slips)
+    return tuple(statistic for statistic in OF_RESIDUALS if distinct >= statistic.slips)
 
 
 def exceedance(values: FloatArray, ordered: FloatArray) -> FloatArray:
@@ -123,7 +125,7 @@ class Check:
 
     @property
     def finding(self) -> str:
-        """What its alarm says of the channel."""
+        """Words of its alarm about the channel."""
         return TEST_STATISTICS[self.statistic].finding
 
 
@@ -146,7 +148,7 @@ class PredictiveChecks:
 
     @property
     def alarm(self) -> bool:
-        """Whether the readings contradict the model."""
+        """True where the readings contradict the model."""
         return self.overall < ALARM
 
 
@@ -174,7 +176,7 @@ class _Judge:
 
     @cached_property
     def _ordered(self) -> list[FloatArray]:
-        return [np.sort(one.value(self.unit, self.slip)) for one in self.of_residuals]
+        return [np.sort(statistic.value(self.unit, self.slip)) for statistic in self.of_residuals]
 
     @property
     def statistics(self) -> tuple[TestStatistic, ...]:
@@ -186,7 +188,7 @@ class _Judge:
         mean, scale = (v[:, self.rows, self.column] for v in (modelled.mean, modelled.scale))
         z = (y - mean) / scale
         pairs = zip(self.of_residuals, self._ordered, strict=True)
-        shares = [exceedance(one.value(z, self.slip), ordered).mean() for one, ordered in pairs]
+        shares = [exceedance(statistic.value(z, self.slip), ordered).mean() for statistic, ordered in pairs]
         turns = (7 * np.arange(len(mean))[:, None] + np.arange(10)) % len(self.unit)
         largest = LARGEST.value(mean[:, None] + scale[:, None] * self.unit[turns], self.slip)
         return np.array([*shares, np.mean(largest > y.max())])
@@ -230,7 +232,7 @@ def _compared(
     judges: list[_Judge], observed: FloatArray, made: FloatArray, effective: tuple[float, float]
 ) -> PredictiveChecks:
     """Hold p values (checks,) against those of the replicates (n, checks)."""
-    names = [(judge.channel, one.name) for judge in judges for one in judge.statistics]
+    names = [(judge.channel, statistic.name) for judge in judges for statistic in judge.statistics]
     two_sided = np.array([TEST_STATISTICS[name].two_sided for _, name in names])
     own, others = _strangeness(observed, made, two_sided), _strangeness(made, made, two_sided)
     calibrated = (1 + (others >= own).sum(axis=0)) / (1 + len(made))
@@ -243,7 +245,7 @@ def _compared(
 
 
 def _strangeness(p: FloatArray, made: FloatArray, two_sided: BoolArray) -> FloatArray:
-    """How far p values (..., checks) are from those of replicates (n, checks), in sd of normal scores."""
+    """Distance of p values (..., checks) from those of replicates (n, checks), in sd of normal scores."""
     score, others = (np.asarray(ndtri(np.clip(values, 1e-4, 1 - 1e-4))) for values in (p, made))
     distance = (others.mean(axis=0) - score) / np.maximum(others.std(axis=0), 1e-6)
     return np.asarray(np.where(two_sided, np.abs(distance), distance))
@@ -271,7 +273,7 @@ class PriorCheck:
 
 @dataclass(frozen=True)
 class PriorChecks:
-    """Whether the readings are what the prior can predict.
+    """Checks of the readings against what the prior can predict.
 
     Attributes
     ----------
@@ -284,7 +286,7 @@ class PriorChecks:
 
     @property
     def conflict(self) -> bool:
-        """Whether prior and readings contradict each other."""
+        """True where prior and readings contradict each other."""
         return self.overall < CONFLICT
 
 

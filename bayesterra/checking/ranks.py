@@ -53,7 +53,7 @@ class RankTest:
 
     @property
     def points(self) -> FloatArray:
-        """Where the ranks below are counted."""
+        """Points at which the ranks below are counted."""
         return np.arange(1, POINTS) / POINTS
 
     @cached_property
@@ -76,7 +76,7 @@ class RankTest:
         return np.asarray(self._tails[np.arange(POINTS - 1), counts].min(axis=-1))
 
     def below(self, ranks: FloatArray) -> IntArray:
-        """How many ranks lie below every point."""
+        """Number of ranks below every point."""
         return np.searchsorted(np.sort(ranks), self.points)
 
     def p_value(self, ranks: FloatArray) -> float:
@@ -159,7 +159,7 @@ def covered(ranks: FloatArray, probability: float) -> float:
 
 
 def shift_and_width(ranks: FloatArray) -> tuple[float, float]:
-    """What error a Gaussian posterior would have: shift of its mean, and its sd over the right one.
+    """Error of a Gaussian posterior with such ranks: shift of its mean, and its sd over the right one.
 
     Normal scores of its ranks have the mean −shift/width and the sd 1/width.
     """
@@ -182,7 +182,7 @@ COLUMNS = ("task", "status", "ess", "r_hat", "seconds", "note")
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a simulation-based calibration found (Talts et al. 2018, Modrák et al. 2023).
+    """Result of a simulation-based calibration (Talts et al. 2018, Modrák et al. 2023).
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class Calibration:
 
     @property
     def calibrated(self) -> bool:
-        """Whether the verdict is ``calibrated``."""
+        """True where the verdict is ``calibrated``."""
         return self.verdict == CALIBRATED
 
     def findings(self) -> dict[str, Any]:

@@ -39,7 +39,7 @@ LOAD_STEP = -1e-3
 
 @dataclass(frozen=True)
 class Modelled:
-    """What parameter sets say about every row in the fit.
+    """Readings that parameter sets predict at every row in the fit.
 
     Attributes
     ----------
@@ -73,19 +73,19 @@ class Modelled:
         if self.joint is not None:
             return self.joint.log_density(readings)
         z = (readings - self.mean) / self.scale
-        known = ~np.isnan(readings)
-        total = -np.log(self.scale).sum(axis=(1, 2), where=known)
+        present = ~np.isnan(readings)
+        total = -np.log(self.scale).sum(axis=(1, 2), where=present)
         for i, noise in enumerate(likelihood.noise):
-            total += noise.log_density(z[:, :, i]).sum(axis=1, where=known[:, i])
+            total += noise.log_density(z[:, :, i]).sum(axis=1, where=present[:, i])
         if self.slope is not None:
-            curvature, pull = self._along(z, known)
+            curvature, pull = self._along(z, present)
             total += (0.5 * pull**2 / curvature - 0.5 * np.log(curvature)).sum(axis=1)
         return np.asarray(total)
 
-    def _along(self, z: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
+    def _along(self, z: FloatArray, present: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Precision of every row's load (n, m) as its readings tell it, and that times the load's shift."""
-        b = np.where(known, (self.slope if self.slope is not None else 0.0) / self.scale, 0.0)
-        return (b**2).sum(axis=2), (b * np.where(known, z, 0.0)).sum(axis=2)
+        b = np.where(present, (self.slope if self.slope is not None else 0.0) / self.scale, 0.0)
+        return (b**2).sum(axis=2), (b * np.where(present, z, 0.0)).sum(axis=2)
 
     def explaining(self, readings: FloatArray, rng: Generator) -> Modelled:
         """The same with every latent quantity drawn as these readings (m, channels) tell it."""
@@ -127,7 +127,7 @@ def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ReplicateOptions:
-    """How replicates and their posteriors are made.
+    """Settings by which replicates and their posteriors are made.
 
     Attributes
     ----------
@@ -220,8 +220,8 @@ def _settled(
         if effective_draws(weights) >= options.fewest:
             break
         local = _Pool.of(near, near.shifted(weights @ pool.sets.u), options.local, rng)
-        found = local.weights(likelihood, readings)
-        if effective_draws(found) > effective_draws(weights):
-            pool, weights = local, found
+        local_weights = local.weights(likelihood, readings)
+        if effective_draws(local_weights) > effective_draws(weights):
+            pool, weights = local, local_weights
     draws = pool.modelled.take(systematic(weights, options.draws, rng)).explaining(readings, rng)
     return Replicate(readings, draws, effective_draws(weights))

@@ -88,7 +88,7 @@ class ShortRuns:
 
 
 def enough(diagnosis: Diagnosis) -> bool:
-    """Whether a short run suffices: effective draws, R-hat, no frozen walker, and a length of some τ."""
+    """True where a short run suffices: effective draws, R-hat, no frozen walker, and a length of some τ."""
     asked = [check for check in diagnosis.checks if not check.name.startswith(LONG_RUNS_ONLY)]
     lasting = diagnosis.steps >= STEPS_PER_TAU * float(diagnosis.tau.max())
     return lasting and all(check.passed for check in asked)
@@ -144,7 +144,7 @@ _BATCH, _ATTEMPTS = 128, 2000
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one replication found.
+    """Outcome of one replication.
 
     Attributes
     ----------
@@ -167,14 +167,18 @@ class Outcome:
     @classmethod
     def from_record(cls, content: Mapping[str, Any]) -> Outcome:
         """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
-        one = cls(**content)
-        ranks = {str(name): float(rank) for name, rank in one.ranks.items()}
-        if one.status not in (CONVERGED, UNCONVERGED, FAILED) or type(one.task) is not int or one.task < 1:
-            raise ValueError(f"no outcome of a replication: {one!r:.60}")
+        outcome = cls(**content)
+        ranks = {str(name): float(rank) for name, rank in outcome.ranks.items()}
+        if (
+            outcome.status not in (CONVERGED, UNCONVERGED, FAILED)
+            or type(outcome.task) is not int
+            or outcome.task < 1
+        ):
+            raise ValueError(f"no outcome of a replication: {outcome!r:.60}")
         if any(rank < 0 or rank > 1 for rank in ranks.values()):
             raise ValueError(f"no ranks: {ranks!r:.60}")
-        ess, r_hat, seconds = float(one.ess), float(one.r_hat), float(one.seconds)
-        return cls(one.task, one.status, ess, r_hat, seconds, str(one.note), ranks)
+        ess, r_hat, seconds = float(outcome.ess), float(outcome.r_hat), float(outcome.seconds)
+        return cls(outcome.task, outcome.status, ess, r_hat, seconds, str(outcome.note), ranks)
 
 
 @dataclass(frozen=True)

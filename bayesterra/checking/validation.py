@@ -61,12 +61,12 @@ class FitCheck:
 
     @property
     def adequate(self) -> bool:
-        """Whether the readings are no surprise to the model."""
+        """True where the readings are no surprise to the model."""
         return self.p >= DOUBTFUL
 
     @property
     def overstated(self) -> bool:
-        """Whether the readings scatter less than the stated noise says."""
+        """True where the readings scatter less than the stated noise says."""
         return self.p > OVERSTATED
 
 
@@ -120,9 +120,9 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     What a record fills in to place an estimate in the posterior is left out.
     """
     fits, standings = result.record["fits"], result.record["standings"]
-    found = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
+    points = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
     references = {"published": result.study.published, "truth": result.study.truth}
-    return found | {name: dict(known.values) for name, known in references.items() if known is not None}
+    return points | {name: dict(point.values) for name, point in references.items() if point is not None}
 
 
 def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:
@@ -172,12 +172,12 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     medians = dict(zip(target.names, np.median(result.values(), axis=0), strict=True))
     noise = np.array([[medians[name] for name in target.names if name.startswith(SIZES)]])
     likelihood = target.likelihood
-    found = {}
+    residuals_of = {}
     for name, soil in complete_soils(result).items():
         outcomes = likelihood.forward(soil, every_row=True)
         predicted = likelihood.predicted(outcomes)
-        found[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
-    return found
+        residuals_of[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
+    return residuals_of
 
 
 @dataclass(frozen=True)

@@ -40,38 +40,38 @@ def posterior_checks(result: Result) -> tuple[Block, ...]:
 
 
 def alarm_sentence(checks: PredictiveChecks) -> Markup:
-    """What all statistics together say."""
+    """Finding of all statistics together, as a sentence."""
     if not checks.alarm:
         text = Markup("{} of the tables that the model itself makes look as strange (alarm below {}).")
         return text.format(share(checks.overall), share(ALARM))
-    parts = (Markup("{} {}").format(symbol(check.channel), check.finding) for check in alarming(checks))
-    return Markup("{} (overall <i>p</i> {}).").format(listed(parts), probability(checks.overall))
+    findings = (Markup("{} {}").format(symbol(check.channel), check.finding) for check in alarming(checks))
+    return Markup("{} (overall <i>p</i> {}).").format(listed(findings), probability(checks.overall))
 
 
 def misfit_warning(
-    found: Markup,
+    words: Markup,
     check: str = "units, loads and priors",
     then: str = "another model, or a [discrepancy]",
 ) -> Markup:
-    """What a page opens with where the model cannot make readings like these."""
+    """Warning that opens a page where the model cannot make readings like these."""
     return Markup(
         "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
         "did. What to do: check {}; then {}."
-    ).format(found, check, then)
+    ).format(words, check, then)
 
 
-def misfit_text(found: str, check: str = "units, loads and priors") -> str:
+def misfit_text(words: str, check: str = "units, loads and priors") -> str:
     """The same in one line for a terminal."""
-    return f"warning: the model does not fit these readings: {found}; check {check} before you use any figure"
+    return f"warning: the model does not fit these readings: {words}; check {check} before you use any figure"
 
 
 def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
     """The strangest statistic of each channel that has a strange one, ``most`` channels at most."""
-    found: dict[str, Check] = {}
+    strangest: dict[str, Check] = {}
     for check in checks.checks:
-        if check.calibrated < ALARM or not found:
-            found.setdefault(check.channel, check)
-    return tuple(found.values())[:most]
+        if check.calibrated < ALARM or not strangest:
+            strangest.setdefault(check.channel, check)
+    return tuple(strangest.values())[:most]
 
 
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:
@@ -180,14 +180,14 @@ def _pit(result: Result, loo: CrossValidation) -> tuple[Block, ...]:
         drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit
     )
     outside = [name for name, values in loo.pit.items() if not calibrated(values)]
-    found = (
+    sentence = (
         Markup("{} leaves the band.").format(symbols(outside)) if outside else "No channel leaves the band."
     )
     caption = Markup(
         "LOO-PIT: where each reading lies in what the other rows predict for it. Drawn is the share of "
         "values below, less the uniform one; grey: simultaneous 95 % band. An arch means an offset, an S "
         "that the noise is over- or understated. {}"
-    ).format(found)
+    ).format(sentence)
     return (Gallery("small", pictures, caption),)
 
 
@@ -264,17 +264,17 @@ def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
 def _noise(result: Result, channel: str) -> FloatArray:
     """Standard deviation of every row's reading, SI; of estimated noise the posterior median."""
     rows, noise = result.study.observations, result.study.noise[channel]
-    given = rows.given_sd.get(channel, np.full(len(rows), np.nan))
+    stated = rows.given_sd.get(channel, np.full(len(rows), np.nan))
     estimated = None
     if noise.parameter:
         estimated = np.full(1, np.median(result.values()[:, result.names.index(noise.parameter)]))
-    return np.asarray(noise.scale(rows.values[channel][None], estimated, given)[0])
+    return np.asarray(noise.scale(rows.values[channel][None], estimated, stated)[0])
 
 
 def _limit(ax: Axes, values: FloatArray) -> None:
     """Keep bands and readings in view; curves of estimates far away may leave it."""
-    known = values[np.isfinite(values)]
-    low, high = known.min(), known.max()
+    finite = values[np.isfinite(values)]
+    low, high = finite.min(), finite.max()
     ax.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
 
 
