@@ -1,1 +1,1 @@
-"""What data and design determine: structure, local information, profiles, coupling, verdicts."""
+"""Identifiability of parameters by data and design: structure, information, profiles, coupling, verdicts."""

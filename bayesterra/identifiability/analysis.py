@@ -46,7 +46,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Analysis:
-    """What the data of a study determine.
+    """Analysis of what the data of a study determine.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Analysis:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a design lets expect before it is measured, over the cut prior; see :class:`Analysis`."""
+    """Expectations from a design before it is measured, over the cut prior; see :class:`Analysis`."""
 
     names: tuple[str, ...]
     structure: Structure
@@ -90,8 +90,8 @@ class Outlook:
 def outlook(posterior: Posterior, prior: FloatArray) -> Outlook:
     """Find out what a design could determine, from draws (m, d) of the cut prior; readings do not count."""
     spread = local_analysis(posterior, _some(prior, LOCAL_DRAWS), prior)
-    found = structure(posterior, prior[:STRUCTURE_DRAWS])
-    return Outlook(posterior.names, found, spread, collinearity(spread))
+    seen = structure(posterior, prior[:STRUCTURE_DRAWS])
+    return Outlook(posterior.names, seen, spread, collinearity(spread))
 
 
 def analyse(
@@ -126,10 +126,10 @@ def analyse(
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
     drawn = _from_draws(posterior, prior, draws, streams, clock)
-    found = Assessment(posterior, prior, draws, seen, spread, profiled, drawn)
+    assessment = Assessment(posterior, prior, draws, seen, spread, profiled, drawn)
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, drawn,
-        found.verdicts(), found.combinations(), found.counts(), clock.seconds,
+        assessment.verdicts(), assessment.combinations(), assessment.counts(), clock.seconds,
     )  # fmt: skip
 
 
@@ -143,9 +143,9 @@ class _Clock:
     def __call__(self, part: str, work: Callable[[], T]) -> T:
         self._report(part)
         started = time.perf_counter()
-        found = work()
+        result = work()
         self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
-        return found
+        return result
 
 
 def _some(draws: FloatArray, most: int) -> FloatArray:
@@ -160,7 +160,7 @@ def _profiled(
     rng: Generator,
     engine: Engine | None,
 ) -> Profiles:
-    return profiles(posterior, rng=rng, draws=draws, prior_draws=prior, known=mode, engine=engine)
+    return profiles(posterior, rng=rng, draws=draws, prior_draws=prior, references=mode, engine=engine)
 
 
 def _from_draws(
@@ -177,7 +177,7 @@ def _from_draws(
 
 @dataclass(frozen=True)
 class FromDraws:
-    """What only draws of the posterior tell."""
+    """Findings that need draws of the posterior."""
 
     coupling: Coupling
     information: Information
@@ -187,7 +187,7 @@ class FromDraws:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the verdicts are made of; draws are of the cut prior (m, d) and of the posterior (n, d)."""
+    """Findings behind the verdicts; draws are of the cut prior (m, d) and of the posterior (n, d)."""
 
     posterior: Posterior
     prior: FloatArray
@@ -201,14 +201,14 @@ class Assessment:
         """One row per parameter; see :class:`bayesterra.identifiability.analysis.Analysis`."""
         own = self._own()
         figures = pd.concat([own, self._ties(own), self._elsewhere()], axis=1)
-        found = evidence(figures)
-        words = [word(each) for each in found]
-        against = ["; ".join(disagreements(*each)) for each in zip(found, words, strict=True)]
+        facts = evidence(figures)
+        words = [word(each) for each in facts]
+        against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
         head = pd.DataFrame({"parameter": list(self.posterior.names), "verdict": words})
         return pd.concat([head, figures], axis=1).assign(against=against)
 
     def _own(self) -> pd.DataFrame:
-        """What the draws of a parameter say by themselves."""
+        """Figures of each parameter's draws by themselves."""
         ends = np.array([law.range for law in self.posterior.prior.laws.values()])
         draws, low, high = (own_scale(x, self._logs) for x in (self.draws, *ends.T))
         leaning = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
@@ -221,24 +221,24 @@ class Assessment:
         return np.array([law.logarithmic for law in self.posterior.prior.laws.values()])
 
     def _ties(self, own: pd.DataFrame) -> pd.DataFrame:
-        """How the parameters hang together."""
+        """Ties between the parameters."""
         names, coupling = self.posterior.names, self.drawn.coupling
         plain = np.atleast_2d(np.corrcoef(own_scale(self.draws, self._logs).T))
         others = plain - np.eye(len(plain))
         partners = np.abs(others).argmax(axis=1)
         contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
         correlated = Correlated(plain, coupling.copula, coupling.prior_copula)
-        found = ties(contraction, bounds, correlated)
+        strengths = ties(contraction, bounds, correlated)
         table = pd.DataFrame(
             {
                 "partner": [names[i] for i in partners],
                 "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)],
             }
         )
-        return table.assign(correlation=others[np.arange(len(plain)), partners], **found)
+        return table.assign(correlation=others[np.arange(len(plain)), partners], **strengths)
 
     def _elsewhere(self) -> pd.DataFrame:
-        """What structure, profiles, cloned data, bounds and power-scaling say."""
+        """Findings of structure, profiles, cloned data, bounds and power-scaling."""
         each, seen = self.profiles.found["likelihood"], self.structure.determined
         local = self.spread.table
         return pd.DataFrame(
@@ -287,9 +287,9 @@ def _excluded(profile: Profile, prior: FloatArray) -> float:
     return float(((prior < low) | (prior > high)).mean())
 
 
-def _firm(found: Cloned) -> list[str]:
+def _firm(clones: Cloned) -> list[str]:
     """Words of data cloning; none where its weights cannot be relied on."""
-    return [word if word in ("estimable", "not estimable") else "" for word in found.parameters["word"]]
+    return [word if word in ("estimable", "not estimable") else "" for word in clones.parameters["word"]]
 
 
 GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}
@@ -300,7 +300,7 @@ NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight
 def in_a_sentence(
     counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str]
 ) -> str:
-    """How many directions of each group are fixed, and which parameters the data leave as they were.
+    """Sentence on the directions of each group that are fixed, and the parameters left as they were.
 
     Parameters
     ----------
@@ -312,19 +312,19 @@ def in_a_sentence(
     fixed = [
         _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
     ]
-    parts = [listed(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
+    texts = [listed(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
     if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
-        parts.append(f"{listed(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}")
+        texts.append(f"{listed(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}")
     if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
-        parts.append(f"{listed(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}")
+        texts.append(f"{listed(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}")
     if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
-        parts.append(f"no data of this design can determine {listed(names)}")
-    return f"These data fix {'; '.join(parts)}."
+        texts.append(f"no data of this design can determine {listed(names)}")
+    return f"These data fix {'; '.join(texts)}."
 
 
-def listed(parts: Sequence[str]) -> str:
+def listed(texts: Sequence[str]) -> str:
     """As in a sentence: a, b and c."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def _fixed(kind: str, determined: int, of: int) -> str:
@@ -338,13 +338,13 @@ def _fixed(kind: str, determined: int, of: int) -> str:
     return " ".join(word for word in words if word)
 
 
-def of_directions(found: Identifiability, seen: Structure, added: Information) -> dict[str, Any]:
-    """How many independent directions the data determine, of each group too, and what the design cannot."""
+def of_directions(basis: Identifiability, seen: Structure, added: Information) -> dict[str, Any]:
+    """Record of the independent directions that the data determine, by group too, and those it cannot."""
     columns = ["scope", "view", "directions", "determined", "effective", "cut_effective"]
     return {
-        "determined": found.determined,
-        "of": len(found.contractions),
-        "contractions": found.contractions.tolist(),
+        "determined": basis.determined,
+        "of": len(basis.contractions),
+        "contractions": basis.contractions.tolist(),
         "groups": added.counts[columns].to_dict("records"),
         "unseen": [null.words for null in seen.nulls],
     }

@@ -76,7 +76,7 @@ class Cloned:
 
     @property
     def reliable(self) -> bool:
-        """Whether the weights at every power can be relied on."""
+        """True where the weights at every power can be relied on."""
         return bool(self.sampling["reliable"].all())
 
 
@@ -104,7 +104,7 @@ class Cloud:
 
     @property
     def reliable(self) -> bool:
-        """Whether enough draws are effective and the tail of the weights is light."""
+        """True where enough draws are effective and the tail of the weights is light."""
         heavy = self.k_hat > pareto_limit(len(self.u))
         return self.effective >= ENOUGH and not heavy
 
@@ -120,8 +120,8 @@ def cloning(
     """Clone the data of a posterior of which draws (n, d) are known; draws (m, d) of its cut prior."""
     target = Target(posterior, coordinates(posterior))
     start = target.coordinates.from_physical(spaced(draws, DRAWS))
-    found = clouds(target.densities, start, powers, rng)
-    physical = [replace(cloud, u=target.coordinates.to_physical(cloud.u)[0]) for cloud in found]
+    samples = clouds(target.densities, start, powers, rng)
+    physical = [replace(cloud, u=target.coordinates.to_physical(cloud.u)[0]) for cloud in samples]
     laws = posterior.prior.laws.values()
     return cloned(posterior.names, powers, physical, prior, partial(_scores, tuple(laws)))
 
@@ -136,10 +136,10 @@ def _scores(laws: Sequence[Law], x: FloatArray) -> FloatArray:
 def clouds(densities: Densities, start: FloatArray, powers: Sequence[int], rng: Generator) -> list[Cloud]:
     """Weighted draws at every power, the first being that of the draws ``start`` (n, d)."""
     even = np.full(len(start), -np.log(len(start)))
-    found = [Cloud(start, densities(start)[1], even)]
+    samples = [Cloud(start, densities(start)[1], even)]
     for before, power in pairwise(powers):
-        found.append(_lifted(found[-1], before, power, densities, rng))
-    return found
+        samples.append(_lifted(samples[-1], before, power, densities, rng))
+    return samples
 
 
 def _lifted(cloud: Cloud, before: float, power: float, densities: Densities, rng: Generator) -> Cloud:
@@ -172,7 +172,7 @@ def _drawn(points: FloatArray, components: int, power: float, densities: Densiti
 def cloned(
     names: Sequence[str],
     powers: Sequence[int],
-    found: Sequence[Cloud],
+    samples: Sequence[Cloud],
     prior: FloatArray,
     to_scores: Callable[[FloatArray], FloatArray],
 ) -> Cloned:
@@ -181,9 +181,9 @@ def cloned(
     ``prior`` holds draws (m, d) of the cut prior; ``to_scores`` makes normal scores of both.
     """
     single, before = np.eye(len(names)), covariance(to_scores(prior))
-    physical = [cloud.u for cloud in found]
+    physical = [cloud.u for cloud in samples]
     scored = [to_scores(x) for x in physical]
-    weights = [np.exp(cloud.log_weights) for cloud in found]
+    weights = [np.exp(cloud.log_weights) for cloud in samples]
     spectra = [
         eigen_directions(before, np.atleast_2d(np.cov(z.T, aweights=w)))[1][:, ::-1]
         for z, w in zip(scored, weights, strict=True)
@@ -191,14 +191,14 @@ def cloned(
     own = [_spread(x, single, w) for x, w in zip(physical, weights, strict=True)]
     along = [_spread(z, turned, w) for z, turned, w in zip(scored, spectra, weights, strict=True)]
     words = [in_words(names, column) for column in spectra[-1].T]
-    sound = all(cloud.reliable for cloud in found[-LATE:])
+    sound = all(cloud.reliable for cloud in samples[-LATE:])
     return Cloned(
         powers=tuple(powers),
         sd=np.sqrt([variances for variances, _ in own]),
         eigenvalues=np.array([variances for variances, _ in along]),
         parameters=_slopes("parameter", names, powers, own, sound=sound),
         directions=_slopes("combination", words, powers, along, sound=sound),
-        sampling=_sampling(powers, found),
+        sampling=_sampling(powers, samples),
     )
 
 
@@ -214,14 +214,14 @@ def _spread(x: FloatArray, directions: FloatArray, weights: FloatArray) -> Sprea
     return variances, np.sqrt(weights**2 @ (squared / variances - 1.0) ** 2)
 
 
-def _sampling(powers: Sequence[int], found: Sequence[Cloud]) -> pd.DataFrame:
+def _sampling(powers: Sequence[int], samples: Sequence[Cloud]) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "power": list(powers),
-            "effective": [cloud.effective for cloud in found],
-            "k_hat": [cloud.k_hat for cloud in found],
-            "limit": [pareto_limit(len(cloud.u)) for cloud in found],
-            "reliable": [cloud.reliable for cloud in found],
+            "effective": [cloud.effective for cloud in samples],
+            "k_hat": [cloud.k_hat for cloud in samples],
+            "limit": [pareto_limit(len(cloud.u)) for cloud in samples],
+            "reliable": [cloud.reliable for cloud in samples],
         }
     )
 
@@ -255,7 +255,7 @@ def fitted_slope(powers: Sequence[int], variances: FloatArray, errors: FloatArra
 
 
 def word(slope: float, error: float) -> str:
-    """Whether a late slope, two errors allowed for, says ``estimable``, ``not estimable`` or neither."""
+    """Word for a late slope, two errors allowed for: ``estimable``, ``not estimable`` or neither."""
     if slope + 2.0 * error <= ESTIMABLE:
         return "estimable"
     return "not estimable" if slope - 2.0 * error >= NOT_ESTIMABLE else "undecided"
@@ -299,7 +299,7 @@ class PowerScaling:
 
     @property
     def reliable(self) -> bool:
-        """Whether the weights have a light tail."""
+        """True where the weights have a light tail."""
         return self.k_hat <= self.limit
 
 
@@ -310,7 +310,7 @@ def power_scaling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rn
     flat = [bool(np.ptp(law.log_density(x)) < 1e-9) for law, x in zip(laws, draws.T, strict=True)]
     likelihood = Reweighted(posterior.log_prior_and_likelihood(draws)[1])
     joint = posterior.prior.score_correlation
-    flat = [one and not others for one, others in zip(flat, (joint != 0).sum(axis=0) > 1, strict=True)]
+    flat = [own and not others for own, others in zip(flat, (joint != 0).sum(axis=0) > 1, strict=True)]
     stated = Stated(posterior.names, laws, flat, joint)
     return scaled(stated, likelihood, prior, draws, noise=likelihood.noise(rng))
 
@@ -329,9 +329,9 @@ class Stated:
 
         Parameters that correlate in the prior have one law together, which is scaled as a whole.
         """
-        parts = self._parts(x)
+        by_parameter = self._parts(x)
         joined = connected_components(self._joint != 0)[1]
-        return [Reweighted(parts[:, joined == label].sum(axis=1)) for label in joined]
+        return [Reweighted(by_parameter[:, joined == label].sum(axis=1)) for label in joined]
 
     def together(self, x: FloatArray) -> Reweighted:
         """Log density of the normal scores of parameter sets (n, d) under all laws at once."""
@@ -375,7 +375,7 @@ def scaled(
 
 
 def power_word(own: float, cut_own: float, strongest: float, likelihood: float) -> str:
-    """What a parameter follows.
+    """Word for what a parameter follows.
 
     ``repeats its prior``: it follows its own law at least half as far as the cut prior does, and the
     likelihood does not move it. ``another's prior``: not that, but the law of another parameter moves it

@@ -1,4 +1,4 @@
-"""What the data of a run determine, as a section with its figures."""
+"""Section on what the data of a run determine, with its figures."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def identifiability_section(result: Result) -> Section:
-    """What the data determine."""
+    """Section on what the data determine."""
     bars = drawing(contraction(result), "Contraction of every parameter")
     cells = drawing(
         combinations(result), "Weights of the parameters in the combinations, best determined first"
@@ -147,13 +147,13 @@ def group(scope: str) -> Cell:
 def contraction(result: Result, ax: Axes | None = None) -> Axes:
     """Draw 1 − posterior/prior variance of every parameter: 0 repeats the prior, 1 is known exactly."""
     ax = own_axes(ax, 4.4, 0.34 * len(result.names) + 0.9)
-    found = dict(reversed(identifiability_rows(result).items()))
-    places = np.arange(len(found))
-    values = np.clip([row.contraction for row in found.values()], 0.0, 1.0)
+    rows = dict(reversed(identifiability_rows(result).items()))
+    places = np.arange(len(rows))
+    values = np.clip([row.contraction for row in rows.values()], 0.0, 1.0)
     ax.barh(places, values, height=0.55, color=POSTERIOR, alpha=0.75)
     for limit in (WEAK, DETERMINED):
         ax.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    names = [label(PARAMETERS[name], unit=False) for name in found]
+    names = [label(PARAMETERS[name], unit=False) for name in rows]
     ax.set(
         yticks=places, yticklabels=names, xlim=(0, 1), xlabel="contraction 1 − var(posterior) / var(prior)"
     )
@@ -169,15 +169,15 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
     combination ± 1.
     """
     ax = own_axes(ax, 5.4, 0.34 * len(result.names) + 1.0)
-    found = _information(result)
-    weights = _weights(found)
+    basis = _information(result)
+    weights = _weights(basis)
     ax.pcolormesh(weights, cmap="PuOr_r", vmin=-1.7, vmax=1.7, edgecolors=GRID, linewidth=0.4)
     for (i, j), value in np.ndenumerate(weights):
         if abs(value) >= 0.15:
             ax.text(j + 0.5, i + 0.5, f"{value:+.1f}".replace("-", "−"), ha="center", va="center", fontsize=7)
     places = np.arange(len(weights)) + 0.5
     names = [label(PARAMETERS[name], unit=False) for name in result.names]
-    ax.set(xticks=places, xticklabels=names, yticks=places, yticklabels=[f"{c:.2f}" for c in _clipped(found)])
+    ax.set(xticks=places, xticklabels=names, yticks=places, yticklabels=[f"{c:.2f}" for c in _clipped(basis)])
     ax.set(ylabel="contraction", ylim=(len(weights), 0))
     ax.tick_params(length=0)
     ax.xaxis.tick_top()
@@ -191,15 +191,15 @@ def _information(result: Result) -> Identifiability:
     return identifiability(result.names, ranges, result.values("prior"), result.values(), logs=logs)
 
 
-def _weights(found: Identifiability) -> FloatArray:
+def _weights(basis: Identifiability) -> FloatArray:
     """Rows: combinations; the weight of greatest size +1."""
-    rows = found.directions.T
+    rows = basis.directions.T
     greatest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
     return np.asarray(rows / greatest[:, None])
 
 
-def _clipped(found: Identifiability) -> FloatArray:
-    return np.clip(found.contractions, 0.0, 1.0)
+def _clipped(basis: Identifiability) -> FloatArray:
+    return np.clip(basis.contractions, 0.0, 1.0)
 
 
 LOWEST = 1e-6
@@ -210,14 +210,14 @@ TENTH_LEFT = 9.0
 
 
 @styled
-def spectrum(found: LocalAnalysis, ax: Axes | None = None) -> Axes:
+def spectrum(local: LocalAnalysis, ax: Axes | None = None) -> Axes:
     """Draw the eigenvalues of the information over the posterior, best informed direction first.
 
     Dots: medians; bars: 5 to 95 % of the parameter sets. At the broken line the readings know as much as the
     prior; at the dotted one they leave a tenth of its variance.
     """
     ax = own_axes(ax, 4.6, 3.0)
-    low, middle, high = np.maximum(np.quantile(found.spectra, [0.05, 0.5, 0.95], axis=0), LOWEST)
+    low, middle, high = np.maximum(np.quantile(local.spectra, [0.05, 0.5, 0.95], axis=0), LOWEST)
     places = np.arange(1, len(middle) + 1)
     ax.vlines(places, low, high, color=POSTERIOR, linewidth=5, alpha=0.3)
     ax.plot(places, middle, "o", color=POSTERIOR)

@@ -25,27 +25,27 @@ from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
 
 
-def coupling_section(found: Coupling) -> Section:
+def coupling_section(coupling: Coupling) -> Section:
     """Coupling of parameters and of groups."""
     blocks: list[Block] = []
-    if len(found.names) > 1:
-        blocks.append(_couplings(found))
-    if len(found.between):
-        blocks.append(_between(found))
+    if len(coupling.names) > 1:
+        blocks.append(_couplings(coupling))
+    if len(coupling.between):
+        blocks.append(_between(coupling))
     alone = Text("There is a single free parameter: nothing to be coupled with.")
     return Section("coupling", "Coupling", tuple(blocks) or (alone,))
 
 
-def _couplings(found: Coupling) -> Gallery:
-    pictures = [drawing(coupling_map(found), "Normal-score correlations of every pair of parameters")]
+def _couplings(coupling: Coupling) -> Gallery:
+    pictures = [drawing(coupling_map(coupling), "Normal-score correlations of every pair of parameters")]
     left = (
         "Correlation of normal scores of every pair: posterior below the diagonal, prior after the cut above "
         "it. A star: nearest neighbours find more dependence than that, or less. Framed: the groups bearing "
         "<i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact angles <i>P</i><sub>III</sub>."
     )
     right = ""
-    if len(found.between):
-        pictures.append(drawing(group_coupling(found), "Mutual information of the parameter groups"))
+    if len(coupling.between):
+        pictures.append(drawing(group_coupling(coupling), "Mutual information of the parameter groups"))
         right = (
             " Right: mutual information of the groups, from normal scores (bars) and from nearest neighbours "
             "(circles, ± 1 standard error)."
@@ -53,7 +53,7 @@ def _couplings(found: Coupling) -> Gallery:
     return Gallery("half", tuple(pictures), Markup(left + right))  # noqa: S704 (constants)
 
 
-def _between(found: Coupling) -> Table:
+def _between(coupling: Coupling) -> Table:
     rows = tuple(
         (
             Markup("<i>P</i><sub>{}</sub> and <i>P</i><sub>{}</sub>").format(
@@ -64,7 +64,7 @@ def _between(found: Coupling) -> Table:
             number(row["null"], 2),
             number(row["prior_information"], 2),
         )
-        for row in records(found.between)
+        for row in records(coupling.between)
     )
     header = ("groups", "normal scores", "neighbours", "by chance", "of the prior")
     caption = (
@@ -74,10 +74,10 @@ def _between(found: Coupling) -> Table:
     return Table(caption, "lrrrr", header, rows)
 
 
-def information_section(found: Information) -> Section:
-    """What the data contract, of parameters and of directions of the groups."""
-    bars = drawing(contraction_bars(found), "Contraction of every parameter by the data and by the cut")
-    rows = tuple((*count_row(row), *_elsewhere(row)) for row in records(found.counts))
+def information_section(information: Information) -> Section:
+    """Section on what the data contract, of parameters and of directions of the groups."""
+    bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
+    rows = tuple((*count_row(row), *_elsewhere(row)) for row in records(information.counts))
     header = ("group", "others", "determined", "effective", "by the cut", "plain", "sampling")
     extra = Markup(" Last columns: determined in plain parameters and in sampling coordinates.")
     caption = (
@@ -92,17 +92,17 @@ def _elsewhere(row: dict[str, object]) -> tuple[str, str]:
     return str(row["determined_plain"]), str(row["determined_sampling"])
 
 
-def local_section(found: Analysis) -> Section:
+def local_section(analysis: Analysis) -> Section:
     """Exact sensitivities, their spectrum and the bounds that follow from them."""
-    picture = drawing(determined_page.spectrum(found.spread), "Spectrum of the Fisher information")
-    decades = found.spread.decades
-    largest = found.collinearity.largest()
+    picture = drawing(determined_page.spectrum(analysis.spread), "Spectrum of the Fisher information")
+    decades = analysis.spread.decades
+    largest = analysis.collinearity.largest()
     text = Markup(
         "Exact sensitivities of every reading, over the posterior: what they know of the directions spans {} "
         "decades. The largest set of parameters that can be determined together (collinearity index up to "
         "{:g}): {}."
     ).format(f"{decades:.1f}" if decades < 100 else "infinitely many", CRITICAL, symbols(largest) or "none")
-    rows = tuple((symbol(row["parameter"]), *_spreads(row)) for row in records(found.spread.table))
+    rows = tuple((symbol(row["parameter"]), *_spreads(row)) for row in records(analysis.spread.table))
     table = Table(
         "Standard deviations: prior after the cut, Cramér–Rao bound with the prior (averaged over the "
         "posterior), posterior. A posterior far below its bound is cut off by an edge.",
@@ -123,20 +123,20 @@ def _spreads(row: dict[str, object]) -> Sequence[Cell]:
     return [*(plain(value / PARAMETERS[name].scale) for value in values), unit(name) or NOTHING]
 
 
-def further_section(found: Analysis) -> Section:
+def further_section(analysis: Analysis) -> Section:
     """Data cloning and power-scaling."""
-    drawn = found.drawn
+    drawn = analysis.drawn
     cloned, scaled = records(drawn.cloned.parameters), records(drawn.scaling.table)
     rows = tuple(
         (
             symbol(name),
-            f"{signed(one['late_slope'])} ± {number(one['late_error'], 2)}",
-            one["word"],
+            f"{signed(clone['late_slope'])} ± {number(clone['late_error'], 2)}",
+            clone["word"],
             number(other["own"], 3),
             number(other["likelihood"], 3),
             other["word"],
         )
-        for name, one, other in zip(found.names, cloned, scaled, strict=True)
+        for name, clone, other in zip(analysis.names, cloned, scaled, strict=True)
     )
     caption = (
         "Data cloning: how the variance falls as the same readings are counted 4 to 16 times, −1 where they "
@@ -146,25 +146,25 @@ def further_section(found: Analysis) -> Section:
     )
     header = ("", "slope", "cloning", "own prior", "likelihood", "power-scaling")
     table = Table(caption, "lrlrrl", header, rows)
-    return Section("further", "Cloned data and power-scaling", (table, *_doubts(found)))
+    return Section("further", "Cloned data and power-scaling", (table, *_doubts(analysis)))
 
 
-def _doubts(found: Analysis) -> tuple[Text, ...]:
-    parts = (("data cloning", found.drawn.cloned), ("power-scaling", found.drawn.scaling))
-    doubted = [name for name, part in parts if not part.reliable]
+def _doubts(analysis: Analysis) -> tuple[Text, ...]:
+    checks = (("data cloning", analysis.drawn.cloned), ("power-scaling", analysis.drawn.scaling))
+    doubted = [name for name, check in checks if not check.reliable]
     text = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
     return (Text(text),) if doubted else ()
 
 
 def method_section(made: Identified) -> Section:
-    """What the design sees, and how the page was made."""
-    found, record = made.found, made.record
-    nulls = [f"{null.words[:1].upper()}{null.words[1:]}." for null in found.structure.nulls]
+    """Section on what the design sees, and how the page was made."""
+    analysis, record = made.found, made.record
+    nulls = [f"{null.words[:1].upper()}{null.words[1:]}." for null in analysis.structure.nulls]
     text = Markup("{} Rank {} of {} at {} draws of the prior after the cut.").format(
         in_symbols(" ".join(nulls)) or "The design sees every direction.",
-        found.structure.rank,
-        len(found.names),
-        found.structure.draws,
+        analysis.structure.rank,
+        len(analysis.names),
+        analysis.structure.draws,
     )
     seconds = ", ".join(f"{part} {value:.1f} s" for part, value in record["seconds"].items())
     rows: tuple[tuple[Cell, ...], ...] = (
@@ -183,32 +183,32 @@ def method_section(made: Identified) -> Section:
 
 
 @styled
-def coupling_map(found: Coupling, ax: Axes | None = None) -> Axes:
+def coupling_map(coupling: Coupling, ax: Axes | None = None) -> Axes:
     """Draw normal-score correlations: posterior below the diagonal, cut prior above, the groups boxed.
 
     A star marks pairs in which nearest neighbours find more dependence, or less, than the correlation says.
     """
-    count = len(found.names)
+    count = len(coupling.names)
     ax = own_axes(ax, 0.52 * count + 1.2, 0.48 * count + 1.2)
     lower = np.tri(count, k=-1, dtype=bool)
-    values = np.where(lower, found.copula, found.prior_copula)
+    values = np.where(lower, coupling.copula, coupling.prior_copula)
     np.fill_diagonal(values, np.nan)
     ax.pcolormesh(np.ma.masked_invalid(values), cmap="PuOr_r", vmin=-1.6, vmax=1.6, edgecolors="none")
-    starred = _starred(found)
+    starred = _starred(coupling)
     for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
         text = _number(values[i, j]) + ("*" if lower[i, j] and {i, j} in starred else "")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5)
     ax.plot([0, count], [0, count], color=GRID, linewidth=0.7)
-    _boxes(ax, found.groups)
-    _name_cells(ax, found.names)
+    _boxes(ax, coupling.groups)
+    _name_cells(ax, coupling.names)
     ax.text(0.0, count + 0.12, "below: posterior", ha="left", va="top", fontsize=8, color=POSTERIOR)
     ax.text(count, count + 0.12, "above: prior after the cut", ha="right", va="top", fontsize=8, color=PRIOR)
     return ax
 
 
-def _starred(found: Coupling) -> list[set[int]]:
-    rows = found.pairs[found.pairs["disagree"].astype(bool)]
-    places = {name: i for i, name in enumerate(found.names)}
+def _starred(coupling: Coupling) -> list[set[int]]:
+    rows = coupling.pairs[coupling.pairs["disagree"].astype(bool)]
+    places = {name: i for i, name in enumerate(coupling.names)}
     return [{places[a], places[b]} for a, b in zip(rows["first"], rows["second"], strict=True)]
 
 
@@ -237,9 +237,9 @@ def _name_cells(ax: Axes, names: Sequence[str]) -> None:
 
 
 @styled
-def group_coupling(found: Coupling, ax: Axes | None = None) -> Axes:
+def group_coupling(coupling: Coupling, ax: Axes | None = None) -> Axes:
     """Draw the mutual information of every pair of groups: copula (bar), nearest neighbours (mark), prior."""
-    table = found.between
+    table = coupling.between
     ax = own_axes(ax, 4.4, 0.5 * len(table) + 1.1)
     places = np.arange(len(table))[::-1]
     ax.barh(places + 0.14, table["information"], height=0.28, color=POSTERIOR, alpha=0.75)
@@ -268,9 +268,9 @@ def _group(name: str) -> str:
 
 
 @styled
-def contraction_bars(found: Information, ax: Axes | None = None) -> Axes:
+def contraction_bars(information: Information, ax: Axes | None = None) -> Axes:
     """Draw what the data contract of the cut prior, and what the cut has contracted of the stated one."""
-    table = found.parameters
+    table = information.parameters
     ax = own_axes(ax, 4.6, 0.42 * len(table) + 1.1)
     places = np.arange(len(table))[::-1]
     bars = (

@@ -70,7 +70,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What a design lets expect before its readings; see :class:`Identified`."""
+    """Expectations from a design before its readings; see :class:`Identified`."""
 
     study: Study
     found: Outlook
@@ -88,11 +88,11 @@ def identify_result(
     prior, draws = result.values("prior"), result.values()
     mode = result.summary.set_index("parameter")["mode"]
     scaled = np.array([mode[name] * PARAMETERS[name].scale for name in result.names])
-    found = analyse(
+    analysis = analyse(
         posterior(result.study), prior, draws, SeedSequence(seed), mode=scaled, engine=engine, report=report
     )
     source = {"draws_from": "the result", "draws": len(draws), "converged": result.converged}
-    return Identified(result.study, found, _record(result.study, seed, found.seconds, source))
+    return Identified(result.study, analysis, _record(result.study, seed, analysis.seconds, source))
 
 
 def identify_study(
@@ -118,13 +118,13 @@ def identify_study(
 
     samples = sample(target, study.sampling, sampling, update)
     draws = thin(samples.chains).flat
-    found = analyse(target, prior, draws, analysing, engine=engine, report=report)
+    analysis = analyse(target, prior, draws, analysing, engine=engine, report=report)
     source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
-    return Identified(study, found, _record(study, seed, {**samples.seconds, **found.seconds}, source))
+    return Identified(study, analysis, _record(study, seed, {**samples.seconds, **analysis.seconds}, source))
 
 
 def foresee(study: Study, *, seed: int = 1) -> Foreseen:
-    """What the design of a study could determine; its readings, where there are any, do not count.
+    """Parameters that the design of a study could determine; its readings, if any, do not count.
 
     Raises
     ------
@@ -156,24 +156,24 @@ def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str
 
 def tables(made: Identified) -> dict[str, pd.DataFrame]:
     """Everything that was measured, by file name; field units, named in a column ``unit`` or a header."""
-    found, drawn = made.found, made.found.drawn
+    analysis, drawn = made.found, made.found.drawn
     return {
         "verdicts": made.verdicts,
-        "combinations": found.combinations,
+        "combinations": analysis.combinations,
         "groups": drawn.information.counts,
         "directions": drawn.information.directions,
         "information": drawn.information.parameters,
         "coupling": drawn.coupling.pairs,
         "coupling_of_groups": drawn.coupling.between,
-        "profiles": in_field_units(found.profiles.table, ENDS),
-        "profile_points": _points(found),
-        "compensation": found.profiles.compensation().rename_axis("profile").reset_index(),
-        "local": in_field_units(found.spread.table, SPREADS),
-        "local_at_best": in_field_units(found.best.table, SPREADS),
-        "spectrum": pd.DataFrame(found.spread.spectra, columns=_numbered(len(found.names))),
-        "collinearity": found.collinearity.table,
-        "importance": found.collinearity.importance,
-        "structure": found.structure.table,
+        "profiles": in_field_units(analysis.profiles.table, ENDS),
+        "profile_points": _points(analysis),
+        "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
+        "local": in_field_units(analysis.spread.table, SPREADS),
+        "local_at_best": in_field_units(analysis.best.table, SPREADS),
+        "spectrum": pd.DataFrame(analysis.spread.spectra, columns=_numbered(len(analysis.names))),
+        "collinearity": analysis.collinearity.table,
+        "importance": analysis.collinearity.importance,
+        "structure": analysis.structure.table,
         "cloning": drawn.cloned.parameters,
         "cloning_directions": drawn.cloned.directions,
         "power_scaling": drawn.scaling.table,
@@ -193,18 +193,18 @@ def _numbered(count: int) -> list[str]:
     return [f"eigenvalue_{i + 1}" for i in range(count)]
 
 
-def _points(found: Analysis) -> pd.DataFrame:
+def _points(analysis: Analysis) -> pd.DataFrame:
     """Every point of every profile, with the path of all parameters."""
-    parts, names = [], found.names
-    for kind, profiles in found.profiles.found.items():
+    frames, names = [], analysis.names
+    for kind, profiles in analysis.profiles.found.items():
         for profile in profiles:
             path = pd.DataFrame(
                 {_headed(n): field_values(n, x) for n, x in zip(names, profile.path.T, strict=True)}
             )
             values = {"value": field_values(profile.name, profile.values), "rise": profile.rise}
             head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit, **values}
-            parts.append(pd.DataFrame(head).join(path))
-    return pd.concat(parts, ignore_index=True)
+            frames.append(pd.DataFrame(head).join(path))
+    return pd.concat(frames, ignore_index=True)
 
 
 def _headed(name: str) -> str:
@@ -292,6 +292,6 @@ def identify_into(
 
     check_free(out, overwrite=overwrite, mark=MARK)
     with stages(show=not quiet) as show:
-        found = identify(what, seed=seed, engine=engine, progress=show)
-    found.save(out, overwrite=overwrite)
-    return found
+        result = identify(what, seed=seed, engine=engine, progress=show)
+    result.save(out, overwrite=overwrite)
+    return result

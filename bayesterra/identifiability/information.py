@@ -135,18 +135,16 @@ def _seen(matrix: FloatArray, columns: Sequence[int], view: str) -> FloatArray:
     return np.asarray(np.linalg.inv(precision), dtype=np.float64)
 
 
-def _parameters(names: Sequence[str], found: Compared, cut: Compared) -> pd.DataFrame:
-    shares, cut_shares = (c.draws.var(axis=0) / c.reference.var(axis=0) for c in (found, cut))
+def _parameters(names: Sequence[str], data: Compared, cut: Compared) -> pd.DataFrame:
+    shares, cut_shares = (c.draws.var(axis=0) / c.reference.var(axis=0) for c in (data, cut))
     single = np.ones(1)
-    gains, cut_gains = (
-        np.array([c.divergence([i], single) for i in range(len(names))]) for c in (found, cut)
-    )
+    gains, cut_gains = (np.array([c.divergence([i], single) for i in range(len(names))]) for c in (data, cut))
     return pd.DataFrame(
         {
             "parameter": list(names),
             "contraction": 1.0 - shares,
-            "shift": (found.draws.mean(axis=0) - found.reference.mean(axis=0)) / found.reference.std(axis=0),
-            "error": shares * found.relative_error,
+            "shift": (data.draws.mean(axis=0) - data.reference.mean(axis=0)) / data.reference.std(axis=0),
+            "error": shares * data.relative_error,
             "divergence": gains[:, 0],
             "divergence_error": gains[:, 1],
             "cut_contraction": 1.0 - cut_shares,
@@ -157,12 +155,12 @@ def _parameters(names: Sequence[str], found: Compared, cut: Compared) -> pd.Data
 
 
 def _directions(
-    names: Sequence[str], found: Compared, scope: str, columns: Sequence[int], view: str
+    names: Sequence[str], data: Compared, scope: str, columns: Sequence[int], view: str
 ) -> pd.DataFrame:
-    contractions, weights = found.directions(columns, view)
+    contractions, weights = data.directions(columns, view)
     inside = [names[i] for i in columns]
     gains = [
-        found.divergence(columns, column) if view == MARGINAL else (np.nan, np.nan) for column in weights.T
+        data.divergence(columns, column) if view == MARGINAL else (np.nan, np.nan) for column in weights.T
     ]
     return pd.DataFrame(
         {
@@ -171,7 +169,7 @@ def _directions(
             "rank": np.arange(len(inside)) + 1,
             "combination": [in_words(inside, column) for column in weights.T],
             "contraction": contractions,
-            "error": (1.0 - contractions) * found.relative_error,
+            "error": (1.0 - contractions) * data.relative_error,
             "divergence": [gain[0] for gain in gains],
             "divergence_error": [gain[1] for gain in gains],
         }
@@ -273,8 +271,8 @@ def copula_information(first: FloatArray, second: FloatArray) -> float:
     ½ (log|Σ_A| + log|Σ_B| − log|Σ_AB|); for two single columns −½ log(1 − ρ²).
     """
     sets = (first, second, np.column_stack([first, second]))
-    one, other, both = (np.linalg.slogdet(_correlation(columns))[1] for columns in sets)
-    return float(0.5 * (one + other - both))
+    log_a, log_b, log_both = (np.linalg.slogdet(_correlation(columns))[1] for columns in sets)
+    return float(0.5 * (log_a + log_b - log_both))
 
 
 def nearest_information(first: FloatArray, second: FloatArray, k: int = NEIGHBOURS) -> tuple[float, float]:
@@ -313,12 +311,12 @@ def _pairs(matrix: FloatArray) -> FloatArray:
     return matrix[np.triu_indices(len(matrix), 1)]
 
 
-def _compared(parts: Columns, prior: FloatArray, draws: FloatArray, rng: Generator) -> pd.DataFrame:
-    """Both estimates for every pair of parts, under the posterior and under the prior, and their nulls."""
-    after, before = (_Scored.of(parts, values) for values in (draws, prior))
+def _compared(sets: Columns, prior: FloatArray, draws: FloatArray, rng: Generator) -> pd.DataFrame:
+    """Both estimates for every pair of sets, under the posterior and under the prior, and their nulls."""
+    after, before = (_Scored.of(sets, values) for values in (draws, prior))
     # ranks under permutation know nothing of the law: pairs of the same size share their null
     null = cache(lambda a, b: after.null(*after.first_of(a, b), rng))
-    rows = [_row(a, b, after, before) | null(len(parts[a]), len(parts[b])) for a, b in combinations(parts, 2)]
+    rows = [_row(a, b, after, before) | null(len(sets[a]), len(sets[b])) for a, b in combinations(sets, 2)]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -345,39 +343,39 @@ def _row(a: str, b: str, after: _Scored, before: _Scored) -> dict[str, object]:
 
 
 def disagree(figure: float, check: float, error: float) -> bool:
-    """Whether the two estimates (nats) differ by more than their errors and than matters."""
+    """True where the two estimates (nats) differ by more than their errors and than matters."""
     return abs(check - figure) > max(DISAGREEMENT, 3.0 * error, 0.25 * max(figure, check))
 
 
 @dataclass(frozen=True)
 class _Scored:
-    """Normal scores of draws, and whitened coordinates of fewer draws by part."""
+    """Normal scores of draws, and whitened coordinates of fewer draws by set of columns."""
 
-    parts: Columns
+    sets: Columns
     scores: FloatArray
     white: Mapping[str, FloatArray]
 
     @classmethod
-    def of(cls, parts: Columns, draws: FloatArray) -> _Scored:
+    def of(cls, sets: Columns, draws: FloatArray) -> _Scored:
         few = spaced(draws, NEAREST_DRAWS)
         few = few[np.sort(np.unique(few, axis=0, return_index=True)[1])]  # a walker may have stood still
-        return cls(parts, ranked(draws), {name: whitened(few[:, list(held)]) for name, held in parts.items()})
+        return cls(sets, ranked(draws), {name: whitened(few[:, list(held)]) for name, held in sets.items()})
 
     def copula(self, a: str, b: str) -> float:
-        return copula_information(self.scores[:, self.parts[a]], self.scores[:, self.parts[b]])
+        return copula_information(self.scores[:, self.sets[a]], self.scores[:, self.sets[b]])
 
     def nearest(self, a: str, b: str) -> tuple[float, float]:
         return nearest_information(self.white[a], self.white[b])
 
     def first_of(self, a: int, b: int) -> tuple[str, str]:
-        """The first pair of parts with so many columns."""
-        sizes = {name: len(held) for name, held in self.parts.items()}
-        return next(pair for pair in combinations(self.parts, 2) if tuple(map(sizes.get, pair)) == (a, b))
+        """The first pair of sets with so many columns."""
+        sizes = {name: len(held) for name, held in self.sets.items()}
+        return next(pair for pair in combinations(self.sets, 2) if tuple(map(sizes.get, pair)) == (a, b))
 
     def null(self, a: str, b: str, rng: Generator) -> dict[str, float]:
         """95 % points of both estimates where the rows of b are put into random order."""
-        one, other = self.scores[:, self.parts[a]], self.scores[:, self.parts[b]]
-        figures = [copula_information(one, rng.permutation(other)) for _ in range(PERMUTATIONS)]
+        first, second = self.scores[:, self.sets[a]], self.scores[:, self.sets[b]]
+        figures = [copula_information(first, rng.permutation(second)) for _ in range(PERMUTATIONS)]
         near, far = self.white[a], self.white[b]
         checks = [nearest_information(near, rng.permutation(far))[0] for _ in range(NEAREST_PERMUTATIONS)]
         return {

@@ -132,13 +132,13 @@ def information_roots(posterior: Posterior, x: FloatArray, unit: FloatArray) -> 
 
     ``unit`` (d,) are the units of the parameters, SI.
     """
-    found = [np.empty((0, len(unit), len(unit)))]
+    roots_by_batch = [np.empty((0, len(unit), len(unit)))]
     for first in range(0, len(x), _BATCH):
         weighted = weighted_sensitivities(posterior, x[first : first + _BATCH]) * unit
         weighted = weighted[np.isfinite(weighted).all(axis=(1, 2))]
         missing = np.zeros((len(weighted), max(len(unit) - weighted.shape[1], 0), len(unit)))
-        found.append(np.asarray(np.linalg.qr(np.concatenate([weighted, missing], axis=1), mode="r")))
-    roots = np.concatenate(found)
+        roots_by_batch.append(np.asarray(np.linalg.qr(np.concatenate([weighted, missing], axis=1), mode="r")))
+    roots = np.concatenate(roots_by_batch)
     if not len(roots):
         raise ValueError("the model has no answer in some row for every parameter set given")
     return roots
@@ -224,7 +224,7 @@ def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
     chosen = np.unique(np.linspace(0, len(local.roots) - 1, sets).astype(int))
     lengths = np.sqrt((local.roots[chosen] ** 2).sum(axis=1))
     unit = local.roots[chosen] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    parts = [_of_size(local.names, unit, size) for size in range(2, len(local.names) + 1)]
+    tables = [_of_size(local.names, unit, size) for size in range(2, len(local.names) + 1)]
     length = np.median(lengths, axis=0)
     importance = pd.DataFrame(
         {
@@ -234,7 +234,7 @@ def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
         }
     )
     columns = ["size", "subset", "gamma", "highest"]
-    table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
     return Collinearity(local.names, table, importance)
 
 

@@ -25,7 +25,7 @@ STIFF = 1e7
 
 @dataclass(frozen=True)
 class Ends:
-    """Where descents ended: scaled parameters (n, d) and values (n,), +inf where one could not begin."""
+    """Ends of descents: scaled parameters (n, d) and values (n,), +inf where one could not begin."""
 
     y: FloatArray
     value: FloatArray
@@ -137,15 +137,15 @@ def steps(
     Steps p (n, d). Where nothing satisfies the inequalities the step violates them.
     """
     held = fixed[:, None] == np.arange(slope.shape[1])
-    given = np.where(held, shift[:, None], 0.0)
-    slope = np.where(held, 0.0, slope + np.einsum("nij,nj->ni", curvature, given))
-    slack = slack - given @ rows.T + LOOSE
+    imposed = np.where(held, shift[:, None], 0.0)
+    slope = np.where(held, 0.0, slope + np.einsum("nij,nj->ni", curvature, imposed))
+    slack = slack - imposed @ rows.T + LOOSE
     matrix = _without(curvature, held)
     p = _solve(matrix, -slope)
     outside = np.flatnonzero((p @ rows.T > slack).any(axis=1))
     if outside.size:
         p[outside] = _interior_point(_Problems(matrix, slope, slack, held, rows).take(outside).scaled())
-    return p + given
+    return p + imposed
 
 
 def _without(matrix: FloatArray, held: BoolArray) -> FloatArray:
@@ -279,7 +279,7 @@ class Target:
     def local(self, y: FloatArray) -> Local:
         """Quadratic models at scaled parameters (n, d) inside the support."""
         x = self.chart.to_physical(y)
-        score, information = (np.nan_to_num(found) for found in score_and_information(self.posterior, x))
+        score, information = (np.nan_to_num(values) for values in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
         if self.latent or isinstance(self.posterior.likelihood, CorrelatedLikelihood):
@@ -320,7 +320,7 @@ class Target:
 
     @property
     def latent(self) -> bool:
-        """Whether loads are integrated out, which takes long."""
+        """True where loads are integrated out, which takes long."""
         return isinstance(self.posterior.likelihood, LatentLoad)
 
     @cached_property
@@ -342,7 +342,7 @@ class Target:
         return np.nan_to_num(first), np.nan_to_num(second)
 
     def _copula(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What correlation adds to the slope (n, d) of the log prior, and the whole curvature (n, d, d).
+        """Slope (n, d) that correlation adds to the log prior's, and the whole curvature (n, d, d).
 
         The curvature is that of zᵀR⁻¹z/2, which is never negative, with the scores z taken as straight.
         """
@@ -404,7 +404,7 @@ class Chart:
         return np.where(self.logs, x, 1.0) * self.width
 
     def slack(self, y: FloatArray) -> FloatArray:
-        """How far scaled parameters (n, d) lie inside each inequality, (n, k)."""
+        """Slack of scaled parameters (n, d) inside each inequality, (n, k)."""
         return np.asarray(self.limits - y @ self.rows.T)
 
     @cached_property
@@ -414,11 +414,11 @@ class Chart:
 
         unit = np.eye(len(self.low))
         free: list[tuple[None, None]] = [(None, None)] * len(unit)
-        found = [
+        extremes = [
             [linprog(sign * axis, self.rows, self.limits, bounds=free).fun for sign in (1, -1)]
             for axis in unit
         ]
-        ends = np.array([(0.0, -1.0) if None in pair else pair for pair in found], dtype=np.float64)
+        ends = np.array([(0.0, -1.0) if None in pair else pair for pair in extremes], dtype=np.float64)
         return np.asarray(np.clip(ends * np.array([1.0, -1.0]), 0.0, 1.0))
 
 
@@ -434,14 +434,14 @@ def chart(posterior: Posterior) -> Chart:
     rows, limits = [*identity, *-identity], [1.0] * len(names) + [0.0] * len(names)
     for weights, lowest in _physical(posterior):
         roots = {name: prior.root(name) for name in weights}
-        known = sum(weights[name] * prior.fixed.get(root, 0.0) for name, root in roots.items())
+        offset = sum(weights[name] * prior.fixed.get(root, 0.0) for name, root in roots.items())
         row = np.zeros(len(names))
         for name, root in roots.items():
             if root in names:
                 row[names.index(root)] += weights[name]
         if row.any():
             rows.append(-row * width)
-            limits.append(float(row @ low) + known - lowest)
+            limits.append(float(row @ low) + offset - lowest)
     sizes = np.abs(np.array(rows)).max(axis=1)
     return Chart(logs, ends, low, width, np.array(rows) / sizes[:, None], np.array(limits) / sizes)
 

@@ -103,13 +103,13 @@ def _directions_card(made: Identified) -> Verdict:
 
 def _parameters_card(made: Identified) -> Verdict:
     words = made.found.verdicts.groupby("verdict")["parameter"].agg(list).to_dict()
-    known = words.get("determined", [])
+    determined = words.get("determined", [])
     others = [word for word in WORDS if word in words and word != "determined"]
-    parts = [Markup("{}: {}").format(word, symbols(words[word])) for word in others]
-    first = Markup("{} on {} own").format(symbols(known), "its" if len(known) == 1 else "their")
-    sentence = Markup("; ").join([first if known else Markup("None on its own"), *parts])
-    grade = "good" if len(known) == len(made.found.names) else "fair" if known else "poor"
-    word = f"{len(known)} of {len(made.found.names)} determined"
+    phrases = [Markup("{}: {}").format(word, symbols(words[word])) for word in others]
+    first = Markup("{} on {} own").format(symbols(determined), "its" if len(determined) == 1 else "their")
+    sentence = Markup("; ").join([first if determined else Markup("None on its own"), *phrases])
+    grade = "good" if len(determined) == len(made.found.names) else "fair" if determined else "poor"
+    word = f"{len(determined)} of {len(made.found.names)} determined"
     return Verdict("Parameters", word, grade, Markup("{}.").format(sentence))
 
 
@@ -231,14 +231,14 @@ def _profile_section(made: Identified) -> Section:
 
 
 def _lost(failed: int) -> str:
-    """How many points of a profile were not solved; nothing where all were."""
+    """Note of how many points of a profile were not solved; nothing where all were."""
     return f", {failed} not solved" if failed else ""
 
 
 def _moves(text: str) -> Cell:
     """Such as ``n0 −0.4, c1 +0.3``, with symbols."""
-    parts = [part.rsplit(" ", 1) for part in text.split(", ") if part]
-    return listed(Markup("{} {}").format(symbol(name), move) for name, move in parts) if parts else NOTHING
+    pairs = [pair.rsplit(" ", 1) for pair in text.split(", ") if pair]
+    return listed(Markup("{} {}").format(symbol(name), move) for name, move in pairs) if pairs else NOTHING
 
 
 HIGHEST = 6.0
@@ -257,7 +257,7 @@ LINES: dict[str, tuple[str, tuple[float, ...], float]] = {
 
 
 @styled
-def profile_panels(found: Profiles) -> FloatArray:
+def profile_panels(profiles: Profiles) -> FloatArray:
     """Draw one panel per parameter over its prior's range; returns the array of axes (d,).
 
     Blue: 2 Δ log posterior; broken: 2 Δ log likelihood; 0 is the best point of all. Dots: interval ends,
@@ -265,41 +265,41 @@ def profile_panels(found: Profiles) -> FloatArray:
     prior's range; grey areas: nothing is possible there. The title of a panel says its class, the
     likelihood's first where the two differ.
     """
-    count = len(found.names)
+    count = len(profiles.names)
     columns = min(COLUMNS, count)
     rows = -(-count // columns)
     figure = new_figure(2.35 * columns + 0.3, 2.15 * rows + 0.4)
     axes = np.atleast_1d(np.asarray(figure.subplots(rows, columns))).ravel()
-    for i, name in enumerate(found.names):
-        _panel(axes[i], found, name)
+    for i, name in enumerate(profiles.names):
+        _panel(axes[i], profiles, name)
         axes[i].tick_params(labelleft=i % columns == 0)
         if i % columns == 0:
             axes[i].set_ylabel(r"2 $\Delta$ log density")
     for spare in axes[count:]:
         spare.remove()
-    _legend(figure, found)
+    _legend(figure, profiles)
     return np.asarray(axes[:count])
 
 
-def _panel(ax: Axes, found: Profiles, name: str) -> None:
+def _panel(ax: Axes, profiles: Profiles, name: str) -> None:
     scale = PARAMETERS[name].scale
-    ends = found.ranges[found.names.index(name)] / scale
+    ends = profiles.ranges[profiles.names.index(name)] / scale
     for percent, level in LEVELS.items():
         ax.axhline(level, color=GRID, linewidth=0.9)
         ax.annotate(
             f"{percent} %", (1.0, level), xycoords=("axes fraction", "data"), fontsize=6.5,
             ha="right", va="bottom", color=PRIOR,
         )  # fmt: skip
-    for kind in found.found:
-        _curve(ax, found.profile(name, kind), scale)
-    window = _window(found, name) / scale
+    for kind in profiles.found:
+        _curve(ax, profiles.profile(name, kind), scale)
+    window = _window(profiles, name) / scale
     margin = 0.03 * (window[1] - window[0])
-    _bounds(ax, found.profile(name), ends, scale)
+    _bounds(ax, profiles.profile(name), ends, scale)
     part = (window[1] - window[0]) / (ends[1] - ends[0])
     note = "" if part > 0.99 else f", {100 * part:.2g} % of the range"
     ax.set(xlim=(window[0] - margin, window[1] + margin), ylim=(-0.15, HIGHEST))
     ax.set_xlabel(label(PARAMETERS[name]) + note, labelpad=2)
-    ax.set_title(_title(found, name), fontsize=8.5)
+    ax.set_title(_title(profiles, name), fontsize=8.5)
 
 
 def _curve(ax: Axes, profile: Profile, scale: float) -> None:
@@ -333,25 +333,25 @@ def _bounds(ax: Axes, profile: Profile, ends: FloatArray, scale: float) -> None:
             ax.axvspan(*sorted((end, reached)), color=PRIOR, alpha=0.18, linewidth=0)
 
 
-def _window(found: Profiles, name: str) -> FloatArray:
+def _window(profiles: Profiles, name: str) -> FloatArray:
     """The part of the axis that is drawn: the prior's range, or three intervals' widths if that is less."""
-    ends = found.ranges[found.names.index(name)]
-    intervals = np.array([found.profile(name, kind).interval(95) for kind in found.found])
+    ends = profiles.ranges[profiles.names.index(name)]
+    intervals = np.array([profiles.profile(name, kind).interval(95) for kind in profiles.found])
     low, high = intervals[:, 0].min(), intervals[:, 1].max()
     if high - low > NARROW * (ends[1] - ends[0]):
         return np.asarray(ends)
     return np.asarray(np.clip([low - (high - low), high + (high - low)], *ends))
 
 
-def _title(found: Profiles, name: str) -> str:
-    shapes = dict.fromkeys(found.profile(name, kind).shape for kind in found.found)
+def _title(profiles: Profiles, name: str) -> str:
+    shapes = dict.fromkeys(profiles.profile(name, kind).shape for kind in profiles.found)
     text = " / ".join(shapes)
     return text if len(text) < 28 else text.replace(" / ", " /\n")
 
 
-def _legend(figure: Figure, found: Profiles) -> None:
+def _legend(figure: Figure, profiles: Profiles) -> None:
     entries: list[Line2D | Patch] = []
-    for kind in found.found:
+    for kind in profiles.found:
         colour, dashes, width = LINES[kind]
         entries.append(
             Line2D(
@@ -360,24 +360,24 @@ def _legend(figure: Figure, found: Profiles) -> None:
         )
     entries += [
         Line2D([], [], color=INK, marker="o", markersize=3.2, linestyle="none", label="end of an interval"),
-        *_lost_range(found),
+        *_lost_range(profiles),
         Line2D([], [], color=PRIOR, linewidth=2.2, alpha=0.7, label="end of the prior's range"),
         Patch(color=PRIOR, alpha=0.18, linewidth=0, label="impossible"),
     ]
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
 
-def _lost_range(found: Profiles) -> list[Line2D]:
+def _lost_range(profiles: Profiles) -> list[Line2D]:
     """The cross of points that failed, where there are any."""
-    if not any(profile.failed.any() for each in found.found.values() for profile in each):
+    if not any(profile.failed.any() for each in profiles.found.values() for profile in each):
         return []
     return [Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="none", label="not solved")]
 
 
-def profiles_in_words(found: Profiles) -> str:
-    """What the panels show, for those who do not see them."""
+def profiles_in_words(profiles: Profiles) -> str:
+    """Text of the panels, for those who do not see them."""
     said = []
-    for profile in found.found["likelihood"]:
+    for profile in profiles.found["likelihood"]:
         parameter = PARAMETERS[profile.name]
         low, high = (f"{end / parameter.scale:.3g}" for end in profile.interval(95))
         unit = "" if parameter.unit == "-" else f" {parameter.unit}"

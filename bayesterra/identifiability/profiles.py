@@ -32,8 +32,8 @@ LEVELS = {68: 0.99, 95: 3.84}
 KINDS = ("likelihood", "posterior")
 
 CLASSES = ("two-sided", "one-sided", "flat", "bounded only by the prior")
-"""Where a profile crosses the 95 % threshold inside the range: on both sides of the best value; on one; on
-neither, and it stays below the 68 % threshold; on neither, though it rises above that."""
+"""Classes of a profile by its crossings of the 95 % threshold inside the range: on both sides of the best
+value; on one; on neither, and it stays below the 68 % threshold; on neither, though it rises above that."""
 
 POOL = 2000
 """Most draws among which starts are chosen, and draws from the cut prior for that and for its spread."""
@@ -167,7 +167,7 @@ class Profiles:
         return self.found[kind][self.names.index(name)]
 
     def compensation(self, kind: str = "likelihood") -> pd.DataFrame:
-        """How far each parameter (column) moves while another (row) runs over its 95 % interval.
+        """Moves of each parameter (column) while another (row) runs over its 95 % interval.
 
         In standard deviations of the cut prior; negative where it falls as the other rises. The diagonal
         holds the width of the interval itself.
@@ -212,7 +212,7 @@ def profiles(
     rng: Generator,
     draws: FloatArray | None = None,
     prior_draws: FloatArray | None = None,
-    known: FloatArray | None = None,
+    references: FloatArray | None = None,
     engine: Engine | None = None,
 ) -> Profiles:
     """Profile likelihood and posterior density by every free parameter.
@@ -223,7 +223,7 @@ def profiles(
     rng : chooses starts, and draws from the cut prior where none are given.
     draws : draws (n, d) of the posterior; starts are chosen among them and those of the prior.
     prior_draws : draws (n, d) of the cut prior.
-    known : parameter sets (k, d), such as the mode, that the profiles are held against.
+    references : parameter sets (k, d), such as the mode, that the profiles are held against.
     engine : traces the parameters; by default this process. All engines give the same profiles.
 
     Raises
@@ -233,24 +233,24 @@ def profiles(
     if prior_draws is None:
         prior_draws = draw_cut_prior(posterior, POOL, rng).x
     scaled = chart(posterior)
-    given = [np.atleast_2d(points) for points in (known, draws) if points is not None]
-    pool = np.vstack([_thinned(points, rng) for points in (prior_draws, *given)])
-    starts, beforehand = scaled.from_physical(pool), scaled.from_physical(np.vstack([*given, pool[:0]]))
+    point_sets = [np.atleast_2d(points) for points in (references, draws) if points is not None]
+    pool = np.vstack([_thinned(points, rng) for points in (prior_draws, *point_sets)])
+    starts, beforehand = scaled.from_physical(pool), scaled.from_physical(np.vstack([*point_sets, pool[:0]]))
     target = Target(posterior, scaled, False, anchor=np.full(pool.shape[1], 0.5))
     levels = [0.5 * level for level in LEVELS.values()]
     traces = trace(target, starts, levels=levels, rng=rng, engine=engine)
-    found = {KINDS[0]: _Found.of(posterior.names, KINDS[0], target, traces, beforehand)}
+    by_kind = {KINDS[0]: _Found.of(posterior.names, KINDS[0], target, traces, beforehand)}
     target = replace(target, with_prior=True)
     if not all(law.dist == "uniform" for law in posterior.prior.laws.values()):
         starts = np.vstack([starts, traces.best[0]])
         traces = trace(target, starts, levels=levels, rng=rng, engine=engine)
-    found[KINDS[1]] = _Found.of(posterior.names, KINDS[1], target, traces, beforehand)
+    by_kind[KINDS[1]] = _Found.of(posterior.names, KINDS[1], target, traces, beforehand)
     return Profiles(
         posterior.names,
-        {kind: each.profiles for kind, each in found.items()},
-        {kind: each.best for kind, each in found.items()},
-        {kind: each.log_density for kind, each in found.items()},
-        {kind: each.gain for kind, each in found.items()},
+        {kind: each.profiles for kind, each in by_kind.items()},
+        {kind: each.best for kind, each in by_kind.items()},
+        {kind: each.log_density for kind, each in by_kind.items()},
+        {kind: each.gain for kind, each in by_kind.items()},
         prior_draws.std(axis=0),
         scaled.ends,
     )
@@ -283,15 +283,15 @@ class _Found:
         agreeing = (traces.witnesses < traces.value[:, None] + AGREE).sum(axis=1)
         tried = (~np.isnan(traces.witnesses)).sum(axis=1)
         values = _values(target, traces)
-        parts = [np.flatnonzero(traces.column == i) for i in range(len(names))]
+        places = [np.flatnonzero(traces.column == i) for i in range(len(names))]
         rise = 2 * (level[top] - level)
         failed = standing_out(traces.column, -level) & (np.isinf(rise) | (agreeing < 2))
         each = tuple(
             Profile(name, kind, values[own], rise[own], x[own], agreeing[own], tried[own], failed[own])
-            for name, own in zip(names, parts, strict=True)
+            for name, own in zip(names, places, strict=True)
         )
-        known = target.log_density(beforehand).max() if len(beforehand) else np.nan
-        return cls(each, x[top], float(level[top]), float(level[top] - known))
+        reference = target.log_density(beforehand).max() if len(beforehand) else np.nan
+        return cls(each, x[top], float(level[top]), float(level[top] - reference))
 
 
 def _values(target: Target, traces: Traces) -> FloatArray:
@@ -303,7 +303,7 @@ def _values(target: Target, traces: Traces) -> FloatArray:
 
 
 def _moves(profile: Profile, own: int) -> FloatArray:
-    """How far every parameter moves inside the 95 % interval (d,), with the sign of its correlation."""
+    """Move of every parameter inside the 95 % interval (d,), with the sign of its correlation."""
     path = profile.path[profile.inside]
     centred = path - path.mean(axis=0)
     return np.asarray(np.ptp(path, axis=0) * np.where(centred[:, own] @ centred < 0, -1.0, 1.0))

@@ -45,7 +45,7 @@ class Null:
 
 @dataclass(frozen=True)
 class Structure:
-    """What the design of a study can determine.
+    """Structural identifiability: parameters and directions that the design of a study can determine.
 
     Attributes
     ----------
@@ -90,37 +90,37 @@ def structure(posterior: Posterior, prior: FloatArray) -> Structure:
     ------
     ValueError : the model has no answer for any of the draws.
     """
-    found = ranks(posterior, prior, posterior.likelihood.channels)
-    if not len(found.matrices):
+    spectra = ranks(posterior, prior, posterior.likelihood.channels)
+    if not len(spectra.matrices):
         raise ValueError("the model has no answer in some row for every draw of the prior")
-    nulls = (*_soil_nulls(posterior, prior, found), *_noise_nulls(posterior))
-    seen = found.values[:, : found.rank]
+    nulls = (*_soil_nulls(posterior, prior, spectra), *_noise_nulls(posterior))
+    seen = spectra.values[:, : spectra.rank]
     return Structure(
         names=posterior.names,
         design=design_of(posterior),
         rank=len(posterior.names) - sum(len(null.directions) for null in nulls),
         nulls=nulls,
         table=_table(posterior.names, nulls),
-        accidents=float((found.of_sets < found.rank).mean()),
-        least_seen=float(np.median(seen.min(axis=1))) if found.rank else 0.0,
-        most_unseen=float(found.values[:, found.rank :].max(initial=0.0)),
-        draws=len(found.matrices),
+        accidents=float((spectra.of_sets < spectra.rank).mean()),
+        least_seen=float(np.median(seen.min(axis=1))) if spectra.rank else 0.0,
+        most_unseen=float(spectra.values[:, spectra.rank :].max(initial=0.0)),
+        draws=len(spectra.matrices),
     )
 
 
-def _soil_nulls(posterior: Posterior, prior: FloatArray, found: Ranks) -> list[Null]:
+def _soil_nulls(posterior: Posterior, prior: FloatArray, spectra: Ranks) -> list[Null]:
     """Unseen directions of all but the noise."""
     columns = soil_columns(posterior)
     names = [posterior.names[i] for i in columns]
-    unseen, design = found.unseen(), design_of(posterior)
+    unseen, design = spectra.unseen(), design_of(posterior)
     remedies = _remedies(posterior, prior) if unseen else {}
     nulls = []
     for each in unseen:
-        parts = [i for i in range(len(names)) if each.directions[:, i].any()]
-        parameters = tuple(names[i] for i in parts)
+        places = [i for i in range(len(names)) if each.directions[:, i].any()]
+        parameters = tuple(names[i] for i in places)
         directions = np.zeros((len(each.directions), len(posterior.names)))
         directions[:, columns] = each.directions * prior[:, columns].std(axis=0)
-        words = _words(parameters, directions[:, [columns[i] for i in parts]], each.straight)
+        words = _words(parameters, directions[:, [columns[i] for i in places]], each.straight)
         counted = None if each.straight else len(names)
         reasons = [*design.reasons(parameters, counted), *_helped(parameters, remedies)]
         if len(parameters) == len(directions) and not len(design.given):
@@ -143,9 +143,9 @@ def _noise_nulls(posterior: Posterior) -> list[Null]:
 
 
 def _words(parameters: tuple[str, ...], directions: FloatArray, straight: bool) -> str:
-    """What is determined in place of each of ``parameters``; ``directions`` (count, parameters), SI."""
-    known, all_of = len(parameters) - len(directions), len(parameters)
-    if known == 0:
+    """Words on what is determined in place of ``parameters``; ``directions`` (count, parameters), SI."""
+    determined, all_of = len(parameters) - len(directions), len(parameters)
+    if determined == 0:
         return f"no reading depends on {listed(parameters)}"
     if straight and all_of == 2:
         first, second = (PARAMETERS[name].scale for name in parameters)
@@ -153,19 +153,19 @@ def _words(parameters: tuple[str, ...], directions: FloatArray, straight: bool) 
         inside = combination(parameters, np.array([1.0, weight]), least=0.0, digits=3)
         units = [PARAMETERS[name].unit for name in parameters]
         return f"only {inside} is determined" + (f" ({' and '.join(units)})" if set(units) != {"-"} else "")
-    seen = f"{known} of {all_of} directions {'is' if known == 1 else 'are'} determined"
+    seen = f"{determined} of {all_of} directions {'is' if determined == 1 else 'are'} determined"
     bent = (
         ""
         if straight
         else ", which differs from soil to soil"
-        if known == 1
+        if determined == 1
         else ", which differ from soil to soil"
     )
     return f"of {listed(parameters)} only {seen}{bent}"
 
 
 def _remedies(posterior: Posterior, prior: FloatArray) -> dict[tuple[str, ...], set[str]]:
-    """What every channel that is not read would determine, and all of them together."""
+    """Parameters that every channel that is not read would determine, and all of them together."""
     names = [posterior.names[i] for i in soil_columns(posterior)]
     missing, determined = design_of(posterior).missing, {}
     for added in dict.fromkeys([*((name,) for name in missing), missing] if missing else []):
@@ -176,11 +176,11 @@ def _remedies(posterior: Posterior, prior: FloatArray) -> dict[tuple[str, ...], 
 
 
 def _helped(parameters: tuple[str, ...], remedies: Mapping[tuple[str, ...], set[str]]) -> list[str]:
-    """Which further channels would determine some of ``parameters``; several only where one is too few."""
+    """Further channels that would determine some of ``parameters``; several only where one is too few."""
     choices: dict[tuple[str, ...], list[str]] = {}
     for channels, determined in remedies.items():
         new = tuple(name for name in parameters if name in determined)
-        if new and not (len(channels) > 1 and any(set(new) <= set(one) for one in choices)):
+        if new and not (len(channels) > 1 and any(set(new) <= set(earlier) for earlier in choices)):
             words = " and ".join(CHANNELS[name].description for name in channels)
             choices.setdefault(new, []).append(words)
     return [
@@ -222,21 +222,21 @@ class Design:
     readings: int
 
     def reasons(self, parameters: Sequence[str], free: int | None = None) -> list[str]:
-        """What in the design may be why directions among ``parameters`` are not seen.
+        """Reasons in the design why directions among ``parameters`` may not be seen.
 
         ``free`` is the number of parameters to be found, where too few readings may be the reason.
         """
-        found = []
+        reasons = []
         if {"n1", "c2"} & set(parameters) and len(self.slips) == 1:
-            found.append(f"all rows have the slip {self.slips[0]:.3g}")
+            reasons.append(f"all rows have the slip {self.slips[0]:.3g}")
         if set(MODULI) <= set(parameters) and len(self.widths) == 1:
-            found.append(f"all wheels are {1e3 * self.widths[0]:.3g} mm wide")
+            reasons.append(f"all wheels are {1e3 * self.widths[0]:.3g} mm wide")
         load_driven = "normal_force" not in (*self.channels, *self.missing)
         if {"cDP", "cM"} & set(parameters) and load_driven and len(self.given) == 1:
-            found.append(f"all rows have the load {self.given[0]:.3g} N")
+            reasons.append(f"all rows have the load {self.given[0]:.3g} N")
         if free is not None and self.readings < free:
-            found.append(f"{_counted(self.readings, 'different reading')} for {free} parameters")
-        return found
+            reasons.append(f"{_counted(self.readings, 'different reading')} for {free} parameters")
+        return reasons
 
     def __str__(self) -> str:
         """Name rows, slips, widths and channels in a line."""
@@ -344,10 +344,10 @@ class Ranks:
         bent = np.linalg.svd(bent)[2][: len(bent) - len(straight)]
         bent = echelon(bent - bent[:, pivots] @ straight)[0]
         alone = (straight != 0).sum(axis=1) == 1
-        found = [Unseen(straight[alone], True)] if alone.any() else []
+        directions = [Unseen(straight[alone], True)] if alone.any() else []
         for rows, same in ((straight[~alone], True), (bent, False)):
-            found += [Unseen(rows[group], same) for group in gathered(rows != 0)]
-        return sorted(found, key=lambda each: int(each.directions.any(axis=0).argmax()))
+            directions += [Unseen(rows[group], same) for group in gathered(rows != 0)]
+        return sorted(directions, key=lambda each: int(each.directions.any(axis=0).argmax()))
 
 
 def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks:
@@ -356,10 +356,10 @@ def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks
     Sets for which the model has no answer are left out. See :func:`read_where` for the rows.
     """
     soil = soil_columns(posterior)
-    found = sensitivities(posterior, x).of(tuple(channels))
+    slopes = sensitivities(posterior, x).of(tuple(channels))
     read = read_where(posterior, channels)
-    by_x = np.where(read[..., None], found.by_parameter[..., soil] * x[:, soil].std(axis=0), 0.0)
-    by_load = np.where(read, found.by_load * known_inputs(posterior.likelihood)[:, None], 0.0)
+    by_x = np.where(read[..., None], slopes.by_parameter[..., soil] * x[:, soil].std(axis=0), 0.0)
+    by_load = np.where(read, slopes.by_load * known_inputs(posterior.likelihood)[:, None], 0.0)
     rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
     by_x, by_load = by_x / rows[..., None], by_load / rows
     lengths = _lengths(by_x, axis=(1, 2))
@@ -434,8 +434,8 @@ def combination(
     size = np.abs(weights)
     order = np.argsort(-size, kind="stable")[:terms]
     leading = [int(i) for i in order if size[i] > 0 and size[i] >= least * size.max()]
-    parts = [("−" if weights[i] < 0 else "+", _term(names[i], size[i], digits)) for i in leading]
-    text = " ".join(f"{sign} {term}" for sign, term in parts)
+    signed_terms = [("−" if weights[i] < 0 else "+", _term(names[i], size[i], digits)) for i in leading]
+    text = " ".join(f"{sign} {term}" for sign, term in signed_terms)
     return text[2:] if text.startswith("+") else text.replace("− ", "−", 1)
 
 

@@ -162,11 +162,11 @@ class Traces:
         they take less time than a worker needs to start.
         """
         columns, long = tuple(np.unique(self.column).tolist()), _long(self.target)
-        groups = tuple((one,) for one in columns) if long else (columns,)
+        groups = tuple((column,) for column in columns) if long else (columns,)
         task = _Settling(self, points, starts, source)
-        for group, found in completed(task, groups, engine if long else in_process()):
+        for group, solution in completed(task, groups, engine if long else in_process()):
             own = np.isin(self.column, group)
-            self.y[own], self.value[own], self.witnesses[own] = found
+            self.y[own], self.value[own], self.witnesses[own] = solution
 
     @property
     def best(self) -> tuple[FloatArray, float]:
@@ -176,7 +176,7 @@ class Traces:
 
 
 def _long(target: Target) -> bool:
-    """Whether descents take so long that each parameter is worth a task."""
+    """True where descents take so long that each parameter is worth a task."""
     return target.latent
 
 
@@ -212,8 +212,8 @@ def standing_out(column: IntArray, value: FloatArray) -> BoolArray:
     value : minus log density there (g,), +inf where there is none.
     """
     out = np.zeros(len(value), dtype=np.bool_)
-    for one in np.unique(column):
-        own = np.flatnonzero(column == one)
+    for parameter in np.unique(column):
+        own = np.flatnonzero(column == parameter)
         sound = own[np.isfinite(value[own])]
         if len(sound) < 3:
             continue
@@ -253,7 +253,7 @@ def trace(
 
 
 def _unheld(traces: Traces, mode: FloatArray) -> bool:
-    """Whether some profile has no point near the mode that the best of the others shows."""
+    """True where some profile has no point near the mode that the best of the others shows."""
     least = [traces.value[traces.column == i].min() for i in range(len(mode))]
     return bool(max(least) > traces.best[1] + MOVED)
 

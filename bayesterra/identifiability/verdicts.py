@@ -44,7 +44,7 @@ WORDS = ("determined", "one-sided", "weakly", "coupled", "moved", "repeats its p
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was measured about a parameter; what was not measured keeps its default.
+    """Figures measured about a parameter; those not measured keep their defaults.
 
     Attributes
     ----------
@@ -74,50 +74,50 @@ class Evidence:
     shift: float = 0.0
 
 
-def word(found: Evidence) -> str:
+def word(facts: Evidence) -> str:
     """The verdict, one of ``WORDS``."""
-    if not found.structural:
+    if not facts.structural:
         return STRUCTURAL
-    if found.contraction >= DETERMINED and found.bound == "none":
+    if facts.contraction >= DETERMINED and facts.bound == "none":
         return "determined"
-    tied = abs(found.tie) >= COUPLED or found.multiple >= COUPLED_TO_ALL
-    if tied and found.given_others >= WEAK:  # what only the prior ties is no finding
+    tied = abs(facts.tie) >= COUPLED or facts.multiple >= COUPLED_TO_ALL
+    if tied and facts.given_others >= WEAK:  # what only the prior ties is no finding
         return "coupled"
-    if _one_sided(found):
+    if _one_sided(facts):
         return "one-sided"
-    if found.contraction >= WEAK:
+    if facts.contraction >= WEAK:
         return "weakly"
-    moved = abs(found.shift) >= SHIFT or found.divergence >= MOVED
+    moved = abs(facts.shift) >= SHIFT or facts.divergence >= MOVED
     return "moved" if moved else "repeats its prior"
 
 
-def _one_sided(found: Evidence) -> bool:
-    if found.contraction >= DETERMINED:
+def _one_sided(facts: Evidence) -> bool:
+    if facts.contraction >= DETERMINED:
         return True
-    if found.profile:
-        return found.profile == "one-sided" and found.excluded >= EXCLUDED
-    return found.bound in ("lower", "upper") and found.contraction >= WEAK
+    if facts.profile:
+        return facts.profile == "one-sided" and facts.excluded >= EXCLUDED
+    return facts.bound in ("lower", "upper") and facts.contraction >= WEAK
 
 
-def disagreements(found: Evidence, verdict: str) -> tuple[str, ...]:
-    """What speaks against a verdict, in words."""
-    return tuple(_against(found, verdict))
+def disagreements(facts: Evidence, verdict: str) -> tuple[str, ...]:
+    """Objections to a verdict, in words."""
+    return tuple(_against(facts, verdict))
 
 
-def _against(found: Evidence, verdict: str) -> Iterator[str]:
-    known, unknown = verdict == "determined", verdict in ("repeats its prior", STRUCTURAL)
-    if known and found.profile not in ("", "two-sided"):
-        yield f"the likelihood's profile is {found.profile}"
-    if known and found.cloned == "not estimable":
+def _against(facts: Evidence, verdict: str) -> Iterator[str]:
+    determined, unknown = verdict == "determined", verdict in ("repeats its prior", STRUCTURAL)
+    if determined and facts.profile not in ("", "two-sided"):
+        yield f"the likelihood's profile is {facts.profile}"
+    if determined and facts.cloned == "not estimable":
         yield "more of the same data would not narrow it"
-    if verdict == STRUCTURAL and found.profile == "two-sided":
+    if verdict == STRUCTURAL and facts.profile == "two-sided":
         yield "the likelihood's profile is two-sided within the prior's range"
-    if verdict == "repeats its prior" and found.profile == "two-sided" and found.excluded >= EXCLUDED:
-        yield f"the likelihood alone excludes {100 * found.excluded:.0f} % of its prior"
-    if unknown and found.cloned == "estimable":
+    if verdict == "repeats its prior" and facts.profile == "two-sided" and facts.excluded >= EXCLUDED:
+        yield f"the likelihood alone excludes {100 * facts.excluded:.0f} % of its prior"
+    if unknown and facts.cloned == "estimable":
         yield "more of the same data would narrow it"
-    if verdict == "repeats its prior" and found.divergence >= SOME:
-        yield f"its law differs from the prior's by {found.divergence:.2f} nats"
+    if verdict == "repeats its prior" and facts.divergence >= SOME:
+        yield f"its law differs from the prior's by {facts.divergence:.2f} nats"
 
 
 def multiple_correlation(correlation: FloatArray) -> FloatArray:
@@ -151,12 +151,12 @@ def tied_to(contraction: FloatArray, bounds: Sequence[str], correlation: FloatAr
 
 
 def _unknown(contraction: FloatArray, bounds: Sequence[str]) -> BoolArray:
-    """Whether the data leave each parameter (d,) open; one that leans on its prior's end is held by that."""
+    """True where the data leave a parameter (d,) open; one that leans on its prior's end is held by that."""
     return np.asarray((contraction < DETERMINED) | (np.array(bounds) != "none"))
 
 
-def ties(contraction: FloatArray, bounds: Sequence[str], found: Correlated) -> dict[str, FloatArray]:
-    """How each parameter hangs together with the others that are not determined.
+def ties(contraction: FloatArray, bounds: Sequence[str], correlations: Correlated) -> dict[str, FloatArray]:
+    """Ties of each parameter to the others that are not determined.
 
     A parameter that is determined leaves its partner's uncertainty with the partner, so it ties nothing. One
     that leans on a bound of its prior (``bounds``, as in :class:`Evidence`) is held there by the prior alone.
@@ -166,21 +166,22 @@ def ties(contraction: FloatArray, bounds: Sequence[str], found: Correlated) -> d
     ``tie``, ``multiple`` and ``given_others`` of :class:`Evidence`, (d,) each.
     """
     numbers, unknown = np.arange(len(contraction)), _unknown(contraction, bounds)
-    parts = [_tied(int(i), np.flatnonzero(unknown | (numbers == i)), found) for i in numbers]
-    tie, multiple, before = np.array(parts).T
+    rows = [_tied(int(i), np.flatnonzero(unknown | (numbers == i)), correlations) for i in numbers]
+    tie, multiple, before = np.array(rows).T
     left = (1.0 - multiple**2) / np.maximum(1.0 - before**2, 1e-12)
     return {"tie": tie, "multiple": multiple, "given_others": 1.0 - (1.0 - contraction) * left}
 
 
-def _tied(own: int, chosen: IntArray, found: Correlated) -> tuple[float, float, float]:
+def _tied(own: int, chosen: IntArray, correlations: Correlated) -> tuple[float, float, float]:
     """Strongest and multiple correlation with the other chosen parameters, and the latter before the data."""
     others = chosen[chosen != own]
     if not len(others):
         return 0.0, 0.0, 0.0
     block, place = np.ix_(chosen, chosen), int(np.flatnonzero(chosen == own)[0])
-    pairs = found.plain[own, others]
+    pairs = correlations.plain[own, others]
     after, before = (
-        multiple_correlation(matrix[block])[place] for matrix in (found.scores, found.prior_scores)
+        multiple_correlation(matrix[block])[place]
+        for matrix in (correlations.scores, correlations.prior_scores)
     )
     return float(pairs[np.abs(pairs).argmax()]), float(after), float(before)
 
@@ -274,7 +275,7 @@ UNKNOWN = "not known"
 """The verdict where none could be computed."""
 
 BOUNDS = ("none", "lower", "upper", "both")
-"""Which bounds of its prior a parameter leans on."""
+"""Bounds of its prior that a parameter leans on."""
 
 
 @dataclass(frozen=True)
@@ -338,7 +339,7 @@ def identifiability(
             "structural": np.ones(len(names), dtype=bool) if structural is None else structural,
         }
     )
-    words = [word(found) for found in evidence(table)]
+    words = [word(facts) for facts in evidence(table)]
     table.insert(0, "parameter", list(names))
     table.insert(1, "verdict", words)
     table.insert(3, "partner", [names[i] for i in partners])
@@ -369,13 +370,13 @@ def own_scale(x: FloatArray, logs: BoolArray) -> FloatArray:
 
 
 def evidence(table: pd.DataFrame) -> list[Evidence]:
-    """What the columns of a table say of each parameter, for its verdict."""
-    known = [field.name for field in fields(Evidence) if field.name in table]
-    return [Evidence(**dict(zip(known, row, strict=True))) for row in table[known].itertuples(index=False)]
+    """Evidence on each parameter, for its verdict, from the columns of a table."""
+    names = [field.name for field in fields(Evidence) if field.name in table]
+    return [Evidence(**dict(zip(names, row, strict=True))) for row in table[names].itertuples(index=False)]
 
 
 def bound(draws: FloatArray, low: float, high: float) -> str:
-    """Which bounds of its prior the draws (n,) of a parameter lean on, one of ``BOUNDS``.
+    """Bounds of its prior that the draws (n,) of a parameter lean on, one of ``BOUNDS``.
 
     They lean on a bound if the outermost twentieth of them is at least half as dense, up to there, as the
     nine tenths in the middle: without the bound the law would go on beyond it.

@@ -244,7 +244,7 @@ def test_a_point_above_the_profile_is_told() -> None:
     design = np.array([[20.0], [0.0], [0.0]])
     density = linear(laws, design, design @ np.array([0.6]))
     for known, gain in ((0.6, 0.0), (0.7, 2.0)):
-        found = profiles(density, rng=np.random.default_rng(6), known=np.array([[known]]))
+        found = profiles(density, rng=np.random.default_rng(6), references=np.array([[known]]))
         assert found.gain["likelihood"] == pytest.approx(gain, abs=1e-4)
 
 

@@ -111,7 +111,7 @@ def test_profiles_do_not_depend_on_the_starts(eight: tuple[Posterior, Profiles])
     density, found = eight
     truth = np.array([TRUTH[name] for name in density.names])
     near = truth * (1 + 1e-3 * np.random.default_rng(3).standard_normal((50, 8)))
-    again = profiles(density, rng=np.random.default_rng(2), draws=near, known=truth[None])
+    again = profiles(density, rng=np.random.default_rng(2), draws=near, references=truth[None])
     assert again.gain["likelihood"] > 0
     for one, other in zip(found.found["likelihood"], again.found["likelihood"], strict=True):
         width = np.ptp(one.interval(95))
