@@ -106,18 +106,18 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
         laws.append(_fitted(family, alone[e], D[inside], L[:, inside], rng))
     for _ in range(ROUNDS):
         laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
-    found = _evidence(family, laws, rng)
+    evidence = _evidence(family, laws, rng)
     for _ in range(MOST - ROUNDS):
-        if found is not None and found.reliable and found.error < SURE:
+        if evidence is not None and evidence.reliable and evidence.error < SURE:
             break
         laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
-        found = _evidence(family, laws, rng)
+        evidence = _evidence(family, laws, rng)
     with np.errstate(divide="ignore", invalid="ignore"):  # a share of next to nothing, which no draw hits
         share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
-    if found is None or not np.isfinite([share.whole, share.error]).all():
+    if evidence is None or not np.isfinite([share.whole, share.error]).all():
         return UNKNOWN
-    error = float(np.hypot(found.error, share.error))
-    return Level(found.log_z - share.whole, error, found.reliable)
+    error = float(np.hypot(evidence.error, share.error))
+    return Level(evidence.log_z - share.whole, error, evidence.reliable)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _fitted(family: JointFamily, alone: Draws, D: FloatArray, L: FloatArray, rng
 def _drawn(
     family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator
 ) -> _Drawn:
-    """Weigh drivers (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
+    """Weigh shared values (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
     total = family.log_prior(D) - log_law
     repeated, chosen = np.repeat(D, INNER, axis=0), []
     for g, law in enumerate(laws.locals):
@@ -165,10 +165,10 @@ def _improved(family: JointFamily, alone: Draws, laws: OuterLaws, rng: Generator
 def _tempered(log_weights: FloatArray) -> FloatArray:
     """Weights (n,) that sum to 1, to a power at which they are even enough to fit laws to."""
     level = log_weights - log_weights.max()
-    known = level[np.isfinite(level)]
+    finite = level[np.isfinite(level)]
 
     def excess(power: float) -> float:
-        share = 2 * logsumexp(power * known) - logsumexp(2 * power * known) - np.log(len(level))
+        share = 2 * logsumexp(power * finite) - logsumexp(2 * power * finite) - np.log(len(level))
         return float(np.exp(share) - EVEN)
 
     power = 1.0 if excess(1.0) >= 0 else float(brentq(excess, 0.0, 1.0, rtol=1e-3))
@@ -177,21 +177,21 @@ def _tempered(log_weights: FloatArray) -> FloatArray:
 
 
 def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
-    """Weigh fresh draws against the mixture of all laws of drivers; None where hardly any has a weight.
+    """Weigh fresh draws against the mixture of all laws of shared values; None where hardly any has weight.
 
-    Each draw has the laws of locals that belong to its law of drivers. What every adaptation finds alone,
-    its draws against its own law, joins the error: adaptations that disagree have not seen the same.
+    Each draw has the laws of locals that belong to its law of shared values. What every adaptation finds
+    alone, its draws against its own law, joins the error: adaptations that disagree have not seen the same.
     """
     each = LAST // len(laws)
     D = [law.drivers.sample(each, rng) for law in laws]
     levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
     pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
-    parts = zip(laws, D, pooled, strict=True)
-    weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in parts])
+    adaptations = zip(laws, D, pooled, strict=True)
+    weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in adaptations])
     if np.isfinite(weights).sum() < FEWEST:
         return None
     own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
-    return summed(weights).beside([float(logsumexp(one) - np.log(each)) for one in own])
+    return summed(weights).beside([float(logsumexp(log_weights) - np.log(each)) for log_weights in own])
 
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
@@ -231,18 +231,18 @@ class Degree:
 
     def row(self) -> dict[str, Any]:
         """A row of the table."""
-        parts: dict[str, Any] = {}
+        elpd_columns: dict[str, Any] = {}
         for what in ("row", "group"):
             some = self.left_out[self.left_out["what"] == what]
             spread = float(np.sqrt(len(some)) * some["elpd"].std())
-            parts |= {
+            elpd_columns |= {
                 f"elpd_{what}s": float(some["elpd"].sum()),
                 f"se_{what}s": spread,
                 f"error_{what}s": float(np.sqrt((some["error"] ** 2).sum())),
                 f"unreliable_{what}s": int((~some["reliable"]).sum()),
             }
         head = {"pooling": self.name, "converged": self.converged, "log_evidence": self.log_z}
-        return {**head, "log_evidence_error": self.error, "evidence_reliable": self.reliable, **parts}
+        return {**head, "log_evidence_error": self.error, "evidence_reliable": self.reliable, **elpd_columns}
 
 
 def degrees_of(
@@ -281,40 +281,42 @@ def _own(weighed: Weighed, samples: Samples) -> Evidence:
     return weighed.evidence.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
-def _entry(name: str, what: str, label: object, found: Any, correction: float = 0.0) -> dict[str, Any]:
+def _entry(name: str, what: str, label: object, left_out: Any, correction: float = 0.0) -> dict[str, Any]:
     return {
-        "pooling": name, "what": what, "label": str(label), "elpd": found.elpd + correction,
-        "error": found.error, "k": found.k, "reliable": found.reliable,
+        "pooling": name, "what": what, "label": str(label), "elpd": left_out.elpd + correction,
+        "error": left_out.error, "k": left_out.k, "reliable": left_out.reliable,
     }  # fmt: skip
 
 
 def _degree(
-    joint: JointPosterior, name: str, converged: bool, parts: tuple[Weighed, Evidence, PriorShares]
+    joint: JointPosterior, name: str, converged: bool, estimates: tuple[Weighed, Evidence, PriorShares]
 ) -> Degree:
-    weighed, found, shares = parts
+    weighed, evidence, shares = estimates
     entries = []
     for g, (group, own) in enumerate(joint.groups.items()):
         correction = shares.without[g] - shares.whole
         entries.append(_entry(name, "group", group, weighed.left_out(g), correction))
         rows = own.likelihood.observations.rows
         entries += [_entry(name, "row", row, weighed.left_out(g, i)) for i, row in enumerate(rows)]
-    error = float(np.hypot(found.error, shares.error))
-    return Degree(name, converged, found.log_z - shares.whole, error, found.reliable, pd.DataFrame(entries))
+    error = float(np.hypot(evidence.error, shares.error))
+    return Degree(
+        name, converged, evidence.log_z - shares.whole, error, evidence.reliable, pd.DataFrame(entries)
+    )
 
 
 def _apart(
     joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, Evidence, PriorShares]]
 ) -> Degree:
     entries, log_z, variance, reliable = [], 0.0, 0.0, True
-    for (group, own), (weighed, found, shares) in zip(joint.groups.items(), alone, strict=True):
-        log_z += found.log_z - shares.whole
-        variance += found.error**2 + shares.error**2
-        reliable &= found.reliable
+    for (group, own), (weighed, evidence, shares) in zip(joint.groups.items(), alone, strict=True):
+        log_z += evidence.log_z - shares.whole
+        variance += evidence.error**2 + shares.error**2
+        reliable &= evidence.reliable
         entries.append(
             {
-                "pooling": NONE, "what": "group", "label": group, "elpd": found.log_z - shares.whole,
-                "error": float(np.hypot(found.error, shares.error)), "k": found.k_hat,
-                "reliable": found.reliable,
+                "pooling": NONE, "what": "group", "label": group, "elpd": evidence.log_z - shares.whole,
+                "error": float(np.hypot(evidence.error, shares.error)), "k": evidence.k_hat,
+                "reliable": evidence.reliable,
             }
         )  # fmt: skip
         rows = own.likelihood.observations.rows
@@ -323,7 +325,7 @@ def _apart(
 
 
 def preferred(degrees: Sequence[Degree]) -> str:
-    """Which degree of pooling the evidence prefers, in words."""
+    """Degree of pooling that the evidence prefers, in words."""
     if not degrees:
         return "not known: the degrees of pooling could not be compared"
     best, second = sorted(degrees, key=lambda degree: -degree.log_z)[:2]

@@ -1,7 +1,7 @@
 """Evidence, and what each row or group adds to it, by importance sampling from frozen laws.
 
-Of a joint posterior the outer draws are drivers D; given these every group's locals are integrated out by a
-few inner draws from its law, Ẑ_g(D), which is unbiased. Groups being independent given D,
+Of a joint posterior the outer draws are shared values D; given these every group's locals are integrated out
+by a few inner draws from its law, Ẑ_g(D), which is unbiased. Groups being independent given D,
 
     Z = E[p(D) ∏_g Ẑ_g(D) / q(D)],
 
@@ -30,7 +30,7 @@ from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.stats.mixture import ProposalLaw
 
 OUTER, INNER = 4096, 16
-"""Draws of drivers, and of every group's locals for each of them."""
+"""Draws of shared values, and of every group's locals for each of them."""
 
 PLAIN = 16384
 """Draws of a posterior without groups of its own."""
@@ -60,25 +60,25 @@ class Weighed:
         Its error has in it how far the strata lie apart, each weighed against its own proposal.
         """
         likelihood = self.groups.sum(axis=0)
-        found = summed(self.base + likelihood)
+        pooled = summed(self.base + likelihood)
         if self.apart is None:
-            return found
+            return pooled
         own = logsumexp(self.apart + likelihood, axis=1) - np.log(likelihood.shape[1])
-        return found.beside(own.tolist())
+        return pooled.beside(own.tolist())
 
     def left_out(self, group: int, row: int | None = None) -> LeftOutShare:
-        """What all else predicts for a group, or for one of its rows."""
+        """Prediction of all else for a group, or for one of its rows."""
         whole = self.base + self.groups.sum(axis=0)
         others = self.base + np.delete(self.groups, group, axis=0).sum(axis=0)
         without = others if row is None else others + self.rows[group][row]
         flat, left = whole.ravel(), np.where(np.isnan(without), -np.inf, without).ravel()
         log_z, log_left = (logsumexp(part) - np.log(flat.size) for part in (flat, left))
         deviation = np.exp(flat - log_z) - np.exp(left - log_left)
-        known = left[np.isfinite(left)]
+        finite = left[np.isfinite(left)]
         return LeftOutShare(
             float(log_z - log_left),
             float(deviation.std() / np.sqrt(flat.size)),
-            pareto_smoothed(known)[1],
+            pareto_smoothed(finite)[1],
             pareto_limit(flat.size),
         )
 
@@ -100,7 +100,7 @@ class LeftOutShare:
 
     @property
     def reliable(self) -> bool:
-        """Whether the error can be relied on."""
+        """True where the error can be relied on."""
         return self.k <= self.limit
 
 
@@ -122,29 +122,29 @@ def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, in
         for g in range(family.groups):
             groups[g, e], without = _integrated(family, law, g, D[e], inner, rng)
             rows[g].append(without)
-    return Weighed(base, groups, tuple(np.stack(parts, axis=1) for parts in rows), apart)
+    return Weighed(base, groups, tuple(np.stack(strata, axis=1) for strata in rows), apart)
 
 
 def _laws(family: JointFamily, samples: JointSamples, ensemble: int, rng: Generator) -> OuterLaws:
     """Laws to weigh with, from one ensemble's draws of all groups together and of each alone."""
     flat = samples.chains[ensemble].reshape(-1, samples.chains.shape[-1])
-    drivers, own = family.joint.split(flat[:: max(1, len(flat) // FITTED)])
-    L = np.stack([family.locals_from_physical(g, x) for g, x in enumerate(own)])
+    shared, own = family.joint.split(flat[:: max(1, len(flat) // FITTED)])
+    L = np.stack([family.group_from_physical(g, x) for g, x in enumerate(own)])
     chains = [lone.chains[ensemble] for lone in samples.lone.values()]
     alone = [group_coordinates(family, g, chain, rng) for g, chain in enumerate(chains)]
-    return outer_laws(family, samples.laws[ensemble], alone, family.drivers_from_physical(drivers), L, rng)
+    return outer_laws(family, samples.laws[ensemble], alone, family.shared_from_physical(shared), L, rng)
 
 
 def _integrated(
     family: JointFamily, laws: OuterLaws, group: int, D: FloatArray, inner: int, rng: Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Log marginal likelihood (n,) of a group given drivers, and the same without each row (rows, n)."""
+    """Log marginal likelihood (n,) of a group given shared values, and that without each row (rows, n)."""
     repeated = np.repeat(D, inner, axis=0)
     L, log_law = laws.locals[group].sample(D, inner, rng)
-    drivers, _ = family.drivers_to_physical(repeated)
-    population, own = family._prior(drivers, group, L)
+    shared, _ = family.shared_to_physical(repeated)
+    population, own = family._prior(shared, group, L)
     posterior = list(family.joint.groups.values())[group]
-    sets = family.joint.of_group(drivers, own)
+    sets = family.joint.of_group(shared, own)
     likelihood, terms = row_terms(posterior, sets, np.isfinite(population))
     weights = np.where(np.isfinite(terms).all(axis=1), population - log_law, -np.inf)
     total = weights + np.where(np.isfinite(weights), likelihood, 0.0)
@@ -153,8 +153,8 @@ def _integrated(
         with np.errstate(divide="ignore"):
             return np.asarray(logsumexp(level.reshape(len(D), inner), axis=1) - np.log(inner))
 
-    known = np.where(np.isfinite(weights)[:, None], terms, 0.0)
-    return mean(total), np.array([mean(total - known[:, i]) for i in range(terms.shape[1])])
+    finite_terms = np.where(np.isfinite(weights)[:, None], terms, 0.0)
+    return mean(total), np.array([mean(total - finite_terms[:, i]) for i in range(terms.shape[1])])
 
 
 def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -185,20 +185,20 @@ def weigh_plain(
     pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
     x, log_jacobian = coordinates.to_physical(u)
     prior = joint.groups[groups[0]].log_prior(x)
-    known = np.isfinite(prior) & np.isfinite(log_jacobian)
-    base = np.where(known, prior + np.where(known, log_jacobian, 0.0), -np.inf) - pooled
+    candidates = np.isfinite(prior) & np.isfinite(log_jacobian)
+    base = np.where(candidates, prior + np.where(candidates, log_jacobian, 0.0), -np.inf) - pooled
     shape = (len(proposals), each)
     levels, rows = [], []
     for name in groups:
-        likelihood, terms = row_terms(joint.groups[name], x, known)
+        likelihood, terms = row_terms(joint.groups[name], x, candidates)
         inside = np.asarray(np.isfinite(terms).all(axis=1))
         total = np.where(inside, likelihood, -np.inf)
         levels.append(total.reshape(shape))
-        parts = [
+        without = [
             np.where(inside, total - term, -np.inf).reshape(shape)
             for term in np.where(inside[:, None], terms, 0.0).T
         ]
-        rows.append(np.array(parts))
+        rows.append(np.array(without))
     return Weighed(base.reshape(shape), np.array(levels), tuple(rows))
 
 
@@ -212,8 +212,8 @@ class PriorShares:
 
 
 def joint_shares(joint: JointPosterior, rng: Generator, *, outer: int = 4000, inner: int = 16) -> PriorShares:
-    """Of a joint prior: drivers from their laws, every group's locals integrated out by draws."""
-    D = np.repeat(joint.draw_drivers(outer, rng), inner, axis=0)
+    """Of a joint prior: shared values from their laws, every group's locals integrated out by draws."""
+    D = np.repeat(joint.draw_shared(outer, rng), inner, axis=0)
     inside = [
         (posterior.reasons(joint.of_group(D, joint.draw_group(D, rng))) == INSIDE)
         .reshape(outer, inner)

@@ -82,63 +82,63 @@ class JointFamily:
         x = draw_cut_prior(posterior, WIDTH_DRAWS, default_rng(0)).x[:, columns]
         return np.asarray(self._own[0].from_physical(x).std(axis=0))
 
-    def drivers_to_physical(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Physical drivers (n, k) and log Jacobian (n,)."""
+    def shared_to_physical(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Physical shared values (n, k) and log Jacobian (n,)."""
         k = len(self.joint.shared)
         shared, first = self._shared.to_physical(D[:, :k])
         hyper, second = self._hyper.to_physical(D[:, k:])
         return np.concatenate([shared, hyper], axis=1), first + second
 
-    def drivers_from_physical(self, x: FloatArray) -> FloatArray:
-        """Coordinates of physical drivers (n, k)."""
+    def shared_from_physical(self, x: FloatArray) -> FloatArray:
+        """Coordinates of physical shared values (n, k)."""
         k = len(self.joint.shared)
         return np.concatenate(
             [self._shared.from_physical(x[:, :k]), self._hyper.from_physical(x[:, k:])], axis=1
         )
 
-    def locals_to_physical(self, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def group_to_physical(self, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Physical locals (n, d) of a group and log Jacobian (n,)."""
         return self._own[group].to_physical(L)
 
-    def locals_from_physical(self, group: int, x: FloatArray) -> FloatArray:
+    def group_from_physical(self, group: int, x: FloatArray) -> FloatArray:
         """Coordinates of a group's physical locals (n, d)."""
         return self._own[group].from_physical(x)
 
     def log_prior(self, D: FloatArray) -> FloatArray:
         """See :class:`bayesterra.pooling.moves.Family`."""
-        x, log_jacobian = self.drivers_to_physical(D)
-        known = np.asarray(np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian))
-        level = self.joint.log_prior_of_drivers(np.where(known[:, None], x, 0.0))
-        return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf)
+        x, log_jacobian = self.shared_to_physical(D)
+        finite = np.asarray(np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian))
+        level = self.joint.log_prior_of_shared(np.where(finite[:, None], x, 0.0))
+        return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf)
 
     def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
         """See :class:`bayesterra.pooling.moves.Family`."""
-        return self._prior(self.drivers_to_physical(D)[0], group, L)[0]
+        return self._prior(self.shared_to_physical(D)[0], group, L)[0]
 
-    def _prior(self, drivers: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log density given physical drivers, Jacobian included, and physical locals."""
-        own, log_jacobian = self.locals_to_physical(group, L)
-        known = np.asarray(np.isfinite(own).all(axis=1) & np.isfinite(log_jacobian))
-        level = self.joint.log_prior_of_group(drivers, np.where(known[:, None], own, 0.0))
-        return np.where(known, level + np.where(known, log_jacobian, 0.0), -np.inf), own
+    def _prior(self, shared: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log density given physical shared values, Jacobian included, and physical locals."""
+        own, log_jacobian = self.group_to_physical(group, L)
+        finite = np.asarray(np.isfinite(own).all(axis=1) & np.isfinite(log_jacobian))
+        level = self.joint.log_prior_of_group(shared, np.where(finite[:, None], own, 0.0))
+        return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf), own
 
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`bayesterra.pooling.moves.Family`."""
-        drivers, _ = self.drivers_to_physical(D)
-        population, own = self._prior(drivers, group, L)
+        shared, _ = self.shared_to_physical(D)
+        population, own = self._prior(shared, group, L)
         likelihood = np.full(len(D), -np.inf)
         alive = np.flatnonzero(np.isfinite(population))
         if alive.size:
             name = self._names[group]
-            likelihood[alive] = self.joint.log_likelihood_of_group(name, drivers[alive], own[alive])
+            likelihood[alive] = self.joint.log_likelihood_of_group(name, shared[alive], own[alive])
         return population, likelihood
 
     def rescaled(
         self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """See :class:`bayesterra.pooling.moves.Family`."""
-        own, log_jacobian = self.locals_to_physical(group, L)
-        before, after = self.drivers_to_physical(D)[0], self.drivers_to_physical(new)[0]
+        own, log_jacobian = self.group_to_physical(group, L)
+        before, after = self.shared_to_physical(D)[0], self.shared_to_physical(new)[0]
         inside = np.ones(len(L), dtype=bool)
         for i, name in enumerate(self.joint.hyper):
             at, column = len(self.joint.shared) + 2 * i, self.joint.local.index(name)
@@ -150,30 +150,30 @@ class JointFamily:
             inside &= (moved >= low) & (moved <= high) & np.isfinite(log_jacobian)
             own[:, column] = np.where(inside, moved, own[:, column])
         with np.errstate(all="ignore"):  # contact angles, say, may have left their range together
-            found = self.locals_from_physical(group, own)
-            log_jacobian = log_jacobian - self.locals_to_physical(group, found)[1]
-        inside &= np.asarray(np.isfinite(found).all(axis=1)) & np.isfinite(log_jacobian)
-        return np.where(inside[:, None], found, np.nan), np.where(inside, log_jacobian, -np.inf)
+            L_new = self.group_from_physical(group, own)
+            log_jacobian = log_jacobian - self.group_to_physical(group, L_new)[1]
+        inside &= np.asarray(np.isfinite(L_new).all(axis=1)) & np.isfinite(log_jacobian)
+        return np.where(inside[:, None], L_new, np.nan), np.where(inside, log_jacobian, -np.inf)
 
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Slice steps of every mean and spread given the groups' values."""
         k = len(self.joint.shared)
-        own = np.stack([self.locals_to_physical(g, L[g])[0] for g in range(self.groups)])
-        drivers, _ = self.drivers_to_physical(D)
+        own = np.stack([self.group_to_physical(g, L[g])[0] for g in range(self.groups)])
+        shared, _ = self.shared_to_physical(D)
         for i, (name, laws) in enumerate(self.joint.hyper.items()):
             values = own[:, :, self.joint.local.index(name)]
             at, limits = k + 2 * i, self.joint.laws[name].range
-            tied = self.joint.dependence_on(name, drivers, own) if name in self.joint.tied_local else None
+            tied = self.joint.dependence_on(name, shared, own) if name in self.joint.tied_local else None
             for _ in range(SLICES):
-                for column, one in zip((at, at + 1), laws, strict=True):
-                    drivers[:, column] = _sliced(drivers, column, at, values, one, limits, tied, rng)
-        new = self.drivers_from_physical(drivers)
+                for column, law in zip((at, at + 1), laws, strict=True):
+                    shared[:, column] = _sliced(shared, column, at, values, law, limits, tied, rng)
+        new = self.shared_from_physical(shared)
         new[:, :k] = D[:, :k]
         return np.where(np.asarray(np.isfinite(new).all(axis=1))[:, None], new, D)
 
 
 def _sliced(
-    drivers: FloatArray,
+    shared: FloatArray,
     column: int,
     at: int,
     values: FloatArray,
@@ -187,18 +187,18 @@ def _sliced(
     ``tied`` is what correlations of the groups' values add to the log density (n,) at mean and spread.
     The first interval is all of it, so that shrinking alone is exact and nothing needs to be tuned.
     """
-    mean, spread = drivers[:, at].copy(), drivers[:, at + 1].copy()
+    mean, spread = shared[:, at].copy(), shared[:, at + 1].copy()
 
     def level(chosen: FloatArray) -> FloatArray:
         pair = (chosen, spread) if column == at else (mean, chosen)
-        found = np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
+        log_density = np.asarray(log_population(values, pair[0], pair[1], limits).sum(axis=0))
         if tied is None:
-            return found
-        alive = np.isfinite(found)
-        safe = (np.where(alive, one, now) for one, now in zip(pair, drivers[:, at : at + 2].T, strict=True))
-        return np.where(alive, found + tied(*safe), -np.inf)
+            return log_density
+        alive = np.isfinite(log_density)
+        safe = (np.where(alive, new, now) for new, now in zip(pair, shared[:, at : at + 2].T, strict=True))
+        return np.where(alive, log_density + tied(*safe), -np.inf)
 
-    now = drivers[:, column]
+    now = shared[:, column]
     floor = level(now) + np.log(rng.random(len(now)))
     place = law.cdf(now)
     low, high, result = np.zeros(len(now)), np.ones(len(now)), now.copy()
@@ -245,36 +245,36 @@ class ConditionalLaw:
     def _log_scale(self) -> float:
         return float(np.log(self.transport_map.scale[: self.given]).sum())
 
-    def _standard(self, given: FloatArray) -> FloatArray:
+    def _standard(self, others: FloatArray) -> FloatArray:
         k = self.given
-        return np.asarray((given - self.transport_map.centre[:k]) / self.transport_map.scale[:k])
+        return np.asarray((others - self.transport_map.centre[:k]) / self.transport_map.scale[:k])
 
-    def inverse(self, given: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, others: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straight coordinates v (n, d) of points (n, d), and log |d points/dv| (n,)."""
-        v, log_jacobian = self.transport_map.inverse(np.concatenate([given, points], axis=1))
+        v, log_jacobian = self.transport_map.inverse(np.concatenate([others, points], axis=1))
         return v[:, self.given :], log_jacobian - self._log_scale
 
-    def forward(self, given: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, others: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points (n, d) of straight coordinates v (n, d), and log |d points/dv| (n,)."""
-        u, log_jacobian = self.transport_map.forward(np.concatenate([self._standard(given), v], axis=1))
+        u, log_jacobian = self.transport_map.forward(np.concatenate([self._standard(others), v], axis=1))
         return u[:, self.given :], log_jacobian - self._log_scale
 
-    def log_density(self, given: FloatArray, points: FloatArray) -> FloatArray:
+    def log_density(self, others: FloatArray, points: FloatArray) -> FloatArray:
         """Log density (n,) of points (n, d) given the others."""
-        return self._log_straight(given, *self.inverse(given, points))
+        return self._log_straight(others, *self.inverse(others, points))
 
-    def _log_straight(self, given: FloatArray, v: FloatArray, log_jacobian: FloatArray) -> FloatArray:
-        at = self._standard(given)
+    def _log_straight(self, others: FloatArray, v: FloatArray, log_jacobian: FloatArray) -> FloatArray:
+        at = self._standard(others)
         both = self.mixture.log_density(np.concatenate([at, v], axis=1))
         return both - self._marginal.log_density(at) - log_jacobian
 
-    def log_given(self, given: FloatArray) -> FloatArray:
+    def log_given(self, others: FloatArray) -> FloatArray:
         """Log density (n,) of the given coordinates themselves under the law of both."""
-        return self._marginal.log_density(self._standard(given)) - self._log_scale
+        return self._marginal.log_density(self._standard(others)) - self._log_scale
 
-    def sample(self, given: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
-        """One point for each row of ``given``, (n, d), and its log density (n,)."""
-        k, at, of = self.given, self._standard(given), self.mixture
+    def sample(self, others: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
+        """One point for each row of ``others``, (n, d), and its log density (n,)."""
+        k, at, of = self.given, self._standard(others), self.mixture
         distances = self._marginal.distances(at)
         terms = self._marginal.log_terms(distances)
         shares = np.cumsum(np.exp(terms - terms.max(axis=1, keepdims=True)), axis=1)
@@ -285,12 +285,12 @@ class ConditionalLaw:
         normal = stretch[:, None] * rng.standard_normal((len(at), of.means.shape[1] - k))
         v = of.means[chosen, k:] + np.einsum("nij,nj->ni", factors[:, k:, :k], white)
         v += np.einsum("nij,nj->ni", factors[:, k:, k:], normal)
-        points, log_jacobian = self.forward(given, v)
-        return points, self._log_straight(given, v, log_jacobian)
+        points, log_jacobian = self.forward(others, v)
+        return points, self._log_straight(others, v, log_jacobian)
 
 
 def fit_conditional(
-    given: FloatArray,
+    others: FloatArray,
     points: FloatArray,
     widths: FloatArray,
     rng: Generator,
@@ -305,9 +305,9 @@ def fit_conditional(
     widths : standard deviations (d,) of the points before the data; see ``sampling.transport_map``.
     components : of the mixture, at most; ``defensive_weight`` is the share of a wide one beside them.
     """
-    u, weights = np.concatenate([given, points], axis=1), np.ones(len(points))
-    scales = np.concatenate([np.ones(given.shape[1]), widths])
-    transport_map = fit_transport_map(u, weights, scales, given.shape[1])
+    u, weights = np.concatenate([others, points], axis=1), np.ones(len(points))
+    scales = np.concatenate([np.ones(others.shape[1]), widths])
+    transport_map = fit_transport_map(u, weights, scales, others.shape[1])
     v, _ = transport_map.inverse(u)
     mixture = with_defensive_component(fit_mixture(v, weights, components, rng), v, weights, defensive_weight)
-    return ConditionalLaw(transport_map, mixture, given.shape[1])
+    return ConditionalLaw(transport_map, mixture, others.shape[1])

@@ -7,7 +7,7 @@ hierarchical value from its population or from a fitted law, the less from the l
 then what is separate, from its fitted law given all these. Laws of the chain do not follow means and spreads
 of populations, so that they hold far from all draws that they were fitted to. Weights
 are over the density of both halves together (the balance heuristic of Veach and Guibas 1995), which is exact.
-Where all spreads are small they are bounded by what the likelihood is at the drivers.
+Where all spreads are small they are bounded by what the likelihood is at the shared values.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LEAST, GREATEST = 0.1, 0.9
 """Share of a chain's draws that the population itself has, where spreads are great and where small."""
 
 FLAT, HEAVY = 0.3, 4.0
-"""Share of drivers whose spreads are drawn from half-t laws, and degrees of freedom of these."""
+"""Share of shared values whose spreads are drawn from half-t laws, and degrees of freedom of these."""
 
 FITTED = 2048
 """Most draws that the laws of a chain are fitted to."""
@@ -43,19 +43,19 @@ class MarginalLaw:
 
     proposal: Proposal
 
-    def sample(self, given: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
-        """One point for each row of ``given``, (n, d), and its log density (n,)."""
-        points = self.proposal.sample(len(given), rng)
+    def sample(self, others: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
+        """One point for each row of ``others``, (n, d), and its log density (n,)."""
+        points = self.proposal.sample(len(others), rng)
         return points, self.proposal.log_density(points)
 
-    def log_density(self, given: FloatArray, points: FloatArray) -> FloatArray:
+    def log_density(self, others: FloatArray, points: FloatArray) -> FloatArray:
         """Log density (n,) of points (n, d)."""
         return self.proposal.log_density(points)
 
 
 @dataclass(frozen=True)
 class PopulationChain:
-    """Law of a group's locals given drivers: hierarchical values one by one, then separate ones.
+    """Law of a group's locals given shared values: hierarchical values one by one, then separate ones.
 
     Attributes
     ----------
@@ -71,82 +71,82 @@ class PopulationChain:
     scales: FloatArray
 
     @cached_property
-    def _parts(self) -> tuple[tuple[list[int], Coordinates], ...]:
-        return _parts(self.family, self.group)
+    def _blocks(self) -> tuple[tuple[list[int], Coordinates], ...]:
+        return _blocks(self.family, self.group)
 
     def sample(self, D: FloatArray, inner: int, rng: Generator) -> FloatArray:
-        """``inner`` locals (n inner, d) for each of drivers (n, k); NaN where there are no coordinates."""
+        """``inner`` locals (n inner, d) per row of shared values (n, k); NaN where it has no coordinates."""
         joint, repeated = self.family.joint, np.repeat(D, inner, axis=0)
-        drivers, own = (
-            self.family.drivers_to_physical(repeated)[0],
+        shared, own = (
+            self.family.shared_to_physical(repeated)[0],
             np.empty((len(repeated), len(joint.local))),
         )
-        given = repeated[:, : len(joint.shared)]
-        for i, (columns, coordinates) in enumerate(self._parts):
-            w = self.fitted[i].sample(given, rng)[0]
+        others = repeated[:, : len(joint.shared)]
+        for i, (columns, coordinates) in enumerate(self._blocks):
+            w = self.fitted[i].sample(others, rng)[0]
             own[:, columns] = coordinates.to_physical(w)[0]
             if i < len(joint.populations):
-                mine = self._stratified(i, drivers, inner, rng)
-                own[mine, columns[0]] = self._of_population(i, drivers[mine], own[mine], rng)
+                mine = self._stratified(i, shared, inner, rng)
+                own[mine, columns[0]] = self._of_population(i, shared[mine], own[mine], rng)
                 w[mine] = _coordinates(coordinates, own[mine][:, columns])
-            given = np.concatenate([given, np.nan_to_num(w, posinf=0.0, neginf=0.0)], axis=1)
+            others = np.concatenate([others, np.nan_to_num(w, posinf=0.0, neginf=0.0)], axis=1)
         with np.errstate(all="ignore"):  # contact angles, say, may be out of their range together
-            L = self.family.locals_from_physical(self.group, own)
+            L = self.family.group_from_physical(self.group, own)
         return np.where(np.isfinite(L).all(axis=1, keepdims=True), L, np.nan)
 
     def log_density(self, D: FloatArray, L: FloatArray) -> FloatArray:
-        """Log density (n,) of locals (n, d) given drivers (n, k), in the family's coordinates."""
-        drivers = self.family.drivers_to_physical(D)[0]
-        own, total = self.family.locals_to_physical(self.group, L)
-        given = D[:, : len(self.family.joint.shared)]
-        for i, (columns, coordinates) in enumerate(self._parts):
+        """Log density (n,) of locals (n, d) given shared values (n, k), in the family's coordinates."""
+        shared = self.family.shared_to_physical(D)[0]
+        own, total = self.family.group_to_physical(self.group, L)
+        others = D[:, : len(self.family.joint.shared)]
+        for i, (columns, coordinates) in enumerate(self._blocks):
             w = np.nan_to_num(_coordinates(coordinates, own[:, columns]), posinf=0.0, neginf=0.0)
-            level = self.fitted[i].log_density(given, w) - coordinates.to_physical(w)[1]
+            level = self.fitted[i].log_density(others, w) - coordinates.to_physical(w)[1]
             if i < len(self.family.joint.populations):
-                share = self._share(i, drivers)
+                share = self._share(i, shared)
                 level = np.logaddexp(
-                    np.log(share) + self._log_population(i, drivers, own), np.log1p(-share) + level
+                    np.log(share) + self._log_population(i, shared, own), np.log1p(-share) + level
                 )
-            total, given = total + level, np.concatenate([given, w], axis=1)
+            total, others = total + level, np.concatenate([others, w], axis=1)
         return total
 
-    def _share(self, i: int, drivers: FloatArray) -> FloatArray:
+    def _share(self, i: int, shared: FloatArray) -> FloatArray:
         """Share (n,) of draws that a population has."""
-        ratio = np.minimum(self._laws(i, drivers)[1] / self.scales[i], 1e6)
+        ratio = np.minimum(self._laws(i, shared)[1] / self.scales[i], 1e6)
         return np.asarray(np.clip(1.0 / (1.0 + ratio**2), LEAST, GREATEST))
 
-    def _stratified(self, i: int, drivers: FloatArray, inner: int, rng: Generator) -> BoolArray:
-        """Which draws (n inner,) are the population's: as many of each ``inner`` as its share says."""
-        n = len(drivers) // inner
+    def _stratified(self, i: int, shared: FloatArray, inner: int, rng: Generator) -> BoolArray:
+        """Mask (n inner,) of the population's draws: as many of each ``inner`` as its share says."""
+        n = len(shared) // inner
         places = rng.permuted(np.tile(np.arange(inner), (n, 1)), axis=1) + rng.random((n, 1))
-        return np.asarray(places.ravel() < inner * self._share(i, drivers))
+        return np.asarray(places.ravel() < inner * self._share(i, shared))
 
-    def _laws(self, i: int, drivers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _laws(self, i: int, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and spread (n,) of a population."""
-        return self.family.joint.population(self.family.joint.populations[i], drivers)
+        return self.family.joint.population(self.family.joint.populations[i], shared)
 
-    def _of_population(self, i: int, drivers: FloatArray, own: FloatArray, rng: Generator) -> FloatArray:
+    def _of_population(self, i: int, shared: FloatArray, own: FloatArray, rng: Generator) -> FloatArray:
         """Values (n,) given what is shared and the hierarchical values before them."""
         joint = self.family.joint
-        middle, width = joint.score_before(i, drivers, own)
-        z = middle + width * rng.standard_normal(len(drivers))
+        middle, width = joint.score_before(i, shared, own)
+        z = middle + width * rng.standard_normal(len(shared))
         limits = joint.laws[joint.populations[i]].range
-        return population_value(z, *self._laws(i, drivers), limits)
+        return population_value(z, *self._laws(i, shared), limits)
 
-    def _log_population(self, i: int, drivers: FloatArray, own: FloatArray) -> FloatArray:
+    def _log_population(self, i: int, shared: FloatArray, own: FloatArray) -> FloatArray:
         """Log density (n,) of these."""
         joint = self.family.joint
         limits = joint.laws[joint.populations[i]].range
-        values, laws = own[:, joint.local.index(joint.populations[i])], self._laws(i, drivers)
+        values, laws = own[:, joint.local.index(joint.populations[i])], self._laws(i, shared)
         level = log_population(values, *laws, limits)
-        middle, width = joint.score_before(i, drivers, own)
+        middle, width = joint.score_before(i, shared, own)
         if width == 1.0:
             return level
         z = population_score(values, *laws, limits)
         return np.asarray(level + 0.5 * z**2 - 0.5 * ((z - middle) / width) ** 2 - np.log(width))
 
 
-def _parts(family: JointFamily, group: int) -> tuple[tuple[list[int], Coordinates], ...]:
+def _blocks(family: JointFamily, group: int) -> tuple[tuple[list[int], Coordinates], ...]:
     """Columns of locals, and their coordinates: of every hierarchical one, then of all separate ones."""
     joint = family.joint
     posterior = list(joint.groups.values())[group]
@@ -169,23 +169,23 @@ def fit_chain(
     ----------
     alone : locals from the group's posterior alone, whose scale is that of its likelihood.
     """
-    own, given = family.locals_to_physical(group, L)[0], shared
+    own, others = family.group_to_physical(group, L)[0], shared
     fitted: list[ConditionalLaw | MarginalLaw] = []
-    for columns, coordinates in _parts(family, group):
+    for columns, coordinates in _blocks(family, group):
         w, widths = coordinates.from_physical(own[:, columns]), np.ones(len(columns))
-        if given.shape[1]:
-            fitted.append(fit_conditional(given, w, widths, rng))
+        if others.shape[1]:
+            fitted.append(fit_conditional(others, w, widths, rng))
         else:
             fitted.append(MarginalLaw(fit_proposal(w, np.ones(len(w)), widths, 8, 0.1, rng)))
-        given = np.concatenate([given, w], axis=1)
+        others = np.concatenate([others, w], axis=1)
     at = [family.joint.local.index(name) for name in family.joint.populations]
-    scales = family.locals_to_physical(group, alone)[0][:, at].std(axis=0)
+    scales = family.group_to_physical(group, alone)[0][:, at].std(axis=0)
     return PopulationChain(family, group, tuple(fitted), scales + 1e-300)
 
 
 @dataclass(frozen=True)
 class InnerLaw:
-    """Law of a group's locals given drivers, to integrate them out.
+    """Law of a group's locals given shared values, to integrate them out.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class InnerLaw:
     chain: PopulationChain | None
 
     def sample(self, D: FloatArray, inner: int, rng: Generator) -> tuple[FloatArray, FloatArray]:
-        """``inner`` locals (n inner, d) for each of drivers (n, k), one after another; their log density.
+        """``inner`` locals (n inner, d) per row of shared values (n, k), one after another; log density.
 
         Where locals are NaN, being outside the support, the density is 1.
         """
@@ -207,26 +207,26 @@ class InnerLaw:
         first, _ = self.fitted.sample(np.repeat(D, inner - half, axis=0), rng)
         second = self.chain.sample(D, half, rng)
         d = first.shape[1]
-        parts = [first.reshape(len(D), inner - half, d), second.reshape(len(D), half, d)]
-        L = np.concatenate(parts, axis=1).reshape(-1, d)
-        level, known = np.zeros(len(L)), np.flatnonzero(np.isfinite(L).all(axis=1))
-        level[known] = np.logaddexp(
-            np.log((inner - half) / inner) + self.fitted.log_density(repeated[known], L[known]),
-            np.log(half / inner) + self.chain.log_density(repeated[known], L[known]),
+        halves = [first.reshape(len(D), inner - half, d), second.reshape(len(D), half, d)]
+        L = np.concatenate(halves, axis=1).reshape(-1, d)
+        level, finite = np.zeros(len(L)), np.flatnonzero(np.isfinite(L).all(axis=1))
+        level[finite] = np.logaddexp(
+            np.log((inner - half) / inner) + self.fitted.log_density(repeated[finite], L[finite]),
+            np.log(half / inner) + self.chain.log_density(repeated[finite], L[finite]),
         )
         return L, level
 
 
 @dataclass(frozen=True)
 class DefendedDrivers:
-    """Law of drivers: a fitted one, and beside it one whose spreads reach down to nothing.
+    """Law of shared values: a fitted one, and beside it one whose spreads reach down to nothing.
 
     In the second, spreads are independent of all else and their density is that of a half-t law, which is
     flat at zero. Half-normal priors are, and data that agree do not tell small spreads apart.
 
     Attributes
     ----------
-    fitted : of all drivers.
+    fitted : of all shared values.
     others : of all but the spreads.
     columns : of the spreads.
     scales : of the half-t laws.
@@ -269,7 +269,7 @@ def _defended(family: JointFamily, law: Proposal, D: FloatArray, rng: Generator)
 
 @dataclass(frozen=True)
 class OuterLaws:
-    """Laws of the drivers, and of every group's locals to integrate out."""
+    """Laws of the shared values, and of every group's locals to integrate out."""
 
     drivers: Proposal | DefendedDrivers
     locals: tuple[InnerLaw, ...]
@@ -290,7 +290,7 @@ def outer_laws(
     Parameters
     ----------
     alone : draws of the groups' own posteriors.
-    D, L : draws of drivers (n, k) and of locals (groups, n, d) of all together.
+    D, L : draws of shared values (n, k) and of locals (groups, n, d) of all together.
     """
     if not family.joint.populations:
         return OuterLaws(laws.drivers, tuple(InnerLaw(law, None) for law in laws.locals))

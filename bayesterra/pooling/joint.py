@@ -71,15 +71,15 @@ class JointPosterior:
         return tuple(name for name in self.first.names if name not in self.shared)
 
     @cached_property
-    def drivers(self) -> tuple[str, ...]:
+    def shared_and_hyper(self) -> tuple[str, ...]:
         """Shared parameters, then mean and spread of every population: ``K.mean``, ``K.spread``."""
         hyper = (f"{name}.{part}" for name in self.populations for part in (MEAN, SPREAD))
         return (*self.shared, *hyper)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """All parameters: drivers, then those of each group in turn, ``K[Wh11]``."""
-        return (*self.drivers, *(f"{name}[{group}]" for group in self.groups for name in self.local))
+        """All parameters: shared values, then those of each group in turn, ``K[Wh11]``."""
+        return (*self.shared_and_hyper, *(f"{name}[{group}]" for group in self.groups for name in self.local))
 
     @cached_property
     def copula(self) -> SharedCopula | None:
@@ -104,59 +104,59 @@ class JointPosterior:
         prior = self.first.prior
         return prior.names.index(name) in prior.correlated
 
-    def population(self, name: str, drivers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and spread (n,) of a population among drivers."""
+    def population(self, name: str, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and spread (n,) of a population among shared values."""
         at = len(self.shared) + 2 * self.populations.index(name)
-        return drivers[:, at], drivers[:, at + 1]
+        return shared[:, at], shared[:, at + 1]
 
-    def _shared_scores(self, drivers: FloatArray) -> FloatArray:
-        scores = [self.laws[name].score(drivers[:, self.shared.index(name)]) for name in self.tied_shared]
-        return np.column_stack([np.empty((len(drivers), 0)), *scores])
+    def _shared_scores(self, shared: FloatArray) -> FloatArray:
+        scores = [self.laws[name].score(shared[:, self.shared.index(name)]) for name in self.tied_shared]
+        return np.column_stack([np.empty((len(shared), 0)), *scores])
 
-    def _own_scores(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
+    def _own_scores(self, shared: FloatArray, own: FloatArray) -> FloatArray:
         scores = []
         for name in self.tied_local:
             values = own[:, self.local.index(name)]
             if name in self.populations:
                 limits = self.laws[name].range
-                scores.append(population_score(values, *self.population(name, drivers), limits))
+                scores.append(population_score(values, *self.population(name, shared), limits))
             else:
                 scores.append(self.laws[name].score(values))
         return np.column_stack([np.empty((len(own), 0)), *scores])
 
-    def score_before(self, i: int, drivers: FloatArray, own: FloatArray) -> tuple[FloatArray, float]:
+    def score_before(self, i: int, shared: FloatArray, own: FloatArray) -> tuple[FloatArray, float]:
         """Mean (n,) and standard deviation of a hierarchical value's normal score under its population.
 
         Given what is shared and the hierarchical values before the ``i``-th among locals (n, d).
         """
         name, k = self.populations[i], len(self.tied_shared)
         if self.copula is None or name not in self.tied_local:
-            return np.zeros(len(drivers)), 1.0
+            return np.zeros(len(shared)), 1.0
         before = [other for other in self.populations[:i] if other in self.tied_local]
-        scores = [self._shared_scores(drivers)]
+        scores = [self._shared_scores(shared)]
         for other in before:
             values = own[:, self.local.index(other)]
             limits = self.laws[other].range
-            scores.append(population_score(values, *self.population(other, drivers), limits))
+            scores.append(population_score(values, *self.population(other, shared), limits))
         at = [*range(k), *(k + self.tied_local.index(other) for other in before)]
         middle, width = self.copula.conditional(k + self.tied_local.index(name), at)
         return np.asarray(np.column_stack(scores) @ middle), width
 
-    def log_dependence(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
-        """What correlations add to the log density (n,) of a group's locals inside their ranges."""
+    def log_dependence(self, shared: FloatArray, own: FloatArray) -> FloatArray:
+        """Term of correlations in the log density (n,) of a group's locals inside their ranges."""
         if self.copula is None or not self.tied_local:
             return np.zeros(len(own))
-        return self.copula.log_own(self._shared_scores(drivers), self._own_scores(drivers, own))
+        return self.copula.log_own(self._shared_scores(shared), self._own_scores(shared, own))
 
     def dependence_on(
-        self, name: str, drivers: FloatArray, own: FloatArray
+        self, name: str, shared: FloatArray, own: FloatArray
     ) -> Callable[[FloatArray, FloatArray], FloatArray]:
-        """What correlations add to the log density (n,) of all groups' locals (groups, n, d).
+        """Term of correlations in the log density (n,) of all groups' locals (groups, n, d).
 
-        As a function of mean and spread (n,) of a population that correlates, all other drivers held.
+        As a function of mean and spread (n,) of a population that correlates, all other shared values held.
         """
-        shared = np.tile(self._shared_scores(drivers), (len(own), 1))
-        scores = np.concatenate([self._own_scores(drivers, one) for one in own])
+        shared_scores = np.tile(self._shared_scores(shared), (len(own), 1))
+        scores = np.concatenate([self._own_scores(shared, group_own) for group_own in own])
         column, limits = self.tied_local.index(name), self.laws[name].range
         values = own[:, :, self.local.index(name)]
 
@@ -164,7 +164,7 @@ class JointPosterior:
             if self.copula is None:
                 return np.zeros(len(mean))
             scores[:, column] = population_score(values, mean, spread, limits).ravel()
-            return np.asarray(self.copula.log_own(shared, scores).reshape(len(own), -1).sum(axis=0))
+            return np.asarray(self.copula.log_own(shared_scores, scores).reshape(len(own), -1).sum(axis=0))
 
         return added
 
@@ -175,58 +175,58 @@ class JointPosterior:
         return [names.index(n) for n in self.shared], [names.index(n) for n in self.local]
 
     def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Drivers (n, k) and locals (groups, n, d) of parameter sets (n, all)."""
-        k = len(self.drivers)
-        locals_ = x[:, k:].reshape(len(x), len(self.groups), len(self.local))
-        return x[:, :k], np.ascontiguousarray(np.moveaxis(locals_, 1, 0))
+        """Shared values (n, k) and locals (groups, n, d) of parameter sets (n, all)."""
+        k = len(self.shared_and_hyper)
+        group_values = x[:, k:].reshape(len(x), len(self.groups), len(self.local))
+        return x[:, :k], np.ascontiguousarray(np.moveaxis(group_values, 1, 0))
 
-    def joined(self, drivers: FloatArray, locals_: FloatArray) -> FloatArray:
+    def joined(self, shared: FloatArray, group_values: FloatArray) -> FloatArray:
         """The inverse of :meth:`split`, for any leading shape: (..., k) and (..., groups, d)."""
-        flat = locals_.reshape(*locals_.shape[:-2], -1)
-        return np.concatenate([drivers, flat], axis=-1)
+        flat = group_values.reshape(*group_values.shape[:-2], -1)
+        return np.concatenate([shared, flat], axis=-1)
 
-    def of_group(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
-        """Parameter sets (n, names of a group) from drivers (n, k) and a group's locals (n, d)."""
-        x, (shared, local) = np.empty((len(drivers), len(self.first.names))), self._columns
-        x[:, shared], x[:, local] = drivers[:, : len(shared)], own
+    def of_group(self, shared: FloatArray, own: FloatArray) -> FloatArray:
+        """Parameter sets (n, names of a group) from shared values (n, k) and a group's locals (n, d)."""
+        x, (columns, own_columns) = np.empty((len(shared), len(self.first.names))), self._columns
+        x[:, columns], x[:, own_columns] = shared[:, : len(columns)], own
         return x
 
-    def log_prior_of_drivers(self, drivers: FloatArray) -> FloatArray:
+    def log_prior_of_shared(self, shared: FloatArray) -> FloatArray:
         """Log density (n,) of shared parameters, means and spreads under their stated laws."""
-        total, column = np.zeros(len(drivers)), len(self.shared)
+        total, column = np.zeros(len(shared)), len(self.shared)
         for i, name in enumerate(self.shared):
-            total += self.laws[name].log_density(drivers[:, i])
+            total += self.laws[name].log_density(shared[:, i])
         for mean, spread in self.hyper.values():
-            total += mean.log_density(drivers[:, column]) + spread.log_density(drivers[:, column + 1])
-            total = np.where(drivers[:, column + 1] > 0, total, -np.inf)
+            total += mean.log_density(shared[:, column]) + spread.log_density(shared[:, column + 1])
+            total = np.where(shared[:, column + 1] > 0, total, -np.inf)
             column += 2
         total = np.where(np.isfinite(total), total, -np.inf)
-        return total + self.log_dependence_of_shared(drivers)
+        return total + self.log_dependence_of_shared(shared)
 
-    def log_dependence_of_shared(self, drivers: FloatArray) -> FloatArray:
-        """What correlations add to the log density (n,) of the shared parameters."""
+    def log_dependence_of_shared(self, shared: FloatArray) -> FloatArray:
+        """Term of correlations in the log density (n,) of the shared parameters."""
         if self.copula is None or not self.tied_shared:
-            return np.zeros(len(drivers))
-        return self.copula.log_shared(self._shared_scores(drivers))
+            return np.zeros(len(shared))
+        return self.copula.log_shared(self._shared_scores(shared))
 
-    def log_prior_of_group(self, drivers: FloatArray, own: FloatArray) -> FloatArray:
-        """Log density (n,) of a group's locals (n, d) given drivers (n, k), before the physical cut."""
+    def log_prior_of_group(self, shared: FloatArray, own: FloatArray) -> FloatArray:
+        """Log density (n,) of a group's locals (n, d) given shared values (n, k), before the physical cut."""
         total = np.zeros(len(own))
         for i, name in enumerate(self.local):
             if name in self.populations:
-                mean, spread = self.population(name, drivers)
+                mean, spread = self.population(name, shared)
                 total += log_population(own[:, i], mean, spread, self.laws[name].range)
             else:
                 total += self.laws[name].log_density(own[:, i])
         total = np.where(np.isfinite(total), total, -np.inf)
         if self.copula is not None:
             alive = np.flatnonzero(np.isfinite(total))
-            total[alive] += self.log_dependence(drivers[alive], own[alive])
+            total[alive] += self.log_dependence(shared[alive], own[alive])
         return total
 
-    def log_likelihood_of_group(self, group: str, drivers: FloatArray, own: FloatArray) -> FloatArray:
+    def log_likelihood_of_group(self, group: str, shared: FloatArray, own: FloatArray) -> FloatArray:
         """Log likelihood (n,) of a group's rows; −inf outside its physical support."""
-        return self.groups[group].log_prior_and_likelihood(self.of_group(drivers, own))[1]
+        return self.groups[group].log_prior_and_likelihood(self.of_group(shared, own))[1]
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log posterior density (n,) of parameter sets ``x`` (n, d) in the order of ``names``.
@@ -238,9 +238,9 @@ class JointPosterior:
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         if x.ndim != 2 or x.shape[1] != len(self.names):
             raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
-        known = np.asarray(np.isfinite(x).all(axis=1))
-        D, L = self.split(np.where(known[:, None], x, 0.0))
-        total = np.where(known, self.log_prior_of_drivers(D), -np.inf)
+        finite = np.asarray(np.isfinite(x).all(axis=1))
+        D, L = self.split(np.where(finite[:, None], x, 0.0))
+        total = np.where(finite, self.log_prior_of_shared(D), -np.inf)
         for group, own in zip(self.groups, L, strict=True):
             alive = np.flatnonzero(np.isfinite(total))
             total[alive] += self.log_prior_of_group(D[alive], own[alive])
@@ -248,7 +248,7 @@ class JointPosterior:
             total[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
         return total
 
-    def draw_drivers(self, n: int, rng: Generator) -> FloatArray:
+    def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
         tied = np.empty((n, 0)) if self.copula is None else self.copula.draw_shared(n, rng)
         scores = dict(zip(self.tied_shared, tied.T, strict=True))
@@ -257,24 +257,24 @@ class JointPosterior:
         columns += [law.sample(n, rng) for pair in self.hyper.values() for law in pair]
         return np.column_stack(columns)
 
-    def draw_group(self, drivers: FloatArray, rng: Generator) -> FloatArray:
-        """Locals (n, d) of one group for each row of drivers, before the physical cut."""
+    def draw_group(self, shared: FloatArray, rng: Generator) -> FloatArray:
+        """Locals (n, d) of one group for each row of shared values, before the physical cut."""
         scores: dict[str, FloatArray] = {}
         if self.copula is not None and self.tied_local:
-            tied = self.copula.draw_own(self._shared_scores(drivers), rng)
+            tied = self.copula.draw_own(self._shared_scores(shared), rng)
             scores = dict(zip(self.tied_local, tied.T, strict=True))
         columns = []
         for name in self.local:
             law, z = self.laws[name], scores.get(name)
             if name in self.populations:
-                mean, spread = self.population(name, drivers)
+                mean, spread = self.population(name, shared)
                 columns.append(
                     draw_population(mean, spread, law.range, rng)
                     if z is None
                     else population_value(z, mean, spread, law.range)
                 )
             else:
-                columns.append(law.sample(len(drivers), rng) if z is None else law.at_score(z))
+                columns.append(law.sample(len(shared), rng) if z is None else law.at_score(z))
         return np.column_stack(columns)
 
 
@@ -311,11 +311,11 @@ def draw_joint_prior(
     SupportError : no draw of a batch lies in the support of a group.
     """
     kept: list[FloatArray] = []
-    tried = found = 0
-    while found < n:
-        if tried >= 10 * batch and found * most < 10 * n:
+    tried = accepted = 0
+    while accepted < n:
+        if tried >= 10 * batch and accepted * most < 10 * n:
             return _resampled(joint, n, rng, batch)
-        D = joint.draw_drivers(batch, rng)
+        D = joint.draw_shared(batch, rng)
         L = np.empty((len(joint.groups), batch, len(joint.local)))
         alive = np.arange(batch)
         for g, posterior in enumerate(joint.groups.values()):
@@ -325,13 +325,13 @@ def draw_joint_prior(
             if not alive.size:
                 break
         kept.append(joint.joined(D[alive], np.moveaxis(L[:, alive], 0, 1)))
-        tried, found = tried + batch, found + len(alive)
+        tried, accepted = tried + batch, accepted + len(alive)
     return np.concatenate(kept)[:n]
 
 
 def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> FloatArray:
     """The same by sequential importance resampling."""
-    D = joint.draw_drivers(batch, rng)
+    D = joint.draw_shared(batch, rng)
     L = np.empty((len(joint.groups), batch, len(joint.local)))
     for g, (name, posterior) in enumerate(joint.groups.items()):
         L[g] = joint.draw_group(D, rng)
@@ -371,8 +371,8 @@ def log_population(values: FloatArray, mean: FloatArray, spread: FloatArray, lim
     inside = (values >= limits[0]) & (values <= limits[1]) & (spread > 0)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         density = -0.5 * ((values - mean) / spread) ** 2 - np.log(spread) - 0.5 * np.log(2 * np.pi)
-        found = density - log_mass(mean, spread, limits)
-    return np.where(inside & np.isfinite(found), found, -np.inf)
+        log_density = density - log_mass(mean, spread, limits)
+    return np.where(inside & np.isfinite(log_density), log_density, -np.inf)
 
 
 def draw_population(mean: FloatArray, spread: FloatArray, limits: Range, rng: Generator) -> FloatArray:

@@ -17,18 +17,18 @@ from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or
 from bayesterra.stats.transport import Proposal
 
 INDEPENDENT_DRIVERS = 8
-"""Most drivers that are also proposed afresh all at once."""
+"""Most shared values that are also proposed afresh all at once."""
 
 HELD_SHARE = 0.25
-"""Share of sweeps with a move of the shared drivers that holds the locals."""
+"""Share of sweeps with a move of the shared parameters that holds the locals."""
 
 Locals = Literal["carried", "held", "standardised"]
-"""What a move of drivers does with the locals: keep their straight coordinates, their values, or their
+"""Treatment of the locals in a move of shared values: keep their straight coordinates, their values, or their
 distances from the population's mean in units of its spread."""
 
 
 class Family(Protocol):
-    """A density of drivers D (n, k) and locals L of every group (groups, n, d), in unbounded coordinates."""
+    """Density of shared values D (n, k) and locals L of every group (groups, n, d), unbounded coordinates."""
 
     @property
     def groups(self) -> int:
@@ -43,10 +43,10 @@ class Family(Protocol):
         """Standard deviations (d,) of locals before the data."""
 
     def log_prior(self, D: FloatArray) -> FloatArray:
-        """Log density (n,) of drivers; −inf outside the support."""
+        """Log density (n,) of shared values; −inf outside the support."""
 
     def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
-        """Log density (n,) of one group's locals (n, d) given drivers."""
+        """Log density (n,) of one group's locals (n, d) given shared values."""
 
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the group's log likelihood (n,); the latter −inf outside its support."""
@@ -54,18 +54,18 @@ class Family(Protocol):
     def rescaled(
         self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Locals at new drivers, (value − mean)/spread of every population as before, and log |dL'/dL| (n,).
+        """Locals at new shared values, (value − mean)/spread of each population as before; log |dL'/dL| (n,).
 
         NaN where a value would leave its range.
         """
 
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
-        """Drivers (n, k) after a move of those that the likelihood does not see, given locals."""
+        """Shared values (n, k) after a move of those that the likelihood does not see, given locals."""
 
 
 @dataclass(frozen=True)
 class Laws:
-    """Frozen proposals: of the drivers, and of every group's locals given the drivers."""
+    """Frozen proposals: of the shared values, and of every group's locals given the shared values."""
 
     drivers: Proposal
     locals: tuple[ConditionalLaw, ...]
@@ -77,8 +77,8 @@ class Walkers:
 
     Attributes
     ----------
-    D, L : drivers (w, k) and locals (groups, w, d).
-    prior : log density of the drivers (w,).
+    D, L : shared values (w, k) and locals (groups, w, d).
+    prior : log density of the shared values (w,).
     population, likelihood : log densities of every group (groups, w).
     """
 
@@ -133,7 +133,7 @@ class PooledEnsemble:
         self._moved = np.zeros(len(self.walkers.D))
 
     def run(self, sweeps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Take sweeps; drivers (sweeps, w, k), locals (sweeps, groups, w, d), and accepted share (w,)."""
+        """Take sweeps; shared values (sweeps, w, k), locals (sweeps, groups, w, d), accepted share (w,)."""
         D = np.empty((sweeps, *self.walkers.D.shape))
         L = np.empty((sweeps, *self.walkers.L.shape))
         self._moved[:] = 0.0
@@ -152,22 +152,22 @@ class PooledEnsemble:
             self._refresh()
         k = self.walkers.D.shape[1]
         if k <= INDEPENDENT_DRIVERS:
-            self._drivers_anew()
+            self._shared_anew()
         for half in self._halves():
-            self._drivers_by_differences(tuple(range(k)), *half)
+            self._shared_by_differences(tuple(range(k)), *half)
         blocks = [block for block in self.family.blocks if 0 < len(block) < k]
         if blocks:
             block = blocks[self.rng.integers(len(blocks))]
             for half in self._halves():
-                self._drivers_by_differences(block, *half)
+                self._shared_by_differences(block, *half)
         populations = self.family.blocks[1:]
         if populations:
             block = populations[self.rng.integers(len(populations))]
             for half in self._halves():
-                self._drivers_by_differences(block, *half, locals_="standardised")
+                self._shared_by_differences(block, *half, treatment="standardised")
         if self.family.blocks[0] and self.rng.random() < HELD_SHARE:
             for half in self._halves():
-                self._drivers_by_differences(self.family.blocks[0], *half, locals_="held")
+                self._shared_by_differences(self.family.blocks[0], *half, treatment="held")
 
     def _halves(self) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
         order = self.rng.permutation(len(self.walkers.D))
@@ -185,7 +185,7 @@ class PooledEnsemble:
         return np.asarray(np.log(self.rng.random(len(log_ratio))) < log_ratio)
 
     def _anew(self, g: int) -> None:
-        """Propose the locals of a group from their law given the drivers."""
+        """Propose the locals of a group from their law given the shared values."""
         w, law = self.walkers, self.laws.locals[g]
         L, log_new = law.sample(w.D, self.rng)
         population, likelihood = self.family.terms(g, w.D, L)
@@ -218,24 +218,24 @@ class PooledEnsemble:
         for g in range(self.family.groups):
             w.population[g] = self.family.log_population(g, w.D, w.L[g])
 
-    def _drivers_anew(self) -> None:
-        """Propose all drivers from their law, the locals carried along."""
+    def _shared_anew(self) -> None:
+        """Propose all shared values from their law, the locals carried along."""
         law, D = self.laws.drivers, self.walkers.D
         new = law.sample(len(D), self.rng)
         log_ratio = law.log_density(D) - law.log_density(new)
         self._carried(np.arange(len(D)), new, log_ratio, "drivers anew")
 
-    def _drivers_by_differences(
-        self, block: Sequence[int], half: IntArray, other: IntArray, *, locals_: Locals = "carried"
+    def _shared_by_differences(
+        self, block: Sequence[int], half: IntArray, other: IntArray, *, treatment: Locals = "carried"
     ) -> None:
-        """Move some drivers along differences of other walkers; what becomes of the locals is ``locals_``."""
+        """Move some shared values along differences of other walkers; ``treatment`` is that of the locals."""
         straight, columns = self.laws.drivers.transport_map, list(block)
         v, log_jacobian = straight.inverse(self.walkers.D)
         proposed = v[half]
         proposed[:, columns] += self._steps(v[other][:, columns], len(half), len(columns))
         D, log_new = straight.forward(proposed)
-        kind = f"drivers by differences ({len(columns)}), locals {locals_}"
-        self._carried(half, D, log_new - log_jacobian[half], kind, locals_)
+        kind = f"drivers by differences ({len(columns)}), locals {treatment}"
+        self._carried(half, D, log_new - log_jacobian[half], kind, treatment)
 
     def _carried(
         self,
@@ -243,9 +243,9 @@ class PooledEnsemble:
         D: FloatArray,
         log_ratio: FloatArray,
         kind: str,
-        locals_: Locals = "carried",
+        treatment: Locals = "carried",
     ) -> None:
-        """Metropolis step to drivers D of the chosen walkers; ``log_ratio`` of the proposal itself."""
+        """Metropolis step to shared values D of the chosen walkers; ``log_ratio`` of the proposal itself."""
         w = self.walkers
         prior = self.family.log_prior(D)
         alive = np.flatnonzero(np.isfinite(prior))
@@ -254,11 +254,11 @@ class PooledEnsemble:
         population, likelihood = np.empty(L.shape[:2]), np.empty(L.shape[:2])
         for g in range(self.family.groups):
             law, now = self.laws.locals[g], chosen[alive]
-            if locals_ == "carried":
+            if treatment == "carried":
                 v, before = law.inverse(w.D[now], w.L[g][now])
                 L[g][alive], after = law.forward(D[alive], v)
                 level[alive] += after - before
-            elif locals_ == "standardised":
+            elif treatment == "standardised":
                 L[g][alive], log_jacobian = self.family.rescaled(g, w.D[now], w.L[g][now], D[alive])
                 level[alive] += log_jacobian
                 alive = alive[np.isfinite(level[alive])]
@@ -280,7 +280,7 @@ _WORD = 2**64
 
 @dataclass(frozen=True)
 class JointState:
-    """Where an ensemble stands: all that its next sweep depends on.
+    """State of an ensemble: all that its next sweep depends on.
 
     Attributes
     ----------
@@ -343,7 +343,7 @@ class JointSegment:
 
     Attributes
     ----------
-    D, L : drivers (sweeps, w, k) and locals (sweeps, groups, w, d).
+    D, L : shared values (sweeps, w, k) and locals (sweeps, groups, w, d).
     share : accepted share of each walker (w,).
     end : where the ensemble stands then.
     """
@@ -359,11 +359,11 @@ def begun_or_saved(
 ) -> PooledEnsemble:
     """The ensemble that is begun, or the one in the checkpoint store."""
     name = f"joint-{number}-begun"
-    found = checkpoint_store.holds(name)
+    saved = checkpoint_store.holds(name)
     ensemble = load_or_compute(checkpoint_store, name, JointState, lambda: JointState.of(begin())).ensemble(
         family
     )
-    if found:
+    if saved:
         check_densities(ensemble)
     return ensemble
 
@@ -382,15 +382,15 @@ def load_or_run_segment(
         D, L, share = ensemble.run(sweeps)
         return JointSegment(D, L, share, JointState.of(ensemble))
 
-    found = checkpoint_store.holds(name)
-    leg = load_or_compute(checkpoint_store, name, JointSegment, taken)
-    if found:
-        check_densities(leg.end.ensemble(ensemble.family))
-    return leg
+    saved = checkpoint_store.holds(name)
+    segment = load_or_compute(checkpoint_store, name, JointSegment, taken)
+    if saved:
+        check_densities(segment.end.ensemble(ensemble.family))
+    return segment
 
 
 def check_densities(ensemble: PooledEnsemble) -> None:
     """Make sure that saved walkers have the density here that they had where they were saved."""
-    known = ensemble.walkers.log_density
+    saved = ensemble.walkers.log_density
     here = Walkers.at(ensemble.family, ensemble.walkers.D, ensemble.walkers.L).log_density
-    check_drift(float(np.max(np.abs(here - known) / (1.0 + np.abs(known)))))
+    check_drift(float(np.max(np.abs(here - saved) / (1.0 + np.abs(saved)))))

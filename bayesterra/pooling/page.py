@@ -100,9 +100,11 @@ def pooled_page(result: PooledResult) -> PooledPage:
 
 
 def _sampling(result: PooledResult) -> Verdict:
-    found = result.record["verdict"]
-    figures_ = Markup("R-hat {}, {} effective draws").format(plain(found["r_hat"], 4), plain(found["ess"]))
-    beside = [name for name, good in found["compared_with"].items() if not good]
+    convergence = result.record["verdict"]
+    figures_ = Markup("R-hat {}, {} effective draws").format(
+        plain(convergence["r_hat"], 4), plain(convergence["ess"])
+    )
+    beside = [name for name, good in convergence["compared_with"].items() if not good]
     rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
     if result.converged:
         grade = "fair" if beside else "good"
@@ -117,8 +119,8 @@ def _named(text: object) -> Markup:
 
 def _sharing(result: PooledResult) -> Verdict:
     alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated", beside=OPEN)
-    parts = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
-    parts += [
+    clauses = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
+    clauses += [
         Markup("{}, with the others as stated: {}").format(word, listed(names))
         for word, names in stated.items()
         if word != OPEN
@@ -126,17 +128,17 @@ def _sharing(result: PooledResult) -> Verdict:
     rows = result.sharing.to_dict("records")
     open_ = [_named(row["parameter"]) for row in rows if not _decided(row)]
     if open_:
-        parts.append(Markup("{}: {}").format(OPEN, listed(open_)))
+        clauses.append(Markup("{}: {}").format(OPEN, listed(open_)))
     decided = len(rows) - len(open_)
     grade = "good" if decided else "fair"
     word = f"{decided} of {len(rows)} decided"
     if line := failed(result.record, "sharing"):
         return Verdict("One value for all?", "not known", "fair", Markup("{}").format(line))
-    return Verdict("One value for all?", word, grade, Markup("; ").join(parts) + ".")
+    return Verdict("One value for all?", word, grade, Markup("; ").join(clauses) + ".")
 
 
 def _decided(row: Mapping[Any, Any]) -> bool:
-    """Whether the groups' own posteriors or the joint one tell."""
+    """True where the groups' own posteriors or the joint one tell."""
     words = (row["verdict"], row.get("verdict_as_stated"))
     return any(isinstance(word, str) and word not in ("", OPEN) for word in words)
 
@@ -146,10 +148,10 @@ def _preferred(result: PooledResult) -> Verdict:
     if line := failed(result.record, "degrees", "complete"):
         return Verdict("Evidence prefers", "not known", "fair", Markup("{}").format(line))
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
-    parts = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
+    clauses = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
     grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
-    return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(parts)))
+    return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(clauses)))
 
 
 def _sharing_section(result: PooledResult) -> Section:
@@ -225,22 +227,22 @@ def _by_word(result: PooledResult, column: str, *, beside: str | None = None) ->
 
     ``beside``: only those with this verdict from the groups alone.
     """
-    parts: dict[str, list[Markup]] = {}
+    by_word: dict[str, list[Markup]] = {}
     for row in result.sharing.to_dict("records"):
         word = row.get(column)
         if isinstance(word, str) and word and beside in (None, row["verdict"]):
-            parts.setdefault(word, []).append(_named(row["parameter"]))
-    return dict(sorted(parts.items(), key=lambda part: part[0] == OPEN))
+            by_word.setdefault(word, []).append(_named(row["parameter"]))
+    return dict(sorted(by_word.items(), key=lambda part: part[0] == OPEN))
 
 
-def _sentences(parts: Mapping[str, list[Markup]]) -> Markup:
+def _sentences(names_by_word: Mapping[str, list[Markup]]) -> Markup:
     words = {
         CONSTANT: "All groups have one value of",
         OPEN: "The data cannot tell for",
     }
     sentences = [
         Markup("{} {}.").format(words.get(word, "Each group has its own value of"), listed(names))
-        for word, names in parts.items()
+        for word, names in names_by_word.items()
     ]
     return Markup(" ").join(sentences)
 
@@ -373,7 +375,7 @@ def _prior_section(result: PooledResult) -> Section:
 
 
 def joined_laws(study: Study) -> Markup | str:
-    """Whether laws are independent; if not, each pair with its correlation."""
+    """Independence of laws in words; where they are not independent, each pair with its correlation."""
     if not study.prior.correlation:
         return "independent of each other"
     named = (
@@ -433,10 +435,10 @@ def group_strip(result: PooledResult, name: str) -> Axes:
         source = name if shared else f"{name}.mean"
         _bar(ax, joint[source].to_numpy().ravel() / scale, len(groups), POSTERIOR)
         rows.append("all groups" if shared else "population mean")
-    known = result.study.truth or result.study.published
-    if known is not None and name in known.values:
+    reference = result.study.truth or result.study.published
+    if reference is not None and name in reference.values:
         mark = MARKS["truth"]
-        ax.plot([known.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
+        ax.plot([reference.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
                 markerfacecolor="none", markersize=5, linestyle="none")  # fmt: skip
     names = [literal(row) for row in rows]
     ax.set(yticks=np.arange(len(rows)), yticklabels=names, ylim=(len(rows) - 0.4, -0.6))

@@ -73,7 +73,7 @@ class PooledResult:
 
     @property
     def converged(self) -> bool:
-        """Whether the joint posterior and both extremes beside it passed every check."""
+        """True where the joint posterior and both extremes beside it passed every check."""
         return bool(self.record["verdict"]["converged"])
 
     @property
@@ -189,43 +189,43 @@ def as_stated(evidences: Evidences) -> dict[str, Sharing]:
 
 def sentence(verdicts: Sequence[Sharing]) -> str:
     """All verdicts in one sentence."""
-    parts = []
+    clauses = []
     for word in dict.fromkeys(verdict.verdict for verdict in verdicts):
         named = [
-            " and ".join(PARAMETERS[n].symbol for n in one.names)
-            + (" together" if len(one.names) > 1 else "")
-            for one in verdicts
-            if one.verdict == word
+            " and ".join(PARAMETERS[n].symbol for n in sharing.names)
+            + (" together" if len(sharing.names) > 1 else "")
+            for sharing in verdicts
+            if sharing.verdict == word
         ]
-        parts.append(f"{word}: {', '.join(named)}")
-    return "; ".join(parts) + "."
+        clauses.append(f"{word}: {', '.join(named)}")
+    return "; ".join(clauses) + "."
 
 
 def _sharing_table(
     joint: JointPosterior, verdicts: Sequence[Sharing], stated: Mapping[str, Sharing], kept: ThinnedDraws
 ) -> pd.DataFrame:
     rows = []
-    for one in verdicts:
+    for sharing in verdicts:
         row: dict[str, Any] = {
-            "parameter": " and ".join(one.names),
-            "role": ", ".join(dict.fromkeys(role(joint, name) for name in one.names)),
-            "log_bayes_factor": one.log_factor,
-            "against_own_values": one.against_own,
-            "against_a_population": one.against_population,
-            "error": one.error,
-            "reliable": one.reliable,
-            "verdict": one.verdict,
+            "parameter": " and ".join(sharing.names),
+            "role": ", ".join(dict.fromkeys(role(joint, name) for name in sharing.names)),
+            "log_bayes_factor": sharing.log_factor,
+            "against_own_values": sharing.against_own,
+            "against_a_population": sharing.against_population,
+            "error": sharing.error,
+            "reliable": sharing.reliable,
+            "verdict": sharing.verdict,
         }
-        given = stated.get(one.names[0]) if len(one.names) == 1 else None
+        stated_sharing = stated.get(sharing.names[0]) if len(sharing.names) == 1 else None
         row |= {
-            "log_bayes_factor_as_stated": given.log_factor if given else np.nan,
-            "error_as_stated": given.error if given else np.nan,
-            "reliable_as_stated": given.reliable if given else True,
-            "verdict_as_stated": given.verdict if given else "",
+            "log_bayes_factor_as_stated": stated_sharing.log_factor if stated_sharing else np.nan,
+            "error_as_stated": stated_sharing.error if stated_sharing else np.nan,
+            "reliable_as_stated": stated_sharing.reliable if stated_sharing else True,
+            "verdict_as_stated": stated_sharing.verdict if stated_sharing else "",
         }
         spread = dict.fromkeys(("spread_median", "spread_hdi90_lo", "spread_hdi90_hi"), np.nan)
-        if one.names[0] in joint.populations and len(one.names) == 1:
-            name = one.names[0]
+        if sharing.names[0] in joint.populations and len(sharing.names) == 1:
+            name = sharing.names[0]
             values = kept.flat[:, joint.names.index(f"{name}.{SPREAD}")] / law_sd(joint.laws[name])
             low, high = hdi(values, 0.9)
             spread = {
@@ -245,13 +245,13 @@ def role(joint: JointPosterior, name: str) -> str:
 def quantity_of(name: str) -> Parameter:
     """The quantity that a parameter of a joint posterior is, under its whole name."""
     base = name.split("[")[0].split(".")[0]
-    known = PARAMETERS[base]
+    quantity = PARAMETERS[base]
     if name == base:
-        return known
+        return quantity
     part = name.removeprefix(base)
     words = {f".{MEAN}": "population mean", f".{SPREAD}": "spread between groups"}
-    description = f"{known.description}, {words.get(part, part.strip('[]'))}"
-    return replace(known, name=name, symbol=f"{known.symbol}{part}", description=description)
+    description = f"{quantity.description}, {words.get(part, part.strip('[]'))}"
+    return replace(quantity, name=name, symbol=f"{quantity.symbol}{part}", description=description)
 
 
 def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd.DataFrame:
@@ -270,10 +270,10 @@ def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd
 
 def _verdict(samples: JointSamples, complete: Samples | None) -> dict[str, Any]:
     """The joint sampling's verdict; those of the posteriors it is compared with beside it."""
-    found = sampler.of_diagnosis(samples.diagnosis)
+    verdict = sampler.of_diagnosis(samples.diagnosis)
     beside = {COMPLETE: complete is not None and complete.diagnosis.converged}
     beside |= {f"{name} alone": lone.diagnosis.converged for name, lone in samples.lone.items()}
-    return {**found, "compared_with": beside}
+    return {**verdict, "compared_with": beside}
 
 
 def _tree(
@@ -316,15 +316,15 @@ def _tree(
 def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     """Label draws (chain, draw, d): a variable per parameter, the groups' own with the dimension group."""
     variables: dict[str, Any] = {}
-    for i, name in enumerate(joint.drivers):
+    for i, name in enumerate(joint.shared_and_hyper):
         variables[name] = (("chain", "draw"), chains[:, :, i])
-    k, d = len(joint.drivers), len(joint.local)
+    k, d = len(joint.shared_and_hyper), len(joint.local)
     for i, name in enumerate(joint.local):
         variables[name] = (("chain", "draw", "group"), chains[:, :, k + i :: d])
     dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
     for name in map(str, dataset.data_vars):
-        known = PARAMETERS[name.split(".")[0]]
-        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(known.name, known.dimension or "1")
+        quantity = PARAMETERS[name.split(".")[0]]
+        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(quantity.name, quantity.dimension or "1")
         dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
     return dataset
 
@@ -333,11 +333,11 @@ def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[i
     """Log likelihood of every row in the fit, (chain, draw, row), in the table's order; all channels."""
     flat = chains.reshape(-1, chains.shape[2])
     D, L = joint.split(flat)
-    parts, rows = [], []
+    terms, rows = [], []
     for own, (_, density) in zip(L, joint.groups.items(), strict=True):
         x = joint.of_group(D, own)
-        parts.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
+        terms.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
         rows += list(density.likelihood.observations.rows)
-    values = np.concatenate(parts, axis=1).reshape(*chains.shape[:2], -1)
-    found = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
-    return found.sel(row=list(order))
+    values = np.concatenate(terms, axis=1).reshape(*chains.shape[:2], -1)
+    likelihoods = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
+    return likelihoods.sel(row=list(order))

@@ -56,7 +56,7 @@ class PoolingOptions:
 
     Attributes
     ----------
-    warm_ups : sweeps of each pilot run, after which all laws are fitted anew.
+    warm_ups : sweeps of each warm-up, after which all laws are fitted anew.
     lone : adaptation of each group's own sampler.
     """
 
@@ -75,7 +75,7 @@ class JointSamples:
     acceptance : share of accepted proposals of groups' locals (ensembles, walkers).
     diagnosis : the verdict.
     lone : samples of each group alone under the stated prior, by group.
-    laws : each ensemble's frozen laws, of drivers and of every group's locals.
+    laws : each ensemble's frozen laws, of shared values and of every group's locals.
     moves : accepted share of each kind of move, over all ensembles.
     seconds : wall time by stage; ``processor`` is the processor time of all.
     """
@@ -118,14 +118,14 @@ def sample_groups(
     """Sample each group's posterior alone, under the stated prior: no pooling."""
     ess, steps = min(options.target_ess, LONE_ESS), min(options.max_steps, LONE_STEPS)
     asked = replace(options, target_ess=ess, max_steps=steps)
-    found = {}
+    samples = {}
     for number, (stream, (group, posterior)) in enumerate(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
     ):
         own = _Named(checkpoint_store or NoCheckpointStore(), f"group-{number + 1}")
-        found[group] = sample(posterior, asked, stream, report, adaptation, own)
+        samples[group] = sample(posterior, asked, stream, report, adaptation, own)
         report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
-    return found
+    return samples
 
 
 def sample_joint(
@@ -162,7 +162,7 @@ def sample_joint(
 
     watch = Steps(report)
 
-    def piloted_by(number: int) -> PooledEnsemble:
+    def warmed_up_by(number: int) -> PooledEnsemble:
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
         D, L = starting_points(family, chains, rng)
@@ -172,7 +172,7 @@ def sample_joint(
         return ensemble
 
     def begun(number: int) -> PooledEnsemble:
-        return begun_or_saved(checkpoint_store, number + 1, family, partial(piloted_by, number))
+        return begun_or_saved(checkpoint_store, number + 1, family, partial(warmed_up_by, number))
 
     with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
         report(Progress("adapting", 0.0))
@@ -188,17 +188,17 @@ def sample_joint(
         "production": time.perf_counter() - adapted,
         "processor": time.process_time() - processor,
     }
-    laws = tuple(one.laws for one in ensembles)
+    laws = tuple(ensemble.laws for ensemble in ensembles)
     return JointSamples(joint, chains, acceptance, diagnosis, lone, laws, moves, seconds)
 
 
 def _shares(ensembles: list[PooledEnsemble]) -> dict[str, float]:
     """Accepted share of each kind of move."""
     total = Counts()
-    for one in ensembles:
-        for kind, tried in one.counts.tried.items():
+    for ensemble in ensembles:
+        for kind, tried in ensemble.counts.tried.items():
             total.tried[kind] = total.tried.get(kind, 0.0) + tried
-            total.accepted[kind] = total.accepted.get(kind, 0.0) + one.counts.accepted[kind]
+            total.accepted[kind] = total.accepted.get(kind, 0.0) + ensemble.counts.accepted[kind]
     return total.shares
 
 
@@ -212,7 +212,7 @@ def _produced(
 ) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
     """Rounds of sweeps until the diagnosis passes or the steps run out; also the ensembles that made them.
 
-    Walkers that stand in a far tail show that pilot runs saw too little of it. So after ``PATIENCE`` sweeps
+    Walkers that stand in a far tail show that warm-ups saw too little of it. So after ``PATIENCE`` sweeps
     all laws are fitted to what was found, that is forgotten, and another production begins.
     """
     kept, since, refits = _Kept(), time.perf_counter(), 0
@@ -221,12 +221,14 @@ def _produced(
         number += 1
         length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
         names = [f"joint-{e + 1}-round-{number:04d}" for e in range(len(ensembles))]
-        legs = list(pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length)))
-        ensembles = [leg.end.ensemble(family) for leg in legs]
-        kept.physical.append(np.array([_physical(family, leg.D, leg.L) for leg in legs]))
-        kept.shares.append(np.array([leg.share for leg in legs]))
+        segments = list(
+            pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length))
+        )
+        ensembles = [segment.end.ensemble(family) for segment in segments]
+        kept.physical.append(np.array([_physical(family, segment.D, segment.L) for segment in segments]))
+        kept.shares.append(np.array([segment.share for segment in segments]))
         if refits < REFITS:
-            kept.coordinates.append([(leg.D, leg.L) for leg in legs])
+            kept.coordinates.append([(segment.D, segment.L) for segment in segments])
         chains = np.concatenate(kept.physical, axis=1)
         diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess)
         done = min(1.0, diagnosis.ess / options.target_ess)
@@ -236,7 +238,7 @@ def _produced(
             return chains, kept.accepted, diagnosis, ensembles
         if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
-            ensembles = list(pool.map(refitted, ensembles, kept.drivers, kept.locals))
+            ensembles = list(pool.map(refitted, ensembles, kept.shared, kept.group_values))
             kept, refits = _Kept(), refits + 1
 
 
@@ -248,7 +250,7 @@ class _Kept:
     ----------
     physical : per round, parameters (ensembles, steps, walkers, d).
     shares : per round, accepted shares (ensembles, walkers).
-    coordinates : per round and ensemble, drivers and locals as laws are fitted to them.
+    coordinates : per round and ensemble, shared values and locals as laws are fitted to them.
     """
 
     physical: list[FloatArray] = field(default_factory=list)
@@ -266,31 +268,31 @@ class _Kept:
         return np.average(self.shares, axis=0, weights=lengths)
 
     @property
-    def drivers(self) -> list[FloatArray]:
+    def shared(self) -> list[FloatArray]:
         return [np.concatenate([D for D, _ in of]) for of in zip(*self.coordinates, strict=True)]
 
     @property
-    def locals(self) -> list[FloatArray]:
+    def group_values(self) -> list[FloatArray]:
         return [np.concatenate([L for _, L in of]) for of in zip(*self.coordinates, strict=True)]
 
 
 def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:
-    """Physical parameters (steps, w, d) of drivers (steps, w, k) and locals (steps, groups, w, d)."""
-    drivers = family.drivers_to_physical(D.reshape(-1, D.shape[-1]))[0].reshape(D.shape)
+    """Physical parameters (steps, w, d) of shared values (steps, w, k) and locals (steps, groups, w, d)."""
+    shared = family.shared_to_physical(D.reshape(-1, D.shape[-1]))[0].reshape(D.shape)
     own = np.stack(
         [
-            family.locals_to_physical(g, L[:, g].reshape(-1, L.shape[-1]))[0].reshape(*D.shape[:2], -1)
+            family.group_to_physical(g, L[:, g].reshape(-1, L.shape[-1]))[0].reshape(*D.shape[:2], -1)
             for g in range(family.groups)
         ],
         axis=2,
     )
-    return family.joint.joined(drivers, own)
+    return family.joint.joined(shared, own)
 
 
 def starting_points(
     family: JointFamily, chains: Mapping[str, FloatArray], rng: Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Drivers (n, k) and locals (groups, n, d) spread roughly like the joint posterior.
+    """Shared values (n, k) and locals (groups, n, d) spread roughly like the joint posterior.
 
     Shared parameters are drawn from the product of the groups' posteriors of them, tempered where these
     hardly overlap; locals from each group's law given them; populations from the locals.
@@ -308,10 +310,10 @@ def starting_points(
     else:
         S = np.empty((STARTS, 0))
         L = np.stack([own[rng.integers(len(own), size=STARTS)] for _, own in draws])
-    drivers = np.concatenate([S, np.zeros((STARTS, 2 * len(joint.populations)))], axis=1)
+    shared = np.concatenate([S, np.zeros((STARTS, 2 * len(joint.populations)))], axis=1)
     if joint.populations:
         physical = [np.empty((STARTS, 0))]
-        own = np.stack([family.locals_to_physical(g, L[g])[0] for g in range(family.groups)])
+        own = np.stack([family.group_to_physical(g, L[g])[0] for g in range(family.groups)])
         for name, (mean, spread) in joint.hyper.items():
             values = own[:, :, joint.local.index(name)]
             low, high = mean.quantile(np.array([0.005, 0.995]))
@@ -319,10 +321,10 @@ def starting_points(
             most = float(spread.quantile(np.array(0.98)))
             physical.append(np.clip(values.mean(axis=0), low, high)[:, None])
             physical.append(np.clip(values.std(axis=0), least, most)[:, None])
-        drivers[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))
+        shared[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))
         for _ in range(5):
-            drivers = family.refreshed(drivers, L, rng)
-    return drivers, L
+            shared = family.refreshed(shared, L, rng)
+    return shared, L
 
 
 def group_coordinates(
@@ -332,7 +334,7 @@ def group_coordinates(
     x = chain.reshape(-1, chain.shape[-1])
     x = x[rng.choice(len(x), size=min(FITTED, len(x)), replace=False)]
     shared, local = family.joint._columns
-    return family._shared.from_physical(x[:, shared]), family.locals_from_physical(group, x[:, local])
+    return family._shared.from_physical(x[:, shared]), family.group_from_physical(group, x[:, local])
 
 
 def _common(
@@ -370,15 +372,15 @@ FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
 
 
 def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> Laws:
-    """Fit all proposals to draws of drivers (n, k) and locals (groups, n, d)."""
+    """Fit all proposals to draws of shared values (n, k) and locals (groups, n, d)."""
     every = max(1, -(-len(D) // FITTED))
     D, L = D[::every], L[:, ::every]
     components = min(max(FEWEST, len(D) // DRAWS_PER_COMPONENT), MOST)
-    drivers = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
+    proposal = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
     following = [
         fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
     ]
-    return Laws(drivers, tuple(following))
+    return Laws(proposal, tuple(following))
 
 
 def warmed_up(
@@ -390,12 +392,12 @@ def warmed_up(
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
 ) -> PooledEnsemble:
-    """An ensemble whose laws are fitted to starting points, then to what each of some pilot runs found.
+    """An ensemble whose laws are fitted to starting points, then to what each of some warm-ups found.
 
     Parameters
     ----------
     D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
-    warm_ups : sweeps of each pilot run, of which the second half is used.
+    warm_ups : sweeps of each warm-up, of which the second half is used.
     watch : told what is at work, step by step.
     """
     watch("first laws")

@@ -1,4 +1,4 @@
-"""Whether a parameter belongs to the soil or to each wheel: the evidence for one value against several.
+"""Test of whether a parameter belongs to the soil or to each wheel: evidence for one value against several.
 
 Three studies are compared that differ in the role of one parameter (or of c and φ together) and in nothing
 else: one value for all groups, a value of each group under the parameter's own prior, and values of each
@@ -75,7 +75,7 @@ class Sharing:
 
     @property
     def reliable(self) -> bool:
-        """Whether all three evidences can be relied on."""
+        """True where all three evidences can be relied on."""
         return self.common.reliable and self.own.reliable and self.population.reliable
 
     @property
@@ -109,21 +109,21 @@ class Evidences:
     complete: Level
     stated: Level
     none: Level
-    found: dict[str, Level] = field(default_factory=dict, init=False)
+    levels: dict[str, Level] = field(default_factory=dict, init=False)
 
     def of(self, shared: Sequence[str], hierarchical: Mapping[str, Population]) -> Level:
         """Log evidence where these are shared, those have a population, all others are each group's own."""
         joint = with_roles(self.joint, shared, hierarchical)
         if not joint.local:
             return self.complete
-        if not joint.drivers:
+        if not joint.shared_and_hyper:
             return self.none
         key = _key(joint)
         if key == _key(self.joint):
             return self.stated
-        if key not in self.found:
-            self.found[key] = level_of(joint, self.chains, self.rng)
-        return self.found[key]
+        if key not in self.levels:
+            self.levels[key] = level_of(joint, self.chains, self.rng)
+        return self.levels[key]
 
     def population(self, name: str) -> Population:
         """The laws of a parameter's population: the study's, or the default ones."""
@@ -150,7 +150,7 @@ def judged_as_stated(evidences: Evidences, name: str) -> Sharing:
     """Judge whether a parameter has one value in all groups, all others being as the study states them."""
     pooling = evidences.joint.pooling
     shared = [other for other in evidences.joint.shared if other != name]
-    populations = {other: one for other, one in pooling.hierarchical.items() if other != name}
+    populations = {other: population for other, population in pooling.hierarchical.items() if other != name}
     return Sharing(
         (name,),
         evidences.of([*shared, name], populations),

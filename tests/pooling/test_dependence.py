@@ -80,7 +80,7 @@ def test_every_dependence_is_in_the_prior(make: MakeStudy, roles: str, how: str)
     joint = joint_posterior(make(priors=_priors(how, 0.8), pooling=ROLES[roles]))
     loose = joint_posterior(make(priors=STATED, pooling=ROLES[roles]))
     rng = default_rng(0)
-    D = joint.draw_drivers(20_000, rng)
+    D = joint.draw_shared(20_000, rng)
     own = [joint.draw_group(D, rng) for _ in joint.groups]
     for one in own:
         z = np.concatenate([joint._shared_scores(D), joint._own_scores(D, one)], axis=1)
@@ -89,11 +89,11 @@ def test_every_dependence_is_in_the_prior(make: MakeStudy, roles: str, how: str)
 
     def level(of: JointPosterior, drivers: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
         own = np.sum([of.log_prior_of_group(drivers, one) for one in values], axis=0)
-        return np.asarray(own + of.log_prior_of_drivers(drivers))
+        return np.asarray(own + of.log_prior_of_shared(drivers))
 
     assert np.abs(level(joint, D, own) - level(loose, D, own)).mean() > 0.2
     if how == "by hand":  # the laws are then the same, so that the ratio of the densities has the mean 1
-        E = loose.draw_drivers(20_000, rng)
+        E = loose.draw_shared(20_000, rng)
         other = [loose.draw_group(E, rng) for _ in loose.groups]
         ratio = np.exp(level(joint, E, other) - level(loose, E, other))
         assert ratio.mean() == pytest.approx(1.0, abs=4.5 * ratio.std() / np.sqrt(len(ratio)))
@@ -111,12 +111,12 @@ def test_moves_have_the_same_density(make: MakeStudy, roles: str) -> None:
     family, rng = JointFamily(joint), default_rng(2)
     x = draw_joint_prior(joint, 4000, rng)
     D, L = joint.split(x)
-    u, v = family.drivers_from_physical(D), np.stack([family.locals_from_physical(g, L[g]) for g in range(2)])
-    jacobian = family.drivers_to_physical(u)[1] + sum(family.locals_to_physical(g, v[g])[1] for g in range(2))
+    u, v = family.shared_from_physical(D), np.stack([family.group_from_physical(g, L[g]) for g in range(2)])
+    jacobian = family.shared_to_physical(u)[1] + sum(family.group_to_physical(g, v[g])[1] for g in range(2))
     walkers = Walkers.at(family, u, v)
     np.testing.assert_allclose(walkers.log_density - jacobian, joint.log_density(x), rtol=1e-8)
     if joint.populations:
-        after = joint.log_dependence(family.drivers_to_physical(family.refreshed(u, v, rng))[0], L[0])
+        after = joint.log_dependence(family.shared_to_physical(family.refreshed(u, v, rng))[0], L[0])
         before = joint.log_dependence(D, L[0])
         error = np.hypot(before.std(), after.std()) / np.sqrt(len(x))
         assert after.mean() == pytest.approx(before.mean(), abs=4.5 * error)

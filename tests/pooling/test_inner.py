@@ -37,8 +37,8 @@ def _prepared(make: MakeStudy, roles: str, correlation: float) -> tuple[JointFam
     joint = joint_posterior(make(priors={**stated, "correlation": {"c, phi": correlation}}, pooling=pooling))
     family, rng = JointFamily(joint), default_rng(3)
     drivers, own = joint.split(draw_joint_prior(joint, 2000, rng))
-    D = family.drivers_from_physical(drivers)
-    L = np.stack([family.locals_from_physical(g, x) for g, x in enumerate(own)])
+    D = family.shared_from_physical(drivers)
+    L = np.stack([family.group_from_physical(g, x) for g, x in enumerate(own)])
     k = len(joint.shared)
     alone = [(D[:, :k], one) for one in L]
     return family, outer_laws(family, fit_laws(family, D, L, rng), alone, D, L, rng)
@@ -50,13 +50,13 @@ def test_a_population_is_integrated_at_any_spread(make: MakeStudy, roles: str, c
     """Its density integrates to 1, from few draws, its spread a ten thousandth of the prior or all of it."""
     family, laws = _prepared(make, roles, correlation)
     joint, rng, n, inner = family.joint, default_rng(5), 500, 8
-    x = joint.draw_drivers(n, rng)
+    x = joint.draw_shared(n, rng)
     k = len(joint.shared)
     for i, (name, (mean, _)) in enumerate(joint.hyper.items()):
         x[:, k + 2 * i] = mean.median
         x[:, k + 2 * i + 1] = 10.0 ** rng.uniform(-4.0, -0.3, n)
         x[:, k + 2 * i + 1] *= float(np.diff(joint.laws[name].quantile(np.array([0.16, 0.84])))[0])
-    D = family.drivers_from_physical(x)
+    D = family.shared_from_physical(x)
     for g, law in enumerate(laws.locals):
         L, level = law.sample(D, inner, rng)
         weights = np.exp(family.log_population(g, np.repeat(D, inner, axis=0), L) - level)
@@ -72,7 +72,7 @@ def test_drivers_reach_spreads_of_nothing(make: MakeStudy) -> None:
     D = laws.drivers.sample(4000, default_rng(1))
     weights = np.exp(family.log_prior(D) - laws.drivers.log_density(D))
     assert weights.mean() == pytest.approx(1.0, abs=4.5 * weights.std() / np.sqrt(len(D)))
-    neck = family.drivers_to_physical(D)[0][:, 1] < 3.0
+    neck = family.shared_to_physical(D)[0][:, 1] < 3.0
     assert weights[neck].sum() / weights.sum() == pytest.approx(0.016, abs=0.008)  # a 50th of 150 Pa
 
 
@@ -84,7 +84,7 @@ def test_adaptations_that_disagree_are_not_relied_on(make: MakeStudy) -> None:
     family = JointFamily(case.joint(study, Pooling("wheel", ("n0",), ("n1",))))
     chains = case.chains(1, 4000, rng)
     L = np.stack(
-        [family.locals_from_physical(g, x.reshape(-1, 2)[:, 1:]) for g, x in enumerate(chains.values())]
+        [family.group_from_physical(g, x.reshape(-1, 2)[:, 1:]) for g, x in enumerate(chains.values())]
     )
     D = case.chains(1, 4000, rng)["g0"].reshape(-1, 2)[:, :1]
     fitted = [

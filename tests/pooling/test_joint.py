@@ -118,8 +118,8 @@ def test_coordinates_keep_the_density(joint: JointPosterior) -> None:
     x = draw_joint_prior(joint, 200, default_rng(2))
     family = JointFamily(joint)
     D, L = joint.split(x)
-    u, v = family.drivers_from_physical(D), np.stack([family.locals_from_physical(g, L[g]) for g in range(2)])
-    jacobian = family.drivers_to_physical(u)[1] + sum(family.locals_to_physical(g, v[g])[1] for g in range(2))
+    u, v = family.shared_from_physical(D), np.stack([family.group_from_physical(g, L[g]) for g in range(2)])
+    jacobian = family.shared_to_physical(u)[1] + sum(family.group_to_physical(g, v[g])[1] for g in range(2))
     walkers = Walkers.at(family, u, v)
     np.testing.assert_allclose(walkers.log_density - jacobian, joint.log_density(x), rtol=1e-9)
 
@@ -173,12 +173,12 @@ def test_rescaled_locals_keep_their_place_in_the_population(joint: JointPosterio
     """And the Jacobian is that of differences; what would leave its range is no number."""
     family, rng = JointFamily(joint), default_rng(7)
     D, L = joint.split(draw_joint_prior(joint, 50, rng))
-    u, v = family.drivers_from_physical(D), family.locals_from_physical(0, L[0])
+    u, v = family.shared_from_physical(D), family.group_from_physical(0, L[0])
     other = u.copy()
     other[:, 1:] += 0.05 * rng.standard_normal((50, 2))
     moved, log_jacobian = family.rescaled(0, u, v, other)
     kept = np.isfinite(moved[:, 0])
-    after, K = family.drivers_to_physical(other)[0][kept], family.locals_to_physical(0, moved[kept])[0][:, 0]
+    after, K = family.shared_to_physical(other)[0][kept], family.group_to_physical(0, moved[kept])[0][:, 0]
     before = (L[0][kept, 0] - D[kept, 1]) / D[kept, 2]
     np.testing.assert_allclose((K - after[:, 1]) / after[:, 2], before, rtol=1e-6)
     step = 1e-6
