@@ -54,7 +54,7 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class Adaptation:
-    """What the adaptation leaves behind.
+    """Result of the adaptation.
 
     Attributes
     ----------
@@ -236,8 +236,8 @@ def refine(
         points, weights = _weighted(drawn.log_weights(), drawn.u, u, rng)
         proposal = _fitted(points, weights, widths, options, rng)
     watch("proposal, thin places")
-    known = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
-    proposal = add_components(proposal, known, rng, components=options.added_components, draws=len(u) // 2)
+    tried = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
+    proposal = add_components(proposal, tried, rng, components=options.added_components, draws=len(u) // 2)
     return Refined(proposal, efficiency, log_evidence, len(drawn.u))
 
 

@@ -339,13 +339,13 @@ def _alone(name: str, law: Law) -> Block:
 
 
 def _several_slips(posterior: Posterior) -> bool:
-    """Whether slip varies; with one slip only, θm is not limited at any other."""
+    """True where slip varies; with one slip only, θm is not limited at any other."""
     return bool(np.ptp(posterior.likelihood.forward.conditions.slip) > 1e-3)
 
 
 @dataclass(frozen=True)
 class _Typical:
-    """What is typical of the rows of a study.
+    """Typical values of the rows of a study.
 
     Attributes
     ----------
@@ -393,8 +393,8 @@ class _Typical:
 
 def _median(values: FloatArray, otherwise: float) -> float:
     """Median of what is known, or ``otherwise`` where nothing is."""
-    known = values[~np.isnan(values)]
-    return float(np.median(known)) if known.size else otherwise
+    finite = values[~np.isnan(values)]
+    return float(np.median(finite)) if finite.size else otherwise
 
 
 def _sinkage(posterior: Posterior) -> FloatArray:

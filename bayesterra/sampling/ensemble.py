@@ -44,7 +44,7 @@ def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
 
 @dataclass(frozen=True)
 class EnsembleState:
-    """Where an ensemble stands: all that its next step depends on.
+    """State of an ensemble: all that its next step depends on.
 
     Attributes
     ----------
@@ -117,33 +117,33 @@ class Ensemble:
         shape = self._state.coords.shape
         self._density = log_density
         self._sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=frozen_moves(law))
-        self._legs: list[Segment] = []
+        self._segments: list[Segment] = []
 
     def advance(self, steps: int, *, keep: bool = True) -> None:
         """Take ``steps`` steps and append them to the chain, unless they are only to be forgotten."""
         if keep:
-            self.follow(self.leg(steps))
+            self.follow(self.segment(steps))
         else:
             self._state = self._run(steps, keep=False)
 
-    def leg(self, steps: int) -> Segment:
+    def segment(self, steps: int) -> Segment:
         """The next ``steps`` steps; the ensemble itself stays until it is told to follow."""
         self._sampler.reset()
         end = EnsembleState.of(self._run(steps, keep=True))
         backend = self._sampler.backend
         return Segment(backend.get_chain(), backend.get_log_prob(), backend.accepted, end)
 
-    def follow(self, leg: Segment) -> None:
+    def follow(self, segment: Segment) -> None:
         """Append steps to the chain and stand at their end."""
-        self._legs.append(leg)
-        self._state = leg.end.state()
+        self._segments.append(segment)
+        self._state = segment.end.state()
 
     def _run(self, steps: int, *, keep: bool) -> Any:
         return self._sampler.run_mcmc(self._state, steps, store=keep, skip_initial_state_check=True)
 
     @property
-    def stand(self) -> EnsembleState:
-        """Where the ensemble stands, once it took a step."""
+    def state(self) -> EnsembleState:
+        """State of the ensemble, once it took a step."""
         return EnsembleState.of(self._state)
 
     def drift(self) -> float:
@@ -154,15 +154,15 @@ class Ensemble:
     @property
     def chain(self) -> FloatArray:
         """Kept positions, (steps, walkers, d)."""
-        return np.concatenate([leg.chain for leg in self._legs])
+        return np.concatenate([segment.chain for segment in self._segments])
 
     @property
     def log_density(self) -> FloatArray:
         """Log target at the kept positions, (steps, walkers)."""
-        return np.concatenate([leg.log_density for leg in self._legs])
+        return np.concatenate([segment.log_density for segment in self._segments])
 
     @property
     def acceptance(self) -> FloatArray:
         """Share of kept steps that each walker accepted, (walkers,)."""
-        steps = sum(len(leg.chain) for leg in self._legs)
-        return np.asarray(sum(leg.accepted for leg in self._legs) / max(steps, 1))
+        steps = sum(len(segment.chain) for segment in self._segments)
+        return np.asarray(sum(segment.accepted for segment in self._segments) / max(steps, 1))

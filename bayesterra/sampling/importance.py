@@ -167,7 +167,7 @@ class Evidence:
 
     @property
     def reliable(self) -> bool:
-        """Whether the weights have a tail light enough for the error to hold, and the ensembles agree."""
+        """True where the weights have a tail light enough for the error to hold, and the ensembles agree."""
         return self.k_hat <= self.limit and self.spread <= SPREAD
 
     def beside(self, own: Sequence[float]) -> Evidence:
@@ -177,11 +177,11 @@ class Evidence:
         spread of their weights nor the tail. Each proposal alone misses more, though, and each another
         share, so that what they have apart from the pooled value, as of so many estimates, joins the error.
         """
-        known = np.array([value for value in own if np.isfinite(value)])
-        if not len(known):
+        finite = np.array([value for value in own if np.isfinite(value)])
+        if not len(finite):
             return self
-        spread = float(np.sqrt(np.mean((known - self.log_z) ** 2)))
-        error = float(np.hypot(self.error, spread / np.sqrt(len(known))))
+        spread = float(np.sqrt(np.mean((finite - self.log_z) ** 2)))
+        error = float(np.hypot(self.error, spread / np.sqrt(len(finite))))
         return replace(self, error=error, spread=spread)
 
 
@@ -219,8 +219,8 @@ def summed(log_weights: FloatArray) -> Evidence:
     )
 
 
-def of_evidence(found: Evidence, prior: PriorDraws) -> dict[str, Any]:
+def of_evidence(value: Evidence, prior: PriorDraws) -> dict[str, Any]:
     """Log evidence under the stated prior, and the log share of that prior which physics leaves."""
     share = prior.shares[REASONS[INSIDE]]
     error = np.sqrt((1.0 - share) / (share * prior.tried))
-    return {**asdict(found), "reliable": found.reliable, "log_share": np.log(share), "log_share_error": error}
+    return {**asdict(value), "reliable": value.reliable, "log_share": np.log(share), "log_share_error": error}

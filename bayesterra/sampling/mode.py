@@ -113,14 +113,14 @@ class _Objective:
         rows, low, high = [np.eye(len(names))], [ranges[:, 0]], [ranges[:, 1]]
         fixed, slip = self.posterior.prior.fixed, self.posterior.likelihood.forward.conditions.slip
         for s in (slip.min(), slip.max()):
-            parts = {"c1": 1.0, "c2": float(s)}
-            known = sum(parts[name] * fixed[name] for name in parts if name in fixed)
+            factors = {"c1": 1.0, "c2": float(s)}
+            fixed_sum = sum(factors[name] * fixed[name] for name in factors if name in fixed)
             weights = dict.fromkeys(names, 0.0)
-            for name in parts.keys() - fixed.keys():
-                weights[self.posterior.prior.root(name)] += parts[name]
+            for name in factors.keys() - fixed.keys():
+                weights[self.posterior.prior.root(name)] += factors[name]
             rows.append(np.array([list(weights.values())]))
-            low.append(np.array([max(fixed.get("c3", -1.0), -1.0) - known + EDGE]))
-            high.append(np.array([1.0 - known - EDGE]))
+            low.append(np.array([max(fixed.get("c3", -1.0), -1.0) - fixed_sum + EDGE]))
+            high.append(np.array([1.0 - fixed_sum - EDGE]))
         lowest, highest = np.concatenate(low), np.concatenate(high)
         limited = np.isfinite(lowest) | np.isfinite(highest)
         return np.vstack(rows)[limited], lowest[limited], highest[limited]

@@ -134,30 +134,30 @@ class CrossCheck:
 def compare(samplers: tuple[Weighted, ...], names: tuple[str, ...]) -> CrossCheck:
     """Set every pair of samplers side by side."""
     rows = []
-    for k, one in enumerate(samplers):
+    for k, this in enumerate(samplers):
         for other in samplers[k + 1 :]:
-            z = {("", "log evidence"): float((other.log_z - one.log_z) / np.hypot(one.error, other.error))}
+            z = {("", "log evidence"): float((other.log_z - this.log_z) / np.hypot(this.error, other.error))}
             z = {what: value for what, value in z.items() if not np.isnan(value)}
             for i, name in enumerate(names):
-                z |= {(name, what): value for what, value in _differences(one, other, i).items()}
-            pair = {"one": one.name, "other": other.name}
+                z |= {(name, what): value for what, value in _differences(this, other, i).items()}
+            pair = {"one": this.name, "other": other.name}
             rows += [{**pair, "parameter": p, "statistic": what, "z": v} for (p, what), v in z.items()]
     return CrossCheck(pd.DataFrame(rows), tuple(sampler.name for sampler in samplers))
 
 
-def _differences(one: Weighted, other: Weighted, i: int) -> dict[str, float]:
+def _differences(this: Weighted, other: Weighted, i: int) -> dict[str, float]:
     """Differences of a parameter's mean and of the probability below quantiles, in standard errors."""
-    (m, sd), (n, other_sd) = _moments(one, i), _moments(other, i)
-    errors = 1 / one.sizes[i], 1 / other.sizes[i]
-    found = {"mean": (n - m) / np.hypot(sd * np.sqrt(errors[0][0]), other_sd * np.sqrt(errors[1][0]))}
-    order = np.argsort(one.x[:, i])
-    steps = np.cumsum(one.weights[order])
+    (m, sd), (n, other_sd) = _moments(this, i), _moments(other, i)
+    errors = 1 / this.sizes[i], 1 / other.sizes[i]
+    differences = {"mean": (n - m) / np.hypot(sd * np.sqrt(errors[0][0]), other_sd * np.sqrt(errors[1][0]))}
+    order = np.argsort(this.x[:, i])
+    steps = np.cumsum(this.weights[order])
     for q, variance in zip(QUANTILES, (errors[0] + errors[1])[1:], strict=True):
         at = min(int(np.searchsorted(steps, q)), len(order) - 1)
-        value = float(one.x[order[at], i])
+        value = float(this.x[order[at], i])
         error = np.sqrt(q * (1 - q) * variance)
-        found[f"{100 * q:.0f} % quantile"] = (other.share_below(i, value) - q) / error
-    return {name: float(value) for name, value in found.items()}
+        differences[f"{100 * q:.0f} % quantile"] = (other.share_below(i, value) - q) / error
+    return {name: float(value) for name, value in differences.items()}
 
 
 def _moments(sampler: Weighted, i: int) -> tuple[float, float]:
@@ -184,11 +184,11 @@ def against_nested(
     ------
     StudyError : dynesty is not installed.
     """
-    found = [ours]
+    samplers = [ours]
     for points, stream in zip(live, seed.spawn(len(live)), strict=True):
         report(f"nested sampling, {points} live points")
-        found.append(nested(posterior, points, stream))
-    return compare(tuple(found), posterior.names)
+        samplers.append(nested(posterior, points, stream))
+    return compare(tuple(samplers), posterior.names)
 
 
 def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
@@ -215,11 +215,11 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
             sample=_moves(d),
         )
         sampler.run_nested(print_progress=False, dlogz=0.1)
-        found = sampler.results
-    weights = np.asarray(found.importance_weights())
+        results = sampler.results
+    weights = np.asarray(results.importance_weights())
     weights /= weights.sum()
     return Weighted.independent(
-        f"nested ({live})", found.samples, weights, float(found.logz[-1]), float(found.logzerr[-1])
+        f"nested ({live})", results.samples, weights, float(results.logz[-1]), float(results.logzerr[-1])
     )
 
 

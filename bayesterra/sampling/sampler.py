@@ -33,7 +33,7 @@ ROUND_STEPS = 200
 
 @dataclass(frozen=True)
 class Progress:
-    """What a progress bar shows: the stage, and once sampling, the latest diagnosis and time left (s).
+    """State of a progress bar: the stage, and once sampling, the latest diagnosis and time left (s).
 
     ``step`` says what of the stage is at work, ``steps`` how many of them were begun, where that is known.
     """
@@ -119,7 +119,7 @@ class RunningEnsemble:
 
 @dataclass(frozen=True)
 class InitialisedEnsemble:
-    """What an ensemble leaves of its adaptation: where it stands then, and the wall time so far (s)."""
+    """Ensemble after its adaptation: the result, its state then, and the wall time so far (s)."""
 
     adaptation: Adaptation
     stand: EnsembleState
@@ -134,7 +134,7 @@ class InitialisedEnsemble:
 
 @dataclass(frozen=True)
 class SamplingRound:
-    """What all ensembles did in one round, and the wall time so far (s)."""
+    """Segments of all ensembles in one round, and the wall time so far (s)."""
 
     legs: tuple[Segment, ...]
     seconds: float
@@ -213,8 +213,8 @@ def sample_target(
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
         report(Progress("adapting", 0.0))
         begun = list(pool.map(task.begun, range(options.ensembles), streams))
-        walks = [one.walk(target) for one in begun]
-        adapting = max(one.seconds for one in begun)
+        walks = [initialised.walk(target) for initialised in begun]
+        adapting = max(initialised.seconds for initialised in begun)
         chains, diagnosis = task.produce(walks, adapting, pool, report)
     acceptance = np.array([walk.ensemble.acceptance for walk in walks])
     seconds = {"adaptation": adapting, "production": task.clock.elapsed() - adapting}
@@ -238,7 +238,7 @@ class Steps:
         self._report, self._lock, self._count = report, Lock(), 0
 
     def of(self, number: int) -> Callable[[str], None]:
-        """What ensemble ``number`` tells its steps."""
+        """Function to which ensemble ``number`` tells its steps."""
 
         def told(step: str) -> None:
             with self._lock:
@@ -251,7 +251,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is sampled how, and what was done of it already."""
+    """Task of sampling: the target, how it is sampled, and what was done of it already."""
 
     target: Target
     options: SamplingOptions
@@ -266,9 +266,9 @@ class _Task:
         def adapted() -> InitialisedEnsemble:
             return _prepare(self.target, self.options, stream, self.plan, self.clock, self.watch.of(number))
 
-        found = self.checkpoint_store.holds(name := f"ensemble-{number + 1}")
+        saved = self.checkpoint_store.holds(name := f"ensemble-{number + 1}")
         begun = load_or_compute(self.checkpoint_store, name, InitialisedEnsemble, adapted)
-        if found:
+        if saved:
             self.clock.resume(begun.seconds)
             _check_densities([begun.walk(self.target)])
         return begun
@@ -300,14 +300,14 @@ class _Task:
 
         def taken() -> SamplingRound:
             return SamplingRound(
-                tuple(pool.map(Ensemble.leg, ensembles, repeat(length))), self.clock.elapsed()
+                tuple(pool.map(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed()
             )
 
-        found = self.checkpoint_store.holds(name := f"round-{number:04d}")
+        saved = self.checkpoint_store.holds(name := f"round-{number:04d}")
         taken_or_saved = load_or_compute(self.checkpoint_store, name, SamplingRound, taken)
-        for ensemble, leg in zip(ensembles, taken_or_saved.legs, strict=True):
-            ensemble.follow(leg)
-        if found:
+        for ensemble, segment in zip(ensembles, taken_or_saved.legs, strict=True):
+            ensemble.follow(segment)
+        if saved:
             self.clock.resume(taken_or_saved.seconds)
             _check_densities(walks)
 
@@ -331,7 +331,7 @@ def _prepare(
     ensemble = Ensemble(target.straightened(proposal.transport_map), start, proposal.mixture, walking)
     watch("first steps")
     ensemble.advance(WARM_UP_STEPS, keep=False)
-    return InitialisedEnsemble(adapted, ensemble.stand, clock.elapsed())
+    return InitialisedEnsemble(adapted, ensemble.state, clock.elapsed())
 
 
 def _check_densities(walks: list[RunningEnsemble]) -> None:
@@ -390,7 +390,7 @@ def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def of_samples(samples: Samples, every: int) -> dict[str, Any]:
-    """How the draws were made; ``every`` is the step between kept draws."""
+    """Record of how the draws were made; ``every`` is the step between kept draws."""
     diagnosis, adaptations = samples.diagnosis, samples.adaptations
     return {
         "acceptance": diagnosis.acceptance,

@@ -75,9 +75,9 @@ def _derived_rows(
 
 
 def _varies(values: FloatArray) -> bool:
-    """Whether there are answers, and not all the same, as they are where nothing behind them is free."""
-    known = values[np.isfinite(values)]
-    return bool(known.size and np.ptp(known) > 0)
+    """True where there are answers, and not all the same, as they are where nothing behind them is free."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and np.ptp(finite) > 0)
 
 
 def _array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:
@@ -100,10 +100,10 @@ def summary_row(
     diagnosis : bulk and tail effective size and R-hat.
     """
     chains, prior = chains / quantity.scale, prior[np.isfinite(prior)] / quantity.scale
-    known = np.isfinite(chains)
-    draws = chains[known]
+    finite = np.isfinite(chains)
+    draws = chains[finite]
     low, high = hdi(draws, CREDIBLE)
-    complete = chains if known.all() else draws[: len(draws) // 4 * 4].reshape(4, -1)
+    complete = chains if finite.all() else draws[: len(draws) // 4 * 4].reshape(4, -1)
     errors = {f"mcse_{s}": monte_carlo_error(complete, s) for s in ("mean", "median", "sd")}
     return {
         "parameter": quantity.name,

@@ -113,7 +113,7 @@ def test_what_is_noted_is_not_done_again(density: Posterior, monkeypatch: pytest
     def forbidden(*_: Any) -> Any:
         raise AssertionError("done again")
 
-    monkeypatch.setattr(Ensemble, "leg", forbidden)
+    monkeypatch.setattr(Ensemble, "segment", forbidden)
     monkeypatch.setattr(sampler, "adapt", forbidden)
     after = sampled(density, whole, report=reports.append)
     assert [r.stage for r in reports] == ["adapting", "sampling"]
@@ -153,9 +153,9 @@ def test_the_state_of_the_generator_is_whole() -> None:
     random = np.random.RandomState(3)
     random.standard_normal(3)
     u, level = np.ones((4, 2)), np.zeros(4)
-    stand = EnsembleState(u, level, *random.get_state()[1:])  # type: ignore[index]
-    assert stand.has_gauss
-    back = unpack(EnsembleState, pack(stand))
+    state = EnsembleState(u, level, *random.get_state()[1:])  # type: ignore[index]
+    assert state.has_gauss
+    back = unpack(EnsembleState, pack(state))
     other = np.random.RandomState(1)
     other.set_state(back.state().random_state)
     np.testing.assert_array_equal(other.standard_normal(5), random.standard_normal(5))

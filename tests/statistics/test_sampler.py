@@ -157,7 +157,7 @@ def test_progress_is_reported_stage_by_stage(density: Posterior) -> None:
 def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once the first kept step is taken no mixture is fitted any more."""
     log: list[str] = []
-    leg = Ensemble.leg
+    segment = Ensemble.segment
 
     def fit(*given: Any, **options: Any) -> StudentMixture:
         log.append("fit")
@@ -167,9 +167,9 @@ def test_adaptation_ends_before_draws_are_kept(density: Posterior, monkeypatch: 
 
     def watched(self: Ensemble, steps: int) -> Segment:
         log.append("keep")
-        return leg(self, steps)
+        return segment(self, steps)
 
-    monkeypatch.setattr(Ensemble, "leg", watched)
+    monkeypatch.setattr(Ensemble, "segment", watched)
     sampled(density, 1)
     assert "fit" in log
     assert "fit" not in log[log.index("keep") :]
