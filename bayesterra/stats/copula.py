@@ -22,27 +22,27 @@ class SharedCopula:
     Attributes
     ----------
     correlation : (k + d, k + d) of normal scores, the k shared ones first.
-    given : k, of which there may be none.
+    shared : k, of which there may be none.
     """
 
     correlation: FloatArray
-    given: int
+    shared: int
 
     @cached_property
     def _first(self) -> tuple[FloatArray, FloatArray, float]:
         """R⁻¹ − 1, Cholesky factor of R and −½ log |R| of the shared scores."""
-        return _excess(self.correlation[: self.given, : self.given])
+        return _excess(self.correlation[: self.shared, : self.shared])
 
     @cached_property
     def _regression(self) -> FloatArray:
         """Mean (d, k) of a group's scores for each shared one."""
-        k, R = self.given, self.correlation
+        k, R = self.shared, self.correlation
         return np.asarray(np.linalg.solve(R[:k, :k], R[:k, k:]).T)
 
     @cached_property
     def _rest(self) -> FloatArray:
         """Cholesky factor (d, d) of the covariance of a group's scores given the shared ones."""
-        k, R = self.given, self.correlation
+        k, R = self.shared, self.correlation
         rest = R[k:, k:] - self._regression @ R[:k, k:]
         return np.asarray(np.linalg.cholesky(rest), dtype=np.float64)
 
@@ -57,15 +57,15 @@ class SharedCopula:
         tied = 0.5 * ((own**2).sum(axis=1) - (white**2).sum(axis=0))
         return np.asarray(tied - np.log(np.diagonal(self._rest)).sum())
 
-    def conditional(self, of: int, given: Sequence[int]) -> tuple[FloatArray, float]:
+    def conditional(self, of: int, others: Sequence[int]) -> tuple[FloatArray, float]:
         """Regression (k,) of one score on k others, and the standard deviation that remains."""
         R = self.correlation
-        slope = np.linalg.solve(R[np.ix_(given, given)], R[given, of])
-        return np.asarray(slope), float(np.sqrt(1.0 - slope @ R[given, of]))
+        slope = np.linalg.solve(R[np.ix_(others, others)], R[others, of])
+        return np.asarray(slope), float(np.sqrt(1.0 - slope @ R[others, of]))
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared scores (n, k)."""
-        return rng.standard_normal((n, self.given)) @ self._first[1].T
+        return rng.standard_normal((n, self.shared)) @ self._first[1].T
 
     def draw_own(self, shared: FloatArray, rng: Generator) -> FloatArray:
         """One group's scores (n, d), given the shared ones of each row."""

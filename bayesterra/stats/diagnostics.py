@@ -76,7 +76,7 @@ def rank_scores(chains: FloatArray) -> FloatArray:
 
 
 def tail_indicators(chains: FloatArray) -> tuple[FloatArray, ...]:
-    """Whether draws lie at or below the 5 and the 95 % quantile, below it where it is the greatest value."""
+    """Indicators of draws at or below the 5 and 95 % quantiles, below one that is the greatest value."""
     greatest = chains.max()
     below = (chains < q if q == greatest else chains <= q for q in np.quantile(chains, TAILS))
     return tuple(inside.astype(float) for inside in below)
@@ -223,7 +223,7 @@ class Diagnosis:
 
     @property
     def converged(self) -> bool:
-        """Whether every check passed."""
+        """True where every check passed."""
         return all(check.passed for check in self.checks)
 
     @property
@@ -262,9 +262,9 @@ def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, tar
 
 def _sizes(column: FloatArray) -> tuple[list[float], list[float]]:
     """Effective sizes and p values of disagreement for the centre and both tails of a parameter."""
-    parts = (rank_scores(column), *tail_indicators(column))
-    sizes = [effective_size(part) for part in parts]
-    return sizes, [disagreement(part, size) for part, size in zip(parts, sizes, strict=True)]
+    statistics = (rank_scores(column), *tail_indicators(column))
+    sizes = [effective_size(part) for part in statistics]
+    return sizes, [disagreement(part, size) for part, size in zip(statistics, sizes, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -277,11 +277,11 @@ class _Measured:
     differing: FloatArray
 
 
-def _on_draws(names: Sequence[str], found: _Measured, steps: int, target_ess: float) -> tuple[Check, ...]:
-    ess, hat = found.ess, np.nan_to_num(found.r_hat, nan=np.inf)
-    needed = STEPS_PER_TAU * float(np.nan_to_num(found.tau, nan=np.inf).max())
+def _on_draws(names: Sequence[str], measured: _Measured, steps: int, target_ess: float) -> tuple[Check, ...]:
+    ess, hat = measured.ess, np.nan_to_num(measured.r_hat, nan=np.inf)
+    needed = STEPS_PER_TAU * float(np.nan_to_num(measured.tau, nan=np.inf).max())
     slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
-    apart, p = names[int(found.differing.argmin())], min(1.0, float(found.differing.min()))
+    apart, p = names[int(measured.differing.argmin())], min(1.0, float(measured.differing.min()))
     return (
         Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
               f"run longer: {slowest} is the slowest"),
@@ -314,14 +314,14 @@ def ecdf_band(n: int, probability: float = 0.95, simulations: int = 2000) -> tup
     """
     points = np.arange(1, n + 1) / n
     values = np.sort(default_rng(0).random((simulations, n)), axis=1)
-    counts = np.array([np.searchsorted(one, points, side="right") for one in values])
+    counts = np.array([np.searchsorted(sample, points, side="right") for sample in values])
     tails = np.minimum(binom.cdf(counts, n, points), binom.sf(counts - 1, n, points))[:, :-1].min(axis=1)
     level = np.quantile(tails, 1.0 - probability)
     return binom.ppf(level, n, points) / n, binom.isf(level, n, points) / n
 
 
 def calibrated(pit: Sequence[float]) -> bool:
-    """Whether PIT values, NaN left out, keep inside the 95 % band of uniform ones."""
+    """True where PIT values, NaN left out, keep inside the 95 % band of uniform ones."""
     values = np.sort([p for p in pit if np.isfinite(p)])
     low, high = ecdf_band(len(values))
     share = np.searchsorted(values, np.arange(1, len(values) + 1) / len(values), side="right") / len(values)

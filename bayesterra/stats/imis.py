@@ -42,7 +42,7 @@ class EvaluatedPoints:
 
 
 def add_components(
-    proposal: Proposal, known: EvaluatedPoints, rng: Generator, *, components: int, draws: int
+    proposal: Proposal, evaluated: EvaluatedPoints, rng: Generator, *, components: int, draws: int
 ) -> Proposal:
     """Add components to a proposal where its importance weights are greatest.
 
@@ -55,13 +55,13 @@ def add_components(
         return proposal
     straight, share = proposal.transport_map, SHARE / components
     mixture = _thinned(proposal.mixture, 1.0 - SHARE)
-    points = _Points.of(proposal, mixture, known.u, known.level)
+    points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
     for _ in range(components):
-        one = points.component()
-        mixture = _with(mixture, one, share)
-        u, _ = straight.forward(one.sample(draws, rng))
-        fresh = _Points.of(proposal, mixture, u, known.log_target(u))
-        points = points.with_component(one, share).joined(fresh)
+        component = points.component()
+        mixture = _with(mixture, component, share)
+        u, _ = straight.forward(component.sample(draws, rng))
+        fresh = _Points.of(proposal, mixture, u, evaluated.log_target(u))
+        points = points.with_component(component, share).joined(fresh)
     return Proposal(straight, mixture)
 
 
@@ -69,11 +69,11 @@ def _thinned(mixture: StudentMixture, share: float) -> StudentMixture:
     return StudentMixture(share * mixture.weights, mixture.means, mixture.factors, mixture.dof)
 
 
-def _with(mixture: StudentMixture, one: StudentMixture, share: float) -> StudentMixture:
+def _with(mixture: StudentMixture, component: StudentMixture, share: float) -> StudentMixture:
     return StudentMixture(
         np.append(mixture.weights, share),
-        np.vstack([mixture.means, one.means]),
-        np.concatenate([mixture.factors, one.factors]),
+        np.vstack([mixture.means, component.means]),
+        np.concatenate([mixture.factors, component.factors]),
         mixture.dof,
     )
 
@@ -110,8 +110,8 @@ class _Points:
         factor = WIDENING * root(covariance)
         return StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
 
-    def with_component(self, one: StudentMixture, share: float) -> _Points:
-        grown = np.logaddexp(self.log_proposal, np.log(share) + one.log_density(self.v))
+    def with_component(self, component: StudentMixture, share: float) -> _Points:
+        grown = np.logaddexp(self.log_proposal, np.log(share) + component.log_density(self.v))
         return _Points(self.v, self.log_target, grown, self.dof)
 
     def joined(self, more: _Points) -> _Points:

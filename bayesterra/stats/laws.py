@@ -87,8 +87,8 @@ class Law:
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        known = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
-        if not isinstance(known, stats.rv_continuous):
+        distribution = getattr(stats, self.dist, None) if isinstance(self.dist, str) else None
+        if not isinstance(distribution, stats.rv_continuous):
             raise StudyError(f"'dist' must be the name of a continuous scipy.stats law (got {self.dist!r})")
         if self.dist in SLOW:
             raise StudyError(
@@ -116,7 +116,7 @@ class Law:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether equal ratios, not equal distances, are what the law is even or bell-shaped in."""
+        """True where the law is even or bell-shaped in equal ratios, not in equal distances."""
         return self.dist == "loguniform" or (self.dist == "lognorm" and not self.shape.get("loc"))
 
     def _check_mass(self) -> None:
@@ -149,12 +149,12 @@ class Law:
 
     @cached_property
     def _upper_tail(self) -> bool:
-        """Whether the range lies in the upper tail, where survival functions keep the digits."""
+        """True where the range lies in the upper tail, where survival functions keep the digits."""
         return bool(self._base.cdf(self.lower) > 0.5)
 
     @cached_property
     def _lower_tail(self) -> bool:
-        """Whether the range lies in the lower tail."""
+        """True where the range lies in the lower tail."""
         return bool(self._base.cdf(self.upper) < 0.5)
 
     @cached_property
@@ -207,8 +207,8 @@ class Law:
                 return end
             steps = np.ldexp(abs(np.nextafter(end, other) - end), np.arange(1100))
             values = end + np.sign(other - end) * steps[steps < 0.5 * min(width, 1e300)]
-            known = np.flatnonzero(np.isfinite(self._log_density_inside(values)))
-        return float(values[known[0]]) if known.size else end
+            finite = np.flatnonzero(np.isfinite(self._log_density_inside(values)))
+        return float(values[finite[0]]) if finite.size else end
 
     @cached_property
     def crowds(self) -> tuple[float, float]:
@@ -221,12 +221,12 @@ class Law:
             return 0.0, 0.0
         low, high = self._inside
         with np.errstate(all="ignore"):
-            found = self.cdf(np.array(low)), self.survival(np.array(high))
-        return np.nan_to_num(found[0]).item(), np.nan_to_num(found[1]).item()
+            shares = self.cdf(np.array(low)), self.survival(np.array(high))
+        return np.nan_to_num(shares[0]).item(), np.nan_to_num(shares[1]).item()
 
     @property
     def crowded(self) -> bool:
-        """Whether some of its probability is nearer to an end of the range than numbers can tell."""
+        """True where some of its probability is nearer to an end of the range than numbers can tell."""
         return max(self.crowds) > CROWDED
 
     def log_density(self, x: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def squared(points: FloatArray, inverse: FloatArray, offsets: FloatArray, out: F
 
 
 class RandomSource(Protocol):
-    """What both NumPy generators (new and legacy) offer."""
+    """Methods that both NumPy generators (new and legacy) offer."""
 
     def random(self, size: int) -> FloatArray:
         """Uniform draws."""

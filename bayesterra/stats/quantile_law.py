@@ -49,8 +49,8 @@ class QuantileLaw(Law):
 
     def __post_init__(self) -> None:
         if len(self.scores) != len(self.values) or len(self.scores) < LEAST:
-            found = f"{len(self.scores)} and {len(self.values)}"
-            raise StudyError(f"'scores' and 'values' must be equally many, at least {LEAST} (got {found})")
+            lengths = f"{len(self.scores)} and {len(self.values)}"
+            raise StudyError(f"'scores' and 'values' must be equally many, at least {LEAST} (got {lengths})")
         if not self.lower < self.upper:
             raise StudyError(f"'lower' must be below 'upper' (got {self.lower:g} and {self.upper:g})")
         for name, column in (("scores", self.scores), ("values", self.values)):

@@ -135,7 +135,7 @@ def _features(z: FloatArray) -> FloatArray:
     return np.concatenate([np.ones((len(near), 1)), near, products, near**3], axis=1)
 
 
-def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, given: int = 0) -> TransportMap:
+def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, first: int = 0) -> TransportMap:
     """Fit the map to weighted points (n, d) by ridge regression.
 
     Parameters
@@ -143,20 +143,20 @@ def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, gi
     u, weights : points and their weights (n,).
     widths : standard deviations of the prior in these coordinates (d,); coordinates that the data hardly
         narrow are the drivers, those that they narrow most follow from them.
-    given : so many of the first coordinates come before all others and stay as they are, standardised.
+    first : so many of the first coordinates come before all others and stay as they are, standardised.
     """
     weights = weights / weights.sum()
     centre = weights @ u
     scale = np.sqrt(weights @ (u - centre) ** 2) + 1e-300
     z = (u - centre) / scale
-    others = given + np.argsort(-scale[given:] / widths[given:], kind="stable")
-    order = (*range(given), *(int(j) for j in others))
+    others = first + np.argsort(-scale[first:] / widths[first:], kind="stable")
+    order = (*range(first), *(int(j) for j in others))
     coefficients: list[FloatArray] = []
     spreads: list[FloatArray] = []
     for position, j in enumerate(order):
         before = z[:, order[:position]]
         terms = _features(before)
-        if position < given:
+        if position < first:
             coefficients.append(np.zeros(terms.shape[1]))
             spreads.append(np.zeros(1 + position))
             continue
@@ -186,13 +186,13 @@ def _spreads(before: FloatArray, residual: FloatArray, weights: FloatArray) -> F
     weighted = terms * weights[:, None]
     information = terms.T @ weighted + np.diag([0.0, *np.full(before.shape[1], 1e-3)])
     start = 0.5 * np.log(weights @ residual**2 + 1e-300)
-    found = np.array([start, *np.zeros(before.shape[1])])
+    coefficients = np.array([start, *np.zeros(before.shape[1])])
     for _ in range(ROUNDS):
-        squares = residual**2 * np.exp(-2.0 * _log_spread(before, found))
+        squares = residual**2 * np.exp(-2.0 * _log_spread(before, coefficients))
         excess = (HEAVY + 1.0) * squares / (HEAVY + squares) - 1.0
-        slope = weighted.T @ excess - np.array([0.0, *(1e-3 * found[1:])])
-        found = found + 0.5 * (HEAVY + 3.0) / HEAVY * np.linalg.solve(information, slope)
-    return np.asarray(found)
+        slope = weighted.T @ excess - np.array([0.0, *(1e-3 * coefficients[1:])])
+        coefficients = coefficients + 0.5 * (HEAVY + 3.0) / HEAVY * np.linalg.solve(information, slope)
+    return np.asarray(coefficients)
 
 
 @dataclass(frozen=True)
