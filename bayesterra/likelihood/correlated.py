@@ -57,9 +57,9 @@ def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = 
     slip, ends = forward.conditions.slip, []
     for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
         moved = replace(forward, conditions=replace(forward.conditions, slip=at))
-        found = moved(soil, every_row=True).values
-        answered = np.isfinite(found)
-        ends.append((np.where(answered, found, values), np.where(answered, at[:, None], slip[:, None])))
+        shifted = moved(soil, every_row=True).values
+        answered = np.isfinite(shifted)
+        ends.append((np.where(answered, shifted, values), np.where(answered, at[:, None], slip[:, None])))
     (low, left), (high, right) = ends
     width = right - left
     slopes = np.zeros_like(values)
@@ -76,17 +76,17 @@ def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArr
     """
     if not isinstance(likelihood, CorrelatedLikelihood) or likelihood.errors.slip is None:
         return ""
-    numbers, parts = np.array(likelihood.observations.rows), []
+    numbers, doubts = np.array(likelihood.observations.rows), []
     sd = float(np.median(likelihood.sizes(len(soil), noise_values)[:, -1]))
     near, off = likelihood.near_bends(sd), likelihood.beyond_first_order(soil, noise_values, sd) > OFF
     ends = " and ".join(f"{slip:g}" for slip in likelihood.forward.model.transition_slips)
     if near.any():
-        parts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
+        doubts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
     if off.any():
-        parts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
-    if not parts:
+        doubts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
+    if not doubts:
         return ""
-    return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {'; '.join(parts)}"
+    return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {'; '.join(doubts)}"
 
 
 def _rows(numbers: IntArray) -> str:
@@ -144,7 +144,7 @@ class CorrelatedLikelihood(Likelihood):
         return np.asarray(bends & (distance < NEAR * sd))
 
     def beyond_first_order(self, soil: FloatArray, noise_values: FloatArray, sd: float) -> FloatArray:
-        """How far the first order in errors of slip has mean and scatter of a row's readings off, (m,).
+        """Error of the first order in errors of slip in mean and scatter of a row's readings, (m,).
 
         In standard deviations of a reading, at the channel where it is most; median over parameter sets.
         """
@@ -170,25 +170,25 @@ class CorrelatedLikelihood(Likelihood):
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
-        found = np.full((len(soil), *self.measured.shape), np.nan)
+        scores = np.full((len(soil), *self.measured.shape), np.nan)
         for good, law in self._laws(soil, noise_values):
-            found[good] = law.scores(self.measured)
-        return found
+            scores[good] = law.scores(self.measured)
+        return scores
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings: discrepancy, ripple and true slips drawn given the readings."""
-        return self._drawn(soil, noise_values, rng, given=True)
+        return self._drawn(soil, noise_values, rng, conditioned=True)
 
     def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes before any reading: discrepancy, ripple and slip errors drawn as stated."""
-        return self._drawn(soil, noise_values, rng, given=False)
+        return self._drawn(soil, noise_values, rng, conditioned=False)
 
     def discrepancy(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
         """Draw the discrepancy (n, m, k) at the rows given the readings; NaN where there is no answer."""
-        found = np.full((len(soil), *self.measured.shape), np.nan)
+        discrepancies = np.full((len(soil), *self.measured.shape), np.nan)
         for good, law in self._laws(soil, noise_values):
-            found[good] = law.draw(self.measured, rng).discrepancy
-        return found
+            discrepancies[good] = law.draw(self.measured, rng).discrepancy
+        return discrepancies
 
     def ahead(
         self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
@@ -211,25 +211,25 @@ class CorrelatedLikelihood(Likelihood):
 
         For a wheel that was not driven (None) it is as before any reading. NaN where a row has no answer.
         """
-        found = np.full((len(soil), len(slip), len(self.channels)), np.nan)
+        discrepancies = np.full((len(soil), len(slip), len(self.channels)), np.nan)
         for good, law in self._laws(soil, noise_values):
-            found[good] = law.draw(self.measured, rng, Elsewhere(wheel, slip)).elsewhere
-        return found
+            discrepancies[good] = law.draw(self.measured, rng, Elsewhere(wheel, slip)).elsewhere
+        return discrepancies
 
     def fresh(
         self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
     ) -> FloatArray:
         """Draw ripple and effect of slip errors (n, g, k) of readings of another sweep, each by itself."""
         sizes, g = self.sizes(len(soil), noise_values), len(forward.conditions.slip)
-        found = np.zeros((len(soil), g, len(self.channels)))
-        for which, one in enumerate(self.errors):
+        effects = np.zeros((len(soil), g, len(self.channels)))
+        for which, error in enumerate(self.errors):
             draw = sizes[:, [which]] * rng.standard_normal((len(soil), g))
-            if isinstance(one, Ripple):
-                found[:, :, self.channels.index(one.channel)] += draw
-            elif one is self.errors.slip:
+            if isinstance(error, Ripple):
+                effects[:, :, self.channels.index(error.channel)] += draw
+            elif error is self.errors.slip:
                 columns = [forward.outcomes.index(name) for name in self.channels]
-                found += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
-        return found
+                effects += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
+        return effects
 
     def reading(self, where: BoolArray) -> CorrelatedLikelihood:
         """The same for readings where ``where`` (m, k) holds, made or yet to be made, and no others."""
@@ -261,8 +261,10 @@ class CorrelatedLikelihood(Likelihood):
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
         columns = iter(noise_values.T[sum(noise.parameter is not None for noise in self.noise) :])
-        found = [np.full(n, one.size.sd) if one.parameter is None else next(columns) for one in self.errors]
-        return np.column_stack(found)
+        sizes = [
+            np.full(n, error.size.sd) if error.parameter is None else next(columns) for error in self.errors
+        ]
+        return np.column_stack(sizes)
 
     @cached_property
     def known(self) -> BoolArray:
@@ -271,10 +273,10 @@ class CorrelatedLikelihood(Likelihood):
 
     @cached_property
     def layout(self) -> Layout:
-        """What hangs together."""
+        """Layout of the readings that hang together."""
         rows = self.observations
-        found = stacks(self.errors, rows, self.channels, self.known, self._given_noise)
-        return Layout(self.errors, rows, self.channels, found)
+        blocks = stacks(self.errors, rows, self.channels, self.known, self._given_noise)
+        return Layout(self.errors, rows, self.channels, blocks)
 
     @cached_property
     def _given_noise(self) -> FloatArray | None:
@@ -294,24 +296,26 @@ class CorrelatedLikelihood(Likelihood):
     def _laws(
         self, soil: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
     ) -> Iterator[tuple[IntArray, TableLaw]]:
-        """Which soils have an answer in every row in use, a part of them at a time, and the law there."""
+        """Indices of soils with an answer in every row in use, a part of them at a time, and their law."""
         at_once = max(1, int(DOUBLES / max(1, self.layout.doubles)))
         for first in range(0, len(soil), at_once):
             part = slice(first, first + at_once)
             if outcomes is None:
-                found = self.forward(soil[part], every_row=not self.observations.use.all())
+                answers = self.forward(soil[part], every_row=not self.observations.use.all())
             else:
-                found = Outcomes(outcomes.values[part], outcomes.status[part])
-            used = found.values[:, self.observations.use]
+                answers = Outcomes(outcomes.values[part], outcomes.status[part])
+            used = answers.values[:, self.observations.use]
             good = np.flatnonzero((np.abs(used) < HUGE).all(axis=(1, 2)))
             if good.size:
-                chosen = Outcomes(found.values[good], found.status[good])
+                chosen = Outcomes(answers.values[good], answers.status[good])
                 yield first + good, self.law(soil[part][good], chosen, noise_values[part][good])
 
-    def _drawn(self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, given: bool) -> Outcomes:
+    def _drawn(
+        self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool
+    ) -> Outcomes:
         outcomes = self.forward(soil, every_row=True)
         for good, law in self._laws(soil, noise_values, outcomes):
-            found: Drawn = law.draw(self.measured if given else None, rng)
+            drawn: Drawn = law.draw(self.measured if conditioned else None, rng)
             for i, column in enumerate(self._columns):
-                outcomes.values[good, :, column] += found.at_rows[:, :, i]
+                outcomes.values[good, :, column] += drawn.at_rows[:, :, i]
         return outcomes

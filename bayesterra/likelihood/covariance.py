@@ -29,14 +29,14 @@ class Stack:
     Attributes
     ----------
     rows, columns : row and channel of every reading (B, q).
-    parts : which size, and the correlation (B, q, q) that it belongs to.
+    terms : which size, and the correlation (B, q, q) that it belongs to.
     slip : which size is that of errors in slip, which tie the readings of a row; None where slips are exact.
     noise : standard deviations (B, q) where they are the same for all parameter sets; else None.
     """
 
     rows: IntArray
     columns: IntArray
-    parts: tuple[tuple[int, FloatArray], ...]
+    terms: tuple[tuple[int, FloatArray], ...]
     slip: int | None
     noise: FloatArray | None = None
 
@@ -47,9 +47,9 @@ class Stack:
         Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along
         which readings then are independent, and the log of the noise, summed; None where there is more to it.
         """
-        if self.noise is None or self.slip is not None or len(self.parts) != 1:
+        if self.noise is None or self.slip is not None or len(self.terms) != 1:
             return None
-        which, correlation = self.parts[0]
+        which, correlation = self.terms[0]
         values, vectors = np.linalg.eigh(correlation / (self.noise[..., :, None] * self.noise[..., None, :]))
         along = vectors.swapaxes(-1, -2) / self.noise[..., None, :]
         return which, np.maximum(values, 0.0), np.asarray(along), float(np.log(self.noise).sum())
@@ -59,7 +59,7 @@ class Stack:
         variance = scale[:, self.rows, self.columns] ** 2
         matrix: FloatArray = np.zeros((*variance.shape, variance.shape[-1]))
         np.einsum("nbqq->nbq", matrix)[...] = variance
-        for which, correlation in self.parts:
+        for which, correlation in self.terms:
             matrix += sizes[:, which, None, None, None] ** 2 * correlation
         if self.slip is not None and slopes is not None:
             along = sizes[:, self.slip, None, None] * slopes[:, self.rows, self.columns]
@@ -72,10 +72,10 @@ class Stack:
             along = slopes[:, self.rows, self.columns]
             tied = along[..., :, None] * along[..., None, :] * self.same_row
             return np.asarray(2.0 * sizes[:, which, None, None, None] * tied)
-        known = dict(self.parts)
-        if which not in known:
+        correlations = dict(self.terms)
+        if which not in correlations:
             return None
-        return np.asarray(2.0 * sizes[:, which, None, None, None] * known[which])
+        return np.asarray(2.0 * sizes[:, which, None, None, None] * correlations[which])
 
     def by_slopes(self, sizes: FloatArray, slopes: FloatArray | None, change: FloatArray) -> FloatArray:
         """Change (n, B, q, q) of the covariance as slopes (n, m, k) change, to first order."""
@@ -87,12 +87,12 @@ class Stack:
 
     @property
     def same_row(self) -> BoolArray:
-        """Whether two readings of a block are of one row (B, q, q)."""
+        """Mask of pairs of readings of a block that are of one row (B, q, q)."""
         return np.asarray(self.rows[:, :, None] == self.rows[:, None, :])
 
     def whitening(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> Whitening:
         """The factor of the covariance; arguments as for :meth:`covariance`."""
-        if not self.parts and self.slip is None:
+        if not self.terms and self.slip is None:
             sd = scale[:, self.rows, self.columns]
             return Whitening(1.0 / sd[..., None] * np.eye(sd.shape[-1]), np.log(sd).sum(axis=(1, 2)))
         if self.axes is not None:
@@ -138,16 +138,16 @@ def stacks(
     errors: ModelErrors,
     rows: Observations,
     channels: Sequence[str],
-    known: BoolArray,
+    conditioned: BoolArray,
     noise: FloatArray | None = None,
 ) -> list[Stack]:
-    """All readings where ``known`` (m, channels) holds, in stacks of blocks.
+    """All readings where ``conditioned`` (m, channels) holds, in stacks of blocks.
 
     ``noise`` (m, channels) are the standard deviations, where they do not depend on the parameters.
     """
     groups: dict[tuple[object, ...], list[Pair]] = {}
     sweep, place = sweeps(rows), _placed(errors)
-    for i, column in np.argwhere(known):
+    for i, column in np.argwhere(conditioned):
         key = place(channels[column], int(i), rows.wheel[i], sweep[i])
         groups.setdefault(key, []).append((int(i), int(column)))
     alone = [pair for key, pairs in groups.items() if key[-1] == "alone" for pair in pairs]
@@ -155,11 +155,11 @@ def stacks(
     alike: dict[tuple[int, int], list[list[Pair]]] = {}
     for pairs in blocks:  # of one channel, where channels are apart: then one thing ties them
         alike.setdefault((len(pairs), pairs[0][1] if errors.slip is None else 0), []).append(pairs)
-    found = [_stack(np.array(same), errors, rows, channels, noise) for same in alike.values()]
+    stacked = [_stack(np.array(same), errors, rows, channels, noise) for same in alike.values()]
     if alone:
-        one = np.array([alone])
-        found.append(Stack(one[..., 0], one[..., 1], (), None))
-    return found
+        block = np.array([alone])
+        stacked.append(Stack(block[..., 0], block[..., 1], (), None))
+    return stacked
 
 
 def _placed(errors: ModelErrors) -> Callable[[str, int, str, object], tuple[object, ...]]:
@@ -186,25 +186,25 @@ def _stack(
 ) -> Stack:
     """A stack of blocks (B, q, 2)."""
     i, column = pairs[..., 0], pairs[..., 1]
-    parts, slip = [], None
-    for which, one in enumerate(errors):
-        if isinstance(one, Discrepancy | Ripple):
-            mine = column == channels.index(one.channel)
+    terms, slip = [], None
+    for which, error in enumerate(errors):
+        if isinstance(error, Discrepancy | Ripple):
+            mine = column == channels.index(error.channel)
             both = mine[:, :, None] & mine[:, None, :]
             if both.any():
-                whole = correlation(one, rows)
-                parts.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
+                whole = correlation(error, rows)
+                terms.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
         else:
             slip = which
-    return Stack(i, column, tuple(parts), slip, None if noise is None else noise[i, column])
+    return Stack(i, column, tuple(terms), slip, None if noise is None else noise[i, column])
 
 
-def correlation(one: Discrepancy | Ripple, rows: Observations) -> FloatArray:
+def correlation(error: Discrepancy | Ripple, rows: Observations) -> FloatArray:
     """Correlation (m, m) of a discrepancy or a ripple between the rows of a table."""
-    if isinstance(one, Discrepancy):
-        return _within(rows.wheel, one.correlation(rows.slip, rows.slip))
+    if isinstance(error, Discrepancy):
+        return _within(rows.wheel, error.correlation(rows.slip, rows.slip))
     number = np.array(rows.rows, dtype=np.float64)
-    return _within(sweeps(rows), one.correlation(number, number))
+    return _within(sweeps(rows), error.correlation(number, number))
 
 
 def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
@@ -219,7 +219,7 @@ LOG_2_PI = float(np.log(2 * np.pi))
 
 @dataclass(frozen=True)
 class Layout:
-    """What does not depend on the parameters.
+    """Layout of the readings: all that does not depend on the parameters.
 
     Attributes
     ----------
@@ -237,8 +237,8 @@ class Layout:
     @cached_property
     def correlations(self) -> list[FloatArray | None]:
         """Between all rows (m, m), by size; None for errors in slip."""
-        return [correlation(one, self.rows) if isinstance(one, Discrepancy | Ripple) else None
-                for one in self.errors]  # fmt: skip
+        return [correlation(error, self.rows) if isinstance(error, Discrepancy | Ripple) else None
+                for error in self.errors]  # fmt: skip
 
     @cached_property
     def doubles(self) -> int:
@@ -256,7 +256,7 @@ class Elsewhere:
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn.
+    """Draws of the model errors.
 
     Attributes
     ----------
@@ -298,7 +298,7 @@ class TableLaw:
             scale=self.scale[chosen],
             sizes=self.sizes[chosen],
             slopes=None if self.slopes is None else self.slopes[chosen],
-            whitenings=tuple(one.take(chosen) for one in self.whitenings),
+            whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
         )
 
     def _white(self, residuals: FloatArray) -> list[FloatArray]:
@@ -309,32 +309,32 @@ class TableLaw:
     def log_density(self, readings: FloatArray) -> FloatArray:
         """Log density (n,) of readings (m, k); only those that the layout conditions on count."""
         total = np.zeros(len(self.mean))
-        for white, one in zip(self._white(readings - self.mean), self.whitenings, strict=True):
-            total -= 0.5 * (white**2).sum(axis=(1, 2)) + one.level + 0.5 * white[0].size * LOG_2_PI
+        for white, whitening in zip(self._white(readings - self.mean), self.whitenings, strict=True):
+            total -= 0.5 * (white**2).sum(axis=(1, 2)) + whitening.level + 0.5 * white[0].size * LOG_2_PI
         return total
 
     def pulls(self, residuals: FloatArray) -> FloatArray:
         """K⁻¹ times residuals (n, m, k), 0 where there is no reading."""
-        found = np.zeros(residuals.shape)
-        for stack, one, white in zip(
+        pulls = np.zeros(residuals.shape)
+        for stack, whitening, white in zip(
             self.layout.stacks, self.whitenings, self._white(residuals), strict=True
         ):
-            found[:, stack.rows, stack.columns] = one.back(white)
-        return found
+            pulls[:, stack.rows, stack.columns] = whitening.back(white)
+        return pulls
 
     @cached_property
     def precisions(self) -> FloatArray:
         """Blocks of K⁻¹ for the readings of each row (n or 1, m, k, k); 1 where there is no reading."""
-        sets = max((len(one.matrix) for one in self.whitenings), default=1)
+        sets = max((len(whitening.matrix) for whitening in self.whitenings), default=1)
         m, k = self.mean.shape[1:]
-        found = np.broadcast_to(np.eye(k), (sets, m, k, k)).copy()
-        for stack, one in zip(self.layout.stacks, self.whitenings, strict=True):
+        precisions = np.broadcast_to(np.eye(k), (sets, m, k, k)).copy()
+        for stack, whitening in zip(self.layout.stacks, self.whitenings, strict=True):
             block, i, j = np.nonzero(stack.same_row)
-            columns = one.matrix.swapaxes(-1, -2)
+            columns = whitening.matrix.swapaxes(-1, -2)
             value = (columns[:, block, i] * columns[:, block, j]).sum(axis=-1)
             place = (stack.rows[block, i], stack.columns[block, i], stack.columns[block, j])
-            found[:, *place] = value
-        return found
+            precisions[:, *place] = value
+        return precisions
 
     def row_terms(self, readings: FloatArray) -> FloatArray:
         """Log density (n, m) of each row's readings given those of all other rows.
@@ -364,43 +364,43 @@ class TableLaw:
         variance = variance + self._loose(targets)
         residuals = self._white(readings - self.mean)
         for column in range(centre.shape[2]):
-            for stack, one, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
-                told = one.matrix @ self._between(stack, targets, column)
+            for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
+                told = whitening.matrix @ self._between(stack, targets, column)
                 centre[:, :, column] += (white[..., None] * told).sum(axis=(1, 2))
                 variance[:, :, column] -= (told**2).sum(axis=(1, 2))
         return centre, np.sqrt(variance)
 
     def _loose(self, targets: IntArray) -> FloatArray:
         """Variance (n, t, k) of discrepancy, ripple and slip errors before any reading."""
-        found = np.zeros((len(self.mean), len(targets), self.mean.shape[2]))
-        for which, one in enumerate(self.layout.errors):
+        variance = np.zeros((len(self.mean), len(targets), self.mean.shape[2]))
+        for which, error in enumerate(self.layout.errors):
             square = self.sizes[:, [which]] ** 2
-            if isinstance(one, Discrepancy | Ripple):
-                found[:, :, self._column(one)] += square
+            if isinstance(error, Discrepancy | Ripple):
+                variance[:, :, self._column(error)] += square
             else:
-                found += square[..., None] * self._slopes[:, targets] ** 2
-        return found
+                variance += square[..., None] * self._slopes[:, targets] ** 2
+        return variance
 
     def _between(self, stack: Stack, targets: IntArray, column: int) -> FloatArray:
         """Covariance (n, B, q, t) of the readings of a stack with those of a channel in other rows."""
-        found = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
-        for which, one in enumerate(self.layout.errors):
+        covariance = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
+        for which, error in enumerate(self.layout.errors):
             between = self.layout.correlations[which]
-            if isinstance(one, SlipError) or between is None:
+            if isinstance(error, SlipError) or between is None:
                 continue
-            if self._column(one) == column:
+            if self._column(error) == column:
                 mine = (stack.columns == column)[..., None]
                 shared = np.where(mine, between[stack.rows[..., None], targets], 0.0)
-                found += self.sizes[:, which, None, None, None] ** 2 * shared
-        return found
+                covariance += self.sizes[:, which, None, None, None] ** 2 * shared
+        return covariance
 
     @cached_property
     def known(self) -> BoolArray:
         """Readings that are conditioned on (m, k)."""
-        found = np.zeros(self.mean.shape[1:], dtype=np.bool_)
+        conditioned = np.zeros(self.mean.shape[1:], dtype=np.bool_)
         for stack in self.layout.stacks:
-            found[stack.rows, stack.columns] = True
-        return found
+            conditioned[stack.rows, stack.columns] = True
+        return conditioned
 
     def draw(self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None) -> Drawn:
         """Draw discrepancy, ripple and slip errors given readings (m, k), or before any (None).
@@ -408,35 +408,37 @@ class TableLaw:
         By Matheron's rule: a draw before the readings, moved by what the readings say against it.
         """
         errors, m = list(self.layout.errors), self.mean.shape[1]
-        across = [self._across(which, one, elsewhere) for which, one in enumerate(errors)]
+        across = [self._across(which, error, elsewhere) for which, error in enumerate(errors)]
         fields = [self._before(which, matrix, rng) for which, matrix in enumerate(across)]
         if readings is not None:
             noise = self.scale * rng.standard_normal(self.scale.shape)
             pull = self.pulls(readings - self.mean - self._effects(fields)[0] - noise)
-            told = [self._told(which, one, across[which][:, :m], pull) for which, one in enumerate(errors)]
+            told = [
+                self._told(which, error, across[which][:, :m], pull) for which, error in enumerate(errors)
+            ]
             fields = [field + more for field, more in zip(fields, told, strict=True)]
         at_rows, curves = self._effects(fields)
         new = 0 if elsewhere is None else len(elsewhere.slip)
         there = np.zeros((len(self.mean), new, self.mean.shape[2]))
-        for one, field in zip(errors, fields, strict=True):
-            if isinstance(one, Discrepancy):
-                there[:, :, self._column(one)] = field[:, m:]
+        for error, field in zip(errors, fields, strict=True):
+            if isinstance(error, Discrepancy):
+                there[:, :, self._column(error)] = field[:, m:]
         return Drawn(at_rows, curves, there)
 
-    def _column(self, one: Discrepancy | Ripple) -> int:
-        return self.layout.channels.index(one.channel)
+    def _column(self, error: Discrepancy | Ripple) -> int:
+        return self.layout.channels.index(error.channel)
 
-    def _across(self, which: int, one: object, elsewhere: Elsewhere | None) -> FloatArray:
+    def _across(self, which: int, error: object, elsewhere: Elsewhere | None) -> FloatArray:
         """Correlation of a field at rows and, for a discrepancy, at slips elsewhere, among themselves."""
         inside = self.layout.correlations[which]
         if inside is None:
             return np.eye(self.mean.shape[1])
-        if not isinstance(one, Discrepancy) or elsewhere is None:
+        if not isinstance(error, Discrepancy) or elsewhere is None:
             return inside
         rows = self.layout.rows
         same = np.array([wheel == elsewhere.wheel for wheel in rows.wheel])
-        between = np.where(same[:, None], one.correlation(rows.slip, elsewhere.slip), 0.0)
-        beyond = one.correlation(elsewhere.slip, elsewhere.slip)
+        between = np.where(same[:, None], error.correlation(rows.slip, elsewhere.slip), 0.0)
+        beyond = error.correlation(elsewhere.slip, elsewhere.slip)
         return np.block([[inside, between], [between.T, beyond]])
 
     def _before(self, which: int, matrix: FloatArray, rng: Generator) -> FloatArray:
@@ -446,10 +448,10 @@ class TableLaw:
         unit = rng.standard_normal((len(self.mean), len(root))) @ root.T
         return np.asarray(self.sizes[:, [which]] * unit)
 
-    def _told(self, which: int, one: object, to_rows: FloatArray, pull: FloatArray) -> FloatArray:
-        """What readings say of a field (n, m + g): its covariance with them times their pull."""
-        if isinstance(one, Discrepancy | Ripple):
-            heard = pull[:, :, self._column(one)]
+    def _told(self, which: int, error: object, to_rows: FloatArray, pull: FloatArray) -> FloatArray:
+        """Shift of a field by the readings (n, m + g): its covariance with them times their pull."""
+        if isinstance(error, Discrepancy | Ripple):
+            heard = pull[:, :, self._column(error)]
         else:
             heard = (pull * self._slopes).sum(axis=2)
         return np.asarray(self.sizes[:, [which]] ** 2 * (heard @ to_rows.T))
@@ -458,11 +460,11 @@ class TableLaw:
         """All fields as they enter the readings of the rows, and discrepancies alone, (n, m, k)."""
         m, total = self.mean.shape[1], np.zeros(self.mean.shape)
         curves = np.zeros(self.mean.shape)
-        for one, field in zip(self.layout.errors, fields, strict=True):
-            if isinstance(one, Discrepancy):
-                curves[:, :, self._column(one)] += field[:, :m]
-            elif isinstance(one, Ripple):
-                total[:, :, self._column(one)] += field[:, :m]
+        for error, field in zip(self.layout.errors, fields, strict=True):
+            if isinstance(error, Discrepancy):
+                curves[:, :, self._column(error)] += field[:, :m]
+            elif isinstance(error, Ripple):
+                total[:, :, self._column(error)] += field[:, :m]
             else:
                 total += self._slopes * field[:, :, None]
         return total + curves, curves

@@ -103,12 +103,12 @@ class Forward:
         With drive ``both`` the load is the one that a row knows best; see :func:`known_loads`.
         """
         conditions = Conditions.of([wheels[name] for name in observations.wheel], observations.slip)
-        given = {
+        inputs = {
             "load": observations.load,
             "sinkage": observations.values.get("sinkage", observations.load),
             "both": known_loads(observations),
         }[drive]
-        return cls(model, drive, conditions, frozen(given), as_read=True)
+        return cls(model, drive, conditions, frozen(inputs), as_read=True)
 
     @property
     def outcomes(self) -> tuple[str, ...]:
@@ -122,23 +122,23 @@ class Forward:
         with ``every_row`` each row that has an answer gets it.
         """
         offset = offset_of(soil) if self.as_read else 0.0
-        given = self.given - offset if self.drive == "sinkage" and self.as_read else self.given
-        values, status = self._answers(soil, given, every_row)
+        inputs = self.given - offset if self.drive == "sinkage" and self.as_read else self.given
+        values, status = self._answers(soil, inputs, every_row)
         if self.drive != "sinkage":
             values[:, :, 0] += offset
         return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
 
-    def _answers(self, soil: FloatArray, given: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
-        """What the model says (n, m, 3), and its status (n, m)."""
+    def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
+        """Answers of the model (n, m, 3), and its status (n, m)."""
         run = self.model.forces_at if self.drive == "sinkage" else self.model.response_at
         groups = list(by_wheel(soil, self.conditions))
         if len(groups) == 1:
-            return run(groups[0][1], self.conditions, given, every_row=every_row)
+            return run(groups[0][1], self.conditions, inputs, every_row=every_row)
         values = np.empty((len(soil), len(self.conditions.slip), 3))
         status = np.empty(values.shape[:2], dtype=np.int8)
         for rows, theta in groups:
             part = take(self.conditions, rows)
-            values[:, rows], status[:, rows] = run(theta, part, given[..., rows], every_row=every_row)
+            values[:, rows], status[:, rows] = run(theta, part, inputs[..., rows], every_row=every_row)
         return values, status
 
     def _with_normal_force(self, values: FloatArray) -> FloatArray:

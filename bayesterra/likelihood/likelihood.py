@@ -44,12 +44,12 @@ class Likelihood:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """What the log likelihood of a row is the sum of."""
+        """Terms that the log likelihood of a row is the sum of."""
         return self.channels
 
     @property
     def rows_apart(self) -> bool:
-        """Whether rows are independent given the parameters, so that the log likelihood sums its terms."""
+        """True where rows are independent given the parameters, so that the log likelihood sums its terms."""
         return True
 
     def status(self, soil: FloatArray) -> IntArray:
@@ -90,13 +90,13 @@ class Likelihood:
         slip: FloatArray,
         rng: np.random.Generator,
     ) -> FloatArray:
-        """What outcomes of a wheel at slips (g,) have beside the model's, (n, g, channels): nothing here."""
+        """Addition to the model's outcomes of a wheel at slips (g,), (n, g, channels): nothing here."""
         return np.zeros((len(soil), len(slip), len(self.channels)))
 
     def fresh(
         self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
-        """What new readings at the rows of ``forward`` have beside outcomes and noise: nothing here."""
+        """Addition to outcomes and noise of new readings at the rows of ``forward``: nothing here."""
         return np.zeros((len(soil), len(forward.conditions.slip), len(self.channels)))
 
     @cached_property

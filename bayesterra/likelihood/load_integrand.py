@@ -56,7 +56,7 @@ def spec(workspace: Lanes, channel: int, column: int) -> float:
 
 @inlined
 def is_read(workspace: Lanes, channel: int) -> bool:
-    """Whether a channel was measured."""
+    """True where a channel was measured."""
     reading = spec(workspace, channel, READING)
     return reading == reading
 
@@ -100,17 +100,17 @@ def slope(workspace: Lanes, t: float) -> float:
 
 @inlined
 def curve_of(channel: int) -> int:
-    """Where the polynomial of a force begins."""
+    """Place where the polynomial of a force begins."""
     return at.LOG_NORMAL if channel == NORMAL else at.PULL if channel == PULL else at.MOMENT
 
 
 @compiled
 def value(workspace: Lanes, channel: int, t: float) -> float:
-    """What a channel should read, without zero error."""
+    """Reading that a channel should give, without zero error."""
     if channel == SINKAGE:
         return float(exp(workspace[at.MIDDLE] + workspace[at.HALF] * t))
-    found = polynomial(workspace, curve_of(channel), t)
-    return float(exp(found) if channel == NORMAL else found)
+    curve = polynomial(workspace, curve_of(channel), t)
+    return float(exp(curve) if channel == NORMAL else curve)
 
 
 @compiled
@@ -384,7 +384,7 @@ def highest_level(workspace: Lanes, count: int) -> float:
 
 @inlined
 def excess(workspace: Lanes, k: int, count: int) -> float:
-    """How far the integrand may rise near a local maximum, by a parabola and some."""
+    """Rise of the integrand that is possible near a local maximum, by a parabola and some."""
     if workspace[LEVEL + k] < max(workspace[LEVEL + max(k - 1, 0)], workspace[LEVEL + min(k + 1, count - 1)]):
         return 0.0
     centre = min(max(k, 1), count - 2)
@@ -477,7 +477,7 @@ def scan(workspace: Lanes, low: float, high: float) -> int:
 
 @inlined
 def _shows_all(workspace: Lanes, cells: int) -> bool:
-    """Whether no peak that may count rises much between places, as narrow ones do."""
+    """True where no peak that may count rises much between places, as narrow ones do."""
     bar, hidden = highest_level(workspace, cells + 1) - DEPTH, False
     for k in range(1, cells):
         rise = excess(workspace, k, cells + 1)

@@ -1,4 +1,4 @@
-"""How a study is shown on a page: readings, wheels, model, noise, prior and its physical support."""
+"""Sections of a study on a page: readings, wheels, model, noise, prior and its physical support."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def conditions(study: Study) -> tuple[Block, ...]:
 def _readings(study: Study) -> Table:
     rows = study.observations
     conditioned = {"load": rows.load, **rows.values}
-    given = {name: conditioned[name] for name in (study.drive,) if name != "both"}
-    columns = {**given, **{name: rows.values[name] for name in study.noise}}
+    inputs = {name: conditioned[name] for name in (study.drive,) if name != "both"}
+    columns = {**inputs, **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
     shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
     slips, body = column(rows.slip, 4), []
@@ -127,29 +127,29 @@ def _model(study: Study) -> Markup:
 
 def _errors(study: Study) -> tuple[Text, ...]:
     """Discrepancy, ripple and slip errors in words, where there are any."""
-    errors, parts = study.errors, []
+    errors, texts = study.errors, []
     if errors.discrepancy:
         kinds = listed(
             Markup("{} (sd {}, over slips of {:g}{})").format(
-                symbol(one.channel), _size(one.channel, one.size), one.length,
-                "" if one.kernel == "smooth" else ", Matérn 5/2",
+                symbol(error.channel), _size(error.channel, error.size), error.length,
+                "" if error.kernel == "smooth" else ", Matérn 5/2",
             )
-            for one in errors.discrepancy.values()
+            for error in errors.discrepancy.values()
         )  # fmt: skip
         text = Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.")
-        parts.append(text.format(kinds))
+        texts.append(text.format(kinds))
     if errors.ripple:
         kinds = listed(
             Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
-                symbol(one.channel), _size(one.channel, one.size), one.memory,
-                "" if math.isinf(one.period) else f", crests {one.period:g} rows apart",
+                symbol(error.channel), _size(error.channel, error.size), error.memory,
+                "" if math.isinf(error.period) else f", crests {error.period:g} rows apart",
             )
-            for one in errors.ripple.values()
+            for error in errors.ripple.values()
         )  # fmt: skip
-        parts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
+        texts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
     if errors.slip is not None:
-        parts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
-    return (Text(Markup(" ").join(parts)),) if parts else ()
+        texts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
+    return (Text(Markup(" ").join(texts)),) if texts else ()
 
 
 def _size(channel: str, size: Size) -> Markup:
@@ -189,21 +189,21 @@ def stated_law(name: str, entry: Entry) -> Markup:
     return Markup("fixed at {}").format(amount(name, given(value / PARAMETERS[name].scale)))
 
 
-def support(found: Mapping[str, Any]) -> Markup:
-    """What physics cuts from the prior, from the record of the cut."""
-    shares = dict(found["shares"])
+def support(record: Mapping[str, Any]) -> Markup:
+    """Share of the prior that physics cuts, in words, from the record of the cut."""
+    shares = dict(record["shares"])
     inside = shares.pop("inside the support", 0.0)
     if not shares:
-        return Markup("No draw of the stated prior ({}) contradicts the physics.").format(found["tried"])
+        return Markup("No draw of the stated prior ({}) contradicts the physics.").format(record["tried"])
     cut = listed(Markup("{} ({})").format(angles(reason), share(part)) for reason, part in shares.items())
     return Markup(
         "Physical cut: {} of the stated prior has an answer at every row. The rest does not count as prior: "
         "{}. Shares of {} draws."
-    ).format(share(inside), cut, found["tried"])
+    ).format(share(inside), cut, record["tried"])
 
 
 def estimated_noise(study: Study) -> Markup:
-    """Which channels have their noise estimated, as a clause."""
+    """Clause on the channels whose noise is estimated."""
     names = [name for name, noise in study.noise.items() if noise.law is not None]
     if not names:
         return Markup("")

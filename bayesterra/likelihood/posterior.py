@@ -45,7 +45,7 @@ class Drawable(Protocol):
 
 
 class Density(Protocol):
-    """What sampling needs to know of a posterior; see :class:`Posterior`, of which it is the outline."""
+    """Outline of a :class:`Posterior`: all that sampling needs to know of one."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ class Density(Protocol):
         """The stated prior."""
 
     def reasons(self, x: FloatArray) -> IntArray:
-        """Why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
+        """Reason why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
@@ -112,9 +112,9 @@ class Posterior:
     def log_prior(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of the stated prior, −inf outside its range and outside the physical ranges."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        known = np.asarray(np.isfinite(x).all(axis=1))
-        safe = np.where(known[:, None], x, 0.0)
-        return np.where(known & self._physical(safe), self.prior.log_density(safe), -np.inf)
+        finite = np.asarray(np.isfinite(x).all(axis=1))
+        safe = np.where(finite[:, None], x, 0.0)
+        return np.where(finite & self._physical(safe), self.prior.log_density(safe), -np.inf)
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
@@ -145,7 +145,7 @@ class Posterior:
         return prior + np.where(likelihood > -np.inf, likelihood, 0.0)
 
     def reasons(self, x: FloatArray) -> IntArray:
-        """Why each parameter set (n, d) has no density: a key of ``REASONS`` each, 0 where it has one."""
+        """Reason why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         reasons = np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, INSIDE)
         reasons[(reasons == INSIDE) & ~self._physical(x)] = OUTSIDE_PHYSICS
@@ -188,15 +188,15 @@ def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096
     """
     kept: list[FloatArray] = []
     counts = dict.fromkeys(REASONS, 0)
-    found = tried = 0
-    while found < n:
+    accepted = tried = 0
+    while accepted < n:
         x = posterior.prior.sample(batch, rng)
         reasons = posterior.reasons(x)
         for code, count in zip(*np.unique(reasons, return_counts=True), strict=True):
             counts[int(code)] += int(count)
         kept.append(x[reasons == INSIDE])
-        found, tried = found + len(kept[-1]), tried + batch
-        if tried >= 50_000 and found < tried / 50_000:
+        accepted, tried = accepted + len(kept[-1]), tried + batch
+        if tried >= 50_000 and accepted < tried / 50_000:
             raise SupportError(_no_support(counts, tried))
     shares = {REASONS[code]: count / tried for code, count in counts.items() if count}
     return PriorDraws(np.concatenate(kept)[:n], shares, tried)

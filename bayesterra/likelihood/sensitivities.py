@@ -57,15 +57,15 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     """Values and exact derivatives of every outcome of the drive, measured or not, at sets ``x`` (n, d)."""
     x = np.atleast_2d(np.asarray(x, dtype=np.float64))
     forward, prior = posterior.likelihood.forward, posterior.prior
-    soil, given = prior.soil_values(x), known_inputs(posterior.likelihood)
+    soil, inputs = prior.soil_values(x), known_inputs(posterior.likelihood)
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
     shift = _offset_slopes(prior) if forward.as_read else np.zeros(len(prior.names))
-    parameters, shape = forward.model.parameters, (len(x), len(given), 3)
+    parameters, shape = forward.model.parameters, (len(x), len(inputs), 3)
     values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
     by_load = np.zeros(shape)
     for rows, theta in by_wheel(soil, forward.conditions):
         part = take(forward.conditions, rows)
-        at = given[rows] - offset if forward.drive == "sinkage" else given[rows]
+        at = inputs[rows] - offset if forward.drive == "sinkage" else inputs[rows]
         values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
         slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
         by_load[:, rows] = local[..., -1]
@@ -75,31 +75,31 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
         values[:, :, 0] += offset
         slopes[:, :, 0] += shift
     if forward.drive == "both":
-        return _with_normal_force(posterior, given, values, slopes, by_load)
+        return _with_normal_force(posterior, inputs, values, slopes, by_load)
     return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
 
 
 def known_inputs(likelihood: Likelihood) -> FloatArray:
     """Load or sinkage reading of every row (m,); the best known value of a latent load, in its range."""
-    given = likelihood.forward.given
+    inputs = likelihood.forward.given
     if not isinstance(likelihood, LatentLoad):
-        return given
+        return inputs
     middle = np.mean(likelihood.load_range)
-    return np.asarray(np.clip(np.where(np.isnan(given), middle, given), *likelihood.load_range))
+    return np.asarray(np.clip(np.where(np.isnan(inputs), middle, inputs), *likelihood.load_range))
 
 
 def _by_soil_and_given(
-    forward: Forward, theta: FloatArray, conditions: Conditions, given: FloatArray
+    forward: Forward, theta: FloatArray, conditions: Conditions, inputs: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What the model says (n, m, 3), and its derivatives by its parameters and by what is given.
+    """Answers of the model (n, m, 3), and their derivatives by its parameters and by what is given.
 
     Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
     """
     model = forward.model
     if forward.drive == "sinkage":
-        values, _ = model.forces_at(theta, conditions, given, every_row=True)
-        return values, model.jacobian_at(theta, conditions, given)
-    values, _ = model.response_at(theta, conditions, given, every_row=True)
+        values, _ = model.forces_at(theta, conditions, inputs, every_row=True)
+        return values, model.jacobian_at(theta, conditions, inputs)
+    values, _ = model.response_at(theta, conditions, inputs, every_row=True)
     slopes = model.jacobian_at(theta, conditions, values[..., 0])
     by_sinkage = slopes[..., -1:].copy()
     sinkage = np.concatenate([-slopes[..., :1, :-1], np.ones_like(by_sinkage[..., :1, :])], axis=-1)
@@ -107,7 +107,7 @@ def _by_soil_and_given(
     slopes[..., -1] = 0.0
     slopes = slopes + by_sinkage * sinkage
     slopes[..., 0, :] = sinkage[..., 0, :]
-    return values, model.known_under(given, slopes)
+    return values, model.known_under(inputs, slopes)
 
 
 def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:
@@ -132,23 +132,23 @@ def _column_slopes(prior: Prior) -> FloatArray:
 
 
 def _with_normal_force(
-    posterior: Posterior, given: FloatArray, values: FloatArray, slopes: FloatArray, by_load: FloatArray
+    posterior: Posterior, loads: FloatArray, values: FloatArray, slopes: FloatArray, by_load: FloatArray
 ) -> Sensitivities:
     """The normal force reads the load: it knows nothing of the soil."""
-    known = np.isfinite(values[:, :, 0])
-    force = np.where(known, given, np.nan)
-    zero = np.where(known[..., None], np.zeros(slopes.shape[-1]), np.nan)
+    answered = np.isfinite(values[:, :, 0])
+    force = np.where(answered, loads, np.nan)
+    zero = np.where(answered[..., None], np.zeros(slopes.shape[-1]), np.nan)
     return Sensitivities(
         posterior.names,
         posterior.likelihood.forward.outcomes,
         np.insert(values, 1, force, axis=2),
         np.insert(slopes, 1, zero, axis=2),
-        np.insert(by_load, 1, np.where(known, 1.0, np.nan), axis=2),
+        np.insert(by_load, 1, np.where(answered, 1.0, np.nan), axis=2),
     )
 
 
 def read_where(posterior: Posterior, channels: Sequence[str]) -> BoolArray:
-    """Whether each row reads each channel (m, k).
+    """Mask of the channels that each row reads (m, k).
 
     A channel without any reading counts as read in every row: it is yet to be measured.
     """
@@ -194,16 +194,16 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     if isinstance(posterior.likelihood, CorrelatedLikelihood):
         information = fisher_information(posterior, x)
         return np.full(information.shape[:2], np.nan), information
-    likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
-    known = ~np.isnan(likelihood.measured)
-    standard = np.where(known, (likelihood.measured - found.local.values) / found.scale, 0.0)
+    likelihood, scaled = posterior.likelihood, Scaled.of(posterior, x)
+    read = ~np.isnan(likelihood.measured)
+    standard = np.where(read, (likelihood.measured - scaled.local.values) / scaled.scale, 0.0)
     dof = np.array([noise.dof for noise in likelihood.noise])
     with np.errstate(invalid="ignore"):
         heavy = (dof + 1.0) * standard / (dof + standard**2)
-    pull = np.where(np.isfinite(dof), heavy, standard) / found.scale
-    widening = np.where(known, pull * standard - 1.0 / found.scale, 0.0)
-    gradient = np.einsum("nmk,nmkd->nd", pull, np.where(known[..., None], found.local.by_parameter, 0.0))
-    gradient += np.einsum("nmk,nmkd->nd", widening, np.where(known[..., None], found.spread, 0.0))
+    pull = np.where(np.isfinite(dof), heavy, standard) / scaled.scale
+    widening = np.where(read, pull * standard - 1.0 / scaled.scale, 0.0)
+    gradient = np.einsum("nmk,nmkd->nd", pull, np.where(read[..., None], scaled.local.by_parameter, 0.0))
+    gradient += np.einsum("nmk,nmkd->nd", widening, np.where(read[..., None], scaled.spread, 0.0))
     weighted = _weighted(posterior, x)
     return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
 
@@ -234,39 +234,39 @@ class Scaled:
 
 
 def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
-    likelihood, found = posterior.likelihood, Scaled.of(posterior, x)
+    likelihood, scaled = posterior.likelihood, Scaled.of(posterior, x)
     if isinstance(likelihood, CorrelatedLikelihood):
-        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), found)
+        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), scaled)
     place, width = _weights(likelihood.noise)
     read = np.tile(read_where(posterior, likelihood.channels), 2)
-    slopes = [place[:, None] * found.local.by_parameter, width[:, None] * found.spread]
-    by_x = np.concatenate([part / found.scale[..., None] for part in slopes], axis=2)
+    slopes = [place[:, None] * scaled.local.by_parameter, width[:, None] * scaled.spread]
+    by_x = np.concatenate([part / scaled.scale[..., None] for part in slopes], axis=2)
     by_x = np.where(read[..., None], by_x, 0.0)
     if isinstance(likelihood, LatentLoad):
-        loads = [place * found.local.by_load / found.scale, width * found.spread_by_load / found.scale]
+        loads = [place * scaled.local.by_load / scaled.scale, width * scaled.spread_by_load / scaled.scale]
         by_load = np.where(read, np.concatenate(loads, axis=2), 0.0)
         by_x = without_load(by_x, by_load, load_information(likelihood))
     return by_x.reshape(len(by_x), -1, by_x.shape[-1])
 
 
 def _jointly_weighted(
-    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, found: Scaled
+    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, scaled: Scaled
 ) -> FloatArray:
     """Whitened sensitivities (n, readings + d, d); see the head of the module."""
     read = read_where(posterior, likelihood.channels)
     whole = np.full((len(x), int(read.sum()) + x.shape[1], x.shape[1]), np.nan)
-    good = np.flatnonzero(np.isfinite(found.local.values).all(axis=(1, 2)))
+    good = np.flatnonzero(np.isfinite(scaled.local.values).all(axis=(1, 2)))
     if not good.size:
         return whole
     law = likelihood.reading(read).law_at(
-        posterior.prior.soil_values(x[good]), found.local.values[good], posterior.noise_values(x[good])
+        posterior.prior.soil_values(x[good]), scaled.local.values[good], posterior.noise_values(x[good])
     )
     white = []
-    for stack, one in zip(law.layout.stacks, law.whitenings, strict=True):
-        slopes = one.matrix @ found.local.by_parameter[good][:, stack.rows, stack.columns]
+    for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
+        slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
         white.append(slopes.reshape(len(good), -1, x.shape[1]))
     bends = _bends(posterior, likelihood, x[good])
-    scatter = _root(_scatter_information(posterior, law, found.spread[good], bends))
+    scatter = _root(_scatter_information(posterior, law, scaled.spread[good], bends))
     whole[good] = np.concatenate([*white, scatter], axis=1)
     return whole
 
@@ -288,12 +288,12 @@ def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray
 def _scatter_information(
     posterior: Posterior, law: TableLaw, spread: FloatArray, bends: FloatArray
 ) -> FloatArray:
-    """What the scatter says (n, d, d): ½ tr(K⁻¹ ∂K K⁻¹ ∂K)."""
+    """Fisher information of the scatter (n, d, d): ½ tr(K⁻¹ ∂K K⁻¹ ∂K)."""
     n, d = len(spread), spread.shape[-1]
     total = np.zeros((n, d, d))
-    named = [None if one.parameter is None else posterior.names.index(one.parameter)
-             for one in law.layout.errors]  # fmt: skip
-    for stack, one in zip(law.layout.stacks, law.whitenings, strict=True):
+    named = [None if error.parameter is None else posterior.names.index(error.parameter)
+             for error in law.layout.errors]  # fmt: skip
+    for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         at = (slice(None), stack.rows, stack.columns)
         moved = {i: np.eye(stack.rows.shape[1]) * (2.0 * law.scale[at] * spread[(*at, i)])[..., None]
                  for i in range(d) if spread[(*at, i)].any()}  # fmt: skip
@@ -304,7 +304,9 @@ def _scatter_information(
             by_size = stack.by_size(which, law.sizes, law.slopes)
             if column is not None and by_size is not None:
                 moved[column] = moved.get(column, 0.0) + by_size
-        whitened = {i: one.matrix @ part @ one.matrix.swapaxes(-1, -2) for i, part in moved.items()}
+        whitened = {
+            i: whitening.matrix @ part @ whitening.matrix.swapaxes(-1, -2) for i, part in moved.items()
+        }
         for i, first in whitened.items():
             for j, second in whitened.items():
                 total[:, i, j] += 0.5 * (first * second).sum(axis=(1, 2, 3))
@@ -323,14 +325,14 @@ def load_information(likelihood: LatentLoad) -> float:
     return 12.0 / (high - low) ** 2
 
 
-def without_load(by_x: FloatArray, by_load: FloatArray, known: float) -> FloatArray:
+def without_load(by_x: FloatArray, by_load: FloatArray, prior: float) -> FloatArray:
     """Take an unknown load out of the rows ``by_x`` (n, m, k, d), ``by_load`` (n, m, k) their slopes by it.
 
-    With g = ``by_load`` of a row, A the result and ``known`` the prior's information about the load, AᵀA is
-    the Schur complement: A = (I − γ g gᵀ) ``by_x`` with (I − γ g gᵀ)² = I − g gᵀ / (gᵀg + known).
+    With g = ``by_load`` of a row, A the result and ``prior`` the prior's information about the load, AᵀA is
+    the Schur complement: A = (I − γ g gᵀ) ``by_x`` with (I − γ g gᵀ)² = I − g gᵀ / (gᵀg + ``prior``).
     """
     size = (by_load**2).sum(axis=2)
-    kept = np.sqrt(np.divide(known, size + known, out=np.ones_like(size), where=size + known != 0))
+    kept = np.sqrt(np.divide(prior, size + prior, out=np.ones_like(size), where=size + prior != 0))
     gain = np.divide(1.0 - kept, size, out=np.zeros_like(size), where=size != 0)
     along = np.einsum("nmk,nmkd->nmd", by_load, by_x)
     return np.asarray(by_x - (gain[..., None] * by_load)[..., None] * along[:, :, None])
@@ -345,15 +347,15 @@ def _weights(noise: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(place), np.sqrt(width)
 
 
-def _spread_slopes(posterior: Posterior, found: Sensitivities) -> tuple[FloatArray, FloatArray]:
+def _spread_slopes(posterior: Posterior, local: Sensitivities) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the noise's scale by the parameters (n, m, k, d) and by a latent load (n, m, k)."""
-    by_x, by_load = np.zeros_like(found.by_parameter), np.zeros_like(found.by_load)
+    by_x, by_load = np.zeros_like(local.by_parameter), np.zeros_like(local.by_load)
     for i, noise in enumerate(posterior.likelihood.noise):
         own = has_own_sd(posterior.likelihood, noise)
         if noise.fraction is not None:
-            rate = _fraction_rate(noise, found.values[:, :, i], own)
-            by_x[:, :, i] = rate[..., None] * found.by_parameter[:, :, i]
-            by_load[:, :, i] = rate * found.by_load[:, :, i]
+            rate = _fraction_rate(noise, local.values[:, :, i], own)
+            by_x[:, :, i] = rate[..., None] * local.by_parameter[:, :, i]
+            by_load[:, :, i] = rate * local.by_load[:, :, i]
         elif noise.parameter is not None:
             by_x[:, :, i, posterior.names.index(noise.parameter)] = np.where(own, 0.0, 1.0)
     return by_x, by_load
