@@ -79,8 +79,8 @@ def fit(
     fits: dict[str, Fit] = {}
     for method in sorted(methods, key=METHODS.index):
         fits[method] = _RUN[method](method, study, overrides, fits)
-    if fits and all(not one.path for one in fits.values()):
-        reasons = dict.fromkeys(note for one in fits.values() for note in one.notes)
+    if fits and all(not result.path for result in fits.values()):
+        reasons = dict.fromkeys(note for result in fits.values() for note in result.notes)
         raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
     return {method: fits[method] for method in methods}
 
@@ -124,7 +124,7 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
         errors=_errors(todo, theta),
         converged=passes.converged,
         passes=len(passes.path),
-        path=tuple(soil_of(one) for one in passes.path),
+        path=tuple(soil_of(point) for point in passes.path),
         held=settings.held,
         at_bound=settings.at_bound(theta, todo.columns(settings)),
         missing=todo.missing,
@@ -145,46 +145,46 @@ def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
     return Passes((theta,), converged, rested=True)
 
 
-def _fit_joint(method: str, study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> Fit:
+def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> Fit:
     began = perf_counter()
     settings, density = joint_settings(study, overrides), weighted_target(study)
-    found = fit_joint(density, settings, _other_results(study, overrides, known))
-    theta = found.best.theta
+    joint_fit = fit_joint(density, settings, _other_results(study, overrides, fits))
+    theta = joint_fit.best.theta
     drive = density.likelihood.forward
     return Fit(
         method=method,
         soil=soil_of(theta),
-        errors={name: found.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
-        converged=found.best.converged,
-        passes=len(found.path),
-        path=tuple(soil_of(one) for one in found.path),
+        errors={name: joint_fit.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
+        converged=joint_fit.best.converged,
+        passes=len(joint_fit.path),
+        path=tuple(soil_of(point) for point in joint_fit.path),
         held=settings.held,
         at_bound=settings.at_bound(theta, settings.free(settings.names)),
         missing=(),
         clipped=_edge(theta, drive).any,
-        notes=(*_joint_notes(found, drive, theta), *_stand_ins(study)),
+        notes=(*_joint_notes(joint_fit, drive, theta), *_stand_ins(study)),
         seconds=perf_counter() - began,
-        noise=found.sd,
+        noise=joint_fit.sd,
     )
 
 
 def _edge(theta: FloatArray, drive: Forward) -> Clip:
-    """Which rows are at the edge of the model's range, where a search is stopped a margin inside."""
+    """Rows at the edge of the model's range, where a search is stopped a margin inside."""
     return clip(theta, drive.conditions.slip, 2 * MARGIN)
 
 
-def _joint_notes(found: JointFit, drive: Forward, theta: FloatArray) -> tuple[str, ...]:
+def _joint_notes(joint_fit: JointFit, drive: Forward, theta: FloatArray) -> tuple[str, ...]:
     edge = _edge(theta, drive)
     return (
-        f"{found.reached} of {found.started} starts ended at the best fit",
-        *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in found.errors),
+        f"{joint_fit.reached} of {joint_fit.started} starts ended at the best fit",
+        *(f"no {CHANNELS[name].description}" for name in drive.outcomes if name not in joint_fit.errors),
         *(["θm/θ1 = c1 + c2 s is at the edge of (c3, 1) at some slip"] if np.any(edge.angle) else []),
         *(["N = n0 + n1 s is at its edge, 0, at some slip"] if np.any(edge.exponent) else []),
     )
 
 
 def _stand_ins(study: Study) -> tuple[str, ...]:
-    """What stands for quantities that least squares does not estimate."""
+    """Notes on the values of quantities that least squares does not estimate."""
     load = ("the measured normal force stands for the load",) if study.drive == "both" else ()
     alone = ("IM1, IM2 and IM3 know no load effect",) if _has_load_effect(study) else ()
     return (*load, *_offset_note(study), *alone)
@@ -192,8 +192,8 @@ def _stand_ins(study: Study) -> tuple[str, ...]:
 
 def _offset_note(study: Study) -> tuple[str, ...]:
     offset = known_offset(study)
-    known = OFFSET in study.prior.entries
-    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if known else ()
+    stated = OFFSET in study.prior.entries
+    return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if stated else ()
 
 
 _RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {
@@ -204,16 +204,16 @@ _RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = 
 }
 
 
-def _other_results(study: Study, overrides: Overrides, known: Mapping[str, Fit]) -> list[FloatArray]:
+def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> list[FloatArray]:
     """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
-    found = []
+    starts = []
     for method in ("IM1", "IM2", "IM3"):
         try:
-            one = known.get(method) or _fit_groups(method, study, overrides, known)
+            result = fits.get(method) or _fit_groups(method, study, overrides, fits)
         except StudyError:
             continue  # the method needs more readings than joint
-        found.append(one.soil.as_array())
-    return found
+        starts.append(result.soil.as_array())
+    return starts
 
 
 def _m1(study: Study) -> M1:
@@ -228,8 +228,8 @@ def _errors(todo: Plan, theta: FloatArray) -> dict[str, float]:
 
 
 def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:
-    found = clip(theta, slip)
-    return found.any if method == "IM1" else bool(np.any(found.angle))
+    clipped = clip(theta, slip)
+    return clipped.any if method == "IM1" else bool(np.any(clipped.angle))
 
 
 def _notes(method: str, todo: Plan, passes: Passes, rows: Readings, theta: FloatArray) -> tuple[str, ...]:

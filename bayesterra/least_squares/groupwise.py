@@ -34,15 +34,15 @@ class Step:
     channel : the channel fitted.
     curve : its values (m,) at all rows.
     measured : its readings (m,), NaN where not measured.
-    known : (m,) rows in which everything that the curve needs was measured too.
-    needs : the channels behind ``known``.
+    complete : (m,) rows in which everything that the curve needs was measured too.
+    needs : the channels behind ``complete``.
     """
 
     group: str
     channel: str
     curve: Curve
     measured: FloatArray
-    known: BoolArray
+    complete: BoolArray
     needs: tuple[str, ...]
 
     def columns(self, settings: Settings) -> list[int]:
@@ -53,13 +53,13 @@ class Step:
         """Fit the group from its start values, the other parameters as in ``theta`` (9,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
-        residual = Misfit(self.curve, self.measured, self.known)
+        residual = Misfit(self.curve, self.measured, self.complete)
         box = Box(settings.lower, settings.upper, columns)
         return minimise(residual, start, box, evaluations=EVALUATIONS * len(columns))
 
     def error(self, theta: FloatArray) -> float:
         """Error figure (16) in percent, NaN without readings."""
-        return error_figure(np.where(self.known, self.measured, np.nan), self.curve.values(theta))
+        return error_figure(np.where(self.complete, self.measured, np.nan), self.curve.values(theta))
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,19 @@ class Misfit:
 
     curve: Curve
     measured: FloatArray
-    known: BoolArray
+    complete: BoolArray
 
     @property
     def _scale(self) -> float:
-        return float(np.max(np.abs(self.measured[self.known]))) or 1.0
+        return float(np.max(np.abs(self.measured[self.complete]))) or 1.0
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Residuals (k,) of the known rows."""
-        return (self.curve.values(theta) - self.measured)[self.known] / self._scale
+        return (self.curve.values(theta) - self.measured)[self.complete] / self._scale
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivatives (k, 9)."""
-        return self.curve.jacobian(theta)[self.known] / self._scale
+        return self.curve.jacobian(theta)[self.complete] / self._scale
 
 
 @dataclass(frozen=True)
@@ -113,21 +113,21 @@ def plan(method: str, steps: Sequence[Step], settings: Settings) -> Plan:
     StudyError : a step has readings, but fewer than free parameters.
     """
     wanted = [step for step in steps if step.columns(settings)]
-    blind = [step for step in wanted if not step.known.any()]
+    blind = [step for step in wanted if not step.complete.any()]
     for step in wanted:
-        if step.known.any():
+        if step.complete.any():
             _check_count(method, step, len(step.columns(settings)))
     missing = {SOIL_PARAMETERS[i] for step in blind for i in step.columns(settings)}
     return Plan(
-        tuple(step for step in wanted if step.known.any()),
-        tuple(step for step in steps if step.known.any()),
+        tuple(step for step in wanted if step.complete.any()),
+        tuple(step for step in steps if step.complete.any()),
         tuple(name for name in SOIL_PARAMETERS if name in missing),
         tuple(_reason(step, settings) for step in blind),
     )
 
 
 def _check_count(method: str, step: Step, free: int) -> None:
-    count = int(step.known.sum())
+    count = int(step.complete.sum())
     if count < free:
         raise StudyError(
             f"too few observations for {method}: {CHANNELS[step.channel].symbol} has"
@@ -256,7 +256,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Contact:
-    """What is measured or known in every row, (m,) each, SI.
+    """Measured and known values of every row, (m,) each, SI.
 
     Attributes
     ----------
@@ -409,9 +409,9 @@ def decoupled_steps(method: str, readings: Readings, model: WheelSoilModel) -> l
     def step(
         group: str, channel: str, equation: Callable[[Complex, Contact], Complex], needs: tuple[str, ...]
     ) -> Step:
-        known = np.all([~np.isnan(readings.forces[name]) for name in needs], axis=0)
+        whole = np.all([~np.isnan(readings.forces[name]) for name in needs], axis=0)
         return Step(
-            group, channel, Formula(lambda theta: equation(theta, at)), readings.forces[channel], known, needs
+            group, channel, Formula(lambda theta: equation(theta, at)), readings.forces[channel], whole, needs
         )
 
     return [step(*row) for row in EQUATIONS[method]]

@@ -70,8 +70,8 @@ class WeightedMisfit:
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Residuals of the readings, then 2 m + 9 or 13 penalties; NaN where no sinkage carries a load."""
-        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
-        misfit = ((self.predicted(theta) - self.measured) / self.sd)[known]
+        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = ((self.predicted(theta) - self.measured) / self.sd)[read]
         penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
         return np.concatenate([misfit, PENALTY * penalties])
 
@@ -85,8 +85,8 @@ class WeightedMisfit:
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivatives of :meth:`values` by the parameters."""
-        known, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
-        misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[known]
+        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[read]
         outside = np.diag((self._outside(theta) != 0) / self._size)
         return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
 
@@ -163,8 +163,8 @@ def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, fl
     sd = np.empty(likelihood.measured.shape)
     for i, noise in enumerate(likelihood.noise):
         value = np.array([estimated[noise.channel]]) if noise.law else None
-        given = likelihood.observations.given_sd.get(noise.channel, none)
-        sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, given)[0]
+        stated_sd = likelihood.observations.given_sd.get(noise.channel, none)
+        sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, stated_sd)[0]
     model = ClippedModel(likelihood.forward)
     return WeightedMisfit(model, columns, likelihood.measured, sd, *_ranges(settings))
 

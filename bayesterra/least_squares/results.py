@@ -77,10 +77,10 @@ def error_figure(measured: FloatArray, predicted: FloatArray) -> float:
 
     Readings that are NaN count for nothing; NaN where there is no reading or every reading is 0.
     """
-    known = ~np.isnan(measured)
-    if not np.any(measured[known]):
+    read = ~np.isnan(measured)
+    if not np.any(measured[read]):
         return float("nan")
-    return float(100 * np.max(np.abs(measured - predicted)[known]) / np.max(np.abs(measured[known])))
+    return float(100 * np.max(np.abs(measured - predicted)[read]) / np.max(np.abs(measured[read])))
 
 
 def soil_of(theta: FloatArray) -> Soil:
@@ -140,8 +140,8 @@ def _table(fits: Mapping[str, Fit], study: Study) -> RichTable:
     units = rows.drop_duplicates("parameter")
     for name, unit in zip(units["parameter"], units["unit"], strict=True):
         cells = [_cell(fit, name, rows) for fit in fits.values()]
-        known = [_known(reference.values, name)] if reference else []
-        table.add_row(_label(name), unit, *cells, *known)
+        reference_cell = [_known(reference.values, name)] if reference else []
+        table.add_row(_label(name), unit, *cells, *reference_cell)
     return table
 
 
@@ -163,14 +163,14 @@ def _known(values: Mapping[str, float], name: str) -> str:
 
 
 def _sentence(fit: Fit) -> str:
-    parts = ["converged" if fit.converged else "did not converge"]
+    clauses = ["converged" if fit.converged else "did not converge"]
     if fit.passes > 1:
-        parts.append(f"{fit.passes} {'rounds of weights' if fit.method == 'joint' else 'passes'}")
-    return "; ".join([*parts, f"{fit.seconds:.2f} s", *fit.notes])
+        clauses.append(f"{fit.passes} {'rounds of weights' if fit.method == 'joint' else 'passes'}")
+    return "; ".join([*clauses, f"{fit.seconds:.2f} s", *fit.notes])
 
 
 def of_fit(fitted: Fit) -> dict[str, Any]:
-    """How a least-squares fit ended."""
+    """End of a least-squares fit in words."""
     return {
         "converged": fitted.converged,
         "passes": fitted.passes,

@@ -34,7 +34,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """Where a fit starts and how far it may go, SI.
+    """Start and bounds of a fit, SI.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Overrides:
-    """What the caller of ``fit`` asks for in place of the study's ``[least_squares]``; None: as there."""
+    """Wishes of the caller of ``fit`` in place of the study's ``[least_squares]``; None: as there."""
 
     hold: Mapping[str, float] | None = None
     start: Mapping[str, float] | None = None
@@ -85,17 +85,17 @@ class Overrides:
 
     def over(self, study: Study) -> Overrides:
         """These, completed from the study."""
-        given = study.least_squares
-        delta = given.delta if self.delta is None else self.delta
+        stated = study.least_squares
+        delta = stated.delta if self.delta is None else self.delta
         if not delta > 0:
             raise StudyError(f"'delta' must be above 0 (got {delta:g})")
-        for table in (self.hold, self.start, self.lower, self.upper, given.hold, given.start):
+        for table in (self.hold, self.start, self.lower, self.upper, stated.hold, stated.start):
             _check_known(table or {}, study)
         return Overrides(
-            {**_held_by_study(study), **(given.hold if self.hold is None else self.hold)},
-            given.start if self.start is None else self.start,
-            given.lower if self.lower is None else self.lower,
-            given.upper if self.upper is None else self.upper,
+            {**_held_by_study(study), **(stated.hold if self.hold is None else self.hold)},
+            stated.start if self.start is None else self.start,
+            stated.lower if self.lower is None else self.lower,
+            stated.upper if self.upper is None else self.upper,
             delta,
         )
 
@@ -269,7 +269,7 @@ def weighted_target(study: Study) -> Posterior:
     whole = density.likelihood
     rows, noise, drive = without_offset(whole.observations, study), whole.noise, study.drive
     if drive == "both":
-        drive, noise = "load", [one for one in noise if one.channel != "normal_force"]
+        drive, noise = "load", [entry for entry in noise if entry.channel != "normal_force"]
         force = rows.values.get("normal_force", np.full(len(rows), np.nan))
         rows = replace(rows, load=force).take(force > 0)
     if not len(rows) or not noise:

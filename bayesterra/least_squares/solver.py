@@ -50,7 +50,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class Box:
-    """Where a search may go: bounds on coordinates x, with parameters (9,) = ``basis`` @ x.
+    """Range of a search: bounds on coordinates x, with parameters (9,) = ``basis`` @ x.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ _N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", 
 
 @dataclass(frozen=True)
 class Clip:
-    """What clipping does to every row.
+    """Effect of clipping on every row.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Clip:
 
     @property
     def any(self) -> bool:
-        """Whether some row is modelled with other parameters than asked for."""
+        """True where some row is modelled with other parameters than asked for."""
         return bool(np.any(self.angle) or np.any(self.exponent))
 
 
