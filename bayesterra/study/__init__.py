@@ -1,1 +1,1 @@
-"""What is asked, checked and in SI: measurements, wheels, noise, priors, and the result that answers it."""
+"""The question, checked and in SI: measurements, wheels, noise, priors, and the result that answers it."""

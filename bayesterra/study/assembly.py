@@ -64,12 +64,12 @@ class StatedSoil:
     notes: tuple[str, ...]
 
 
-def soil_prior(given: StatedPriors, model: str, *, constant_exponent: bool) -> StatedSoil:
+def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> StatedSoil:
     """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
     ----------
-    given : the [priors] table.
+    stated : the [priors] table.
     model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
     constant_exponent : N = n0, so n1 is held at 0.
 
@@ -79,48 +79,48 @@ def soil_prior(given: StatedPriors, model: str, *, constant_exponent: bool) -> S
         without k_φ, or beside K_s; an earlier result that gives no prior, or what is given already; the load
         effect with a model that does not know it.
     """
-    entries: SoilPrior = dict(given.entries)
+    entries: SoilPrior = dict(stated.entries)
     if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
         raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
     idle = {"n1"} if constant_exponent else set()
-    found = _taken(given, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
-    notes = [note for one in found for note in one.notes]
-    correlation = dict(given.correlation)
-    for one in found:
-        _add(entries, one.laws, "'{}' is given and taken from {}", one.label)
-        _add(correlation, one.correlation, "correlation of '{}' is given and taken from {}", one.label)
+    earlier = _taken(stated, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
+    notes = [note for prior in earlier for note in prior.notes]
+    correlation = dict(stated.correlation)
+    for prior in earlier:
+        _add(entries, prior.laws, "'{}' is given and taken from {}", prior.label)
+        _add(correlation, prior.correlation, "correlation of '{}' is given and taken from {}", prior.label)
     effects, held = _load_effect(entries, model)
     notes += held
     stiffness = _stiffness(entries)
     needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
     missing = [name for name in needed if name not in entries and name != "c3"]
-    if missing and given.chosen is None:
+    if missing and stated.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
-    chosen = given.chosen or (DEFAULT_PRIOR_SET if missing else None)
-    known: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
-    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, known, chosen)
-    from_set = {name: entry for name, entry in known.items() if name in needed}
-    return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, found, tuple(notes))
+    chosen = stated.chosen or (DEFAULT_PRIOR_SET if missing else None)
+    prior_set: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
+    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, prior_set, chosen)
+    from_set = {name: entry for name, entry in prior_set.items() if name in needed}
+    return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, earlier, tuple(notes))
 
 
-def _taken(given: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
+def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
     """Joint laws from earlier results of what has use for them: not of the ``idle`` parameters."""
-    if not given.sources:
+    if not stated.sources:
         return ()
     from bayesterra.study.previous import taken  # brings ArviZ along, which most studies need not wait for
 
     other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
     other |= {OFFSET, *idle}  # a zero error is that of its own test
-    known = tuple(name for name in PRIOR_PARAMETERS if name not in other)
+    names = tuple(name for name in PRIOR_PARAMETERS if name not in other)
     try:
-        return tuple(taken(source, known) for source in given.sources)
+        return tuple(taken(source, names) for source in stated.sources)
     except StudyError as error:
         raise StudyError(f"[priors.from] {error}") from error
 
 
-def _add(into: dict[str, Any], found: Mapping[str, Any], rule: str, label: str) -> None:
+def _add(into: dict[str, Any], additions: Mapping[str, Any], rule: str, label: str) -> None:
     """Add what nothing else gives; StudyError where something does."""
-    for name, value in found.items():
+    for name, value in additions.items():
         if name in into:
             raise StudyError(f"[priors] {rule.format(name, label)}: leave one of them out")
         into[name] = value
@@ -129,10 +129,10 @@ def _add(into: dict[str, Any], found: Mapping[str, Any], rule: str, label: str) 
 def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
     """Names of the load effect where the model knows it; holds what (42) holds, with a note."""
     if model != LOAD_EFFECT_MODEL:
-        given = next((name for name in LOAD_EFFECT if name in entries), None)
-        if given:
+        coefficient = next((name for name in LOAD_EFFECT if name in entries), None)
+        if coefficient:
             raise StudyError(
-                f"[priors] '{given}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
+                f"[priors] '{coefficient}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
                 f" (got model '{model}'): leave it out, or set model = \"{LOAD_EFFECT_MODEL}\""
             )
         return (), []
@@ -151,8 +151,8 @@ def wheel_soil_model(
     ------
     StudyError : a mean load that the model does not know, or none known; an option outside its range.
     """
-    given, notes = asdict(options), []
-    mean = given.pop("mean_load")
+    arguments, notes = asdict(options), []
+    mean = arguments.pop("mean_load")
     if name != LOAD_EFFECT_MODEL and mean is not None:
         raise StudyError(
             f"[model_options] 'mean_load' belongs to the model '{LOAD_EFFECT_MODEL}' (got '{name}')"
@@ -161,9 +161,9 @@ def wheel_soil_model(
         if mean is None:
             mean = _mean_load(rows)
             notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
-        given["mean_load"] = mean
+        arguments["mean_load"] = mean
     try:
-        return MODELS[name](**given), notes
+        return MODELS[name](**arguments), notes
     except ValueError as error:
         raise StudyError(f"[model_options] {error}") from error
 
@@ -181,14 +181,14 @@ def _mean_load(rows: Observations) -> float:
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     """K_s, or k_c and k_φ in its place."""
-    found = [name for name in MODULI if name in entries]
-    if not found:
+    moduli = [name for name in MODULI if name in entries]
+    if not moduli:
         return ("Ks",)
     if "Ks" in entries:
-        raise StudyError(f"[priors] '{found[0]}' stands in place of 'Ks': give either")
-    if len(found) == 1:
-        other = next(name for name in MODULI if name not in found)
-        raise StudyError(f"[priors] '{found[0]}' needs '{other}' beside it, as K_s = kc/b + kphi")
+        raise StudyError(f"[priors] '{moduli[0]}' stands in place of 'Ks': give either")
+    if len(moduli) == 1:
+        other = next(name for name in MODULI if name not in moduli)
+        raise StudyError(f"[priors] '{moduli[0]}' needs '{other}' beside it, as K_s = kc/b + kphi")
     return MODULI
 
 
@@ -204,9 +204,9 @@ def full_prior(
         raise StudyError(f"[priors] {error}") from error
 
 
-def _check_fixed(fixed: Mapping[str, float], known: Mapping[str, Entry], chosen: str | None) -> None:
+def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], chosen: str | None) -> None:
     for name, value in fixed.items():
-        law = known.get(name)
+        law = prior_set.get(name)
         if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
             inside = f"{_field(name, law.range[0])} to {_field(name, law.range[1])}"
             raise StudyError(
@@ -298,7 +298,7 @@ def _with_condition(observations: Observations, drive: str) -> Observations:
 
 
 def _with_readings(observations: Observations) -> Observations:
-    """Every row in use says something on its load: sinkage, normal force or both."""
+    """The rows, of which every one in use must say something on its load: sinkage, normal force or both."""
     none = np.full(len(observations), np.nan)
     sinkage, force = (observations.values.get(name, none) for name in ("sinkage", "normal_force"))
     silent = np.isnan(sinkage) & np.isnan(force)
@@ -310,7 +310,7 @@ def _with_readings(observations: Observations) -> Observations:
 def load_range(
     observations: Observations,
     noise: Mapping[str, Noise],
-    given: tuple[float, float] | None,
+    stated: tuple[float, float] | None,
     drive: str,
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
@@ -320,10 +320,10 @@ def load_range(
     StudyError : no range is given and no normal force measured.
     """
     if drive != "both":
-        idle = [] if given is None else [f"load_range is not used with the drive '{drive}'"]
+        idle = [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
         return None, idle
-    if given is not None:
-        return given, []
+    if stated is not None:
+        return stated, []
     used = observations.used()
     force = used.values.get("normal_force", np.full(len(used), np.nan))
     if "normal_force" not in noise or np.isnan(force).all():
@@ -345,7 +345,7 @@ def _condition_problem(drive: str, value: float, row: int) -> str | None:
 
 
 def outcome_noise(
-    observations: Observations, given: Mapping[str, Noise], drive: str, *, expected: bool = False
+    observations: Observations, stated: Mapping[str, Noise], drive: str, *, expected: bool = False
 ) -> tuple[dict[str, Noise], list[str]]:
     """Noise of every outcome measured in a row in use, and notes on noise that is not used.
 
@@ -356,26 +356,26 @@ def outcome_noise(
     StudyError : no outcome is measured, an outcome has no noise, or a sinkage is negative beyond its noise.
     """
     used = observations.used()
-    given = _renamed(given, drive)
+    stated = _renamed(stated, drive)
     measured = [
         name
         for name in DRIVE_OUTCOMES[drive]
-        if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in given)
+        if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in stated)
     ]
     if not measured:
         raise StudyError(_nothing_measured(drive, expected=expected))
-    noise = {name: _channel_noise(name, given.get(name), observations) for name in measured}
+    noise = {name: _channel_noise(name, stated.get(name), observations) for name in measured}
     if drive != "sinkage" and "sinkage" in noise:
         _check_negative_sinkage(used, noise["sinkage"])
     conditions = {"slip", drive, "load" if drive == "both" else "slip"}
     conditions |= {"normal_force"} if drive == "load" else set()
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
-    notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in given if n not in noise]
+    notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in stated if n not in noise]
     return noise, notes
 
 
 def errors_of_outcomes(
-    given: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: str
+    errors: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: str
 ) -> tuple[ModelErrors, list[str]]:
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
 
@@ -383,26 +383,26 @@ def errors_of_outcomes(
     ------
     StudyError : beside a latent load or Student-t noise.
     """
-    if not given:
-        return given, []
-    table = "discrepancy" if given.discrepancy else "ripple" if given.ripple else "slip"
+    if not errors:
+        return errors, []
+    table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
     if drive == "both":
         raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got 'both')")
-    heavy = next((name for name, one in noise.items() if np.isfinite(one.dof)), None)
+    heavy = next((name for name, channel_noise in noise.items() if np.isfinite(channel_noise.dof)), None)
     if heavy:
         raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
-    parts = {"discrepancy": given.discrepancy, "ripple": given.ripple}
+    tables = {"discrepancy": errors.discrepancy, "ripple": errors.ripple}
     notes = [
         f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"
-        for name, part in parts.items()
+        for name, part in tables.items()
         for channel in part
         if channel not in noise
     ]
-    return given.of(tuple(noise)), notes + (_several_loads(rows, drive) if given.discrepancy else [])
+    return errors.of(tuple(noise)), notes + (_several_loads(rows, drive) if errors.discrepancy else [])
 
 
 def _several_loads(rows: Observations, drive: str) -> list[str]:
-    """Say where one curve of discrepancy stands for several loads."""
+    """A note where one curve of discrepancy stands for several loads."""
     used = rows.used()
     for wheel in dict.fromkeys(used.wheel):
         loads = used.load[[name == wheel for name in used.wheel]]
@@ -419,11 +419,11 @@ def _nothing_measured(drive: str, *, expected: bool) -> str:
     return f"the rows in use must hold at least one reading of {outcomes} (before that: run --prior-only)"
 
 
-def awaited(observations: Observations, given: Mapping[str, Noise], drive: str) -> Observations:
+def awaited(observations: Observations, noise: Mapping[str, Noise], drive: str) -> Observations:
     """The same rows with an empty column for every outcome that has noise and no column."""
     empty = frozen(np.full(len(observations), np.nan))
     missing = [
-        n for n in DRIVE_OUTCOMES[drive] if n in _renamed(given, drive) and n not in observations.values
+        n for n in DRIVE_OUTCOMES[drive] if n in _renamed(noise, drive) and n not in observations.values
     ]
     return replace(
         observations,
@@ -432,17 +432,17 @@ def awaited(observations: Observations, given: Mapping[str, Noise], drive: str) 
     )
 
 
-def _renamed(given: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
+def _renamed(stated: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
     """With drives ``sinkage`` and ``both``, noise of the load is that of the normal force it stands for."""
-    if drive != "load" and "load" in given and "normal_force" not in given:
-        rest = {name: noise for name, noise in given.items() if name != "load"}
-        return {**rest, "normal_force": replace(given["load"], channel="normal_force")}
-    return dict(given)
+    if drive != "load" and "load" in stated and "normal_force" not in stated:
+        rest = {name: noise for name, noise in stated.items() if name != "load"}
+        return {**rest, "normal_force": replace(stated["load"], channel="normal_force")}
+    return dict(stated)
 
 
-def _channel_noise(name: str, given: Noise | None, observations: Observations) -> Noise:
-    if given is not None:
-        return given
+def _channel_noise(name: str, stated: Noise | None, observations: Observations) -> Noise:
+    if stated is not None:
+        return stated
     sd = observations.given_sd[name][~np.isnan(observations.values[name])]
     if np.isnan(sd).any():
         example = f'{name} = "1 {CHANNELS[name].unit}"'
@@ -450,10 +450,10 @@ def _channel_noise(name: str, given: Noise | None, observations: Observations) -
     return Noise(name, sd=float(np.median(sd)))  # overridden by the table in every row that has a reading
 
 
-def reading_sd(noise: Noise, values: FloatArray, given: FloatArray) -> FloatArray:
+def reading_sd(noise: Noise, values: FloatArray, sd: FloatArray) -> FloatArray:
     """Standard deviations (m,) of readings, before any model: estimated noise at its upper 97.5 % point."""
     estimated = None if noise.law is None else np.array([float(noise.law.quantile(np.array(0.975)))])
-    scale: FloatArray = np.broadcast_to(noise.scale(values[None, :], estimated, given), (1, len(values)))[0]
+    scale: FloatArray = np.broadcast_to(noise.scale(values[None, :], estimated, sd), (1, len(values)))[0]
     return scale
 
 

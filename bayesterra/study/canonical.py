@@ -69,9 +69,9 @@ def _rows(rows: Observations) -> pd.DataFrame:
     for name, values in measured.items():
         if not np.isnan(values).all():
             columns[f"{name} [{CHANNELS[name].dimension}]"] = values
-        given = rows.given_sd.get(name, np.array(np.nan))
-        if not np.isnan(given).all():
-            columns[f"{name}_sd [{CHANNELS[name].dimension}]"] = given
+        sd = rows.given_sd.get(name, np.array(np.nan))
+        if not np.isnan(sd).all():
+            columns[f"{name}_sd [{CHANNELS[name].dimension}]"] = sd
     return pd.DataFrame({**columns, "use": rows.use.astype(int)})
 
 
@@ -100,8 +100,8 @@ def _lines(
     yield from toml_table("least_squares", _least_squares(study))
     for name, reference in references.items():
         if reference is not None:
-            known = {n: _value(n, v) for n, v in reference.values.items()}
-            yield from toml_table(name, {"source": reference.source, **known})
+            values = {n: _value(n, v) for n, v in reference.values.items()}
+            yield from toml_table(name, {"source": reference.source, **values})
     yield from toml_table("sampling", asdict(study.sampling))
 
 
@@ -152,21 +152,21 @@ def _noise(noise: Noise) -> object:
 
 def _errors(errors: ModelErrors) -> Iterator[str]:
     """The tables of discrepancy, ripple and slip errors, as far as there are any."""
-    curves = {name: _discrepancy(one) for name, one in errors.discrepancy.items()}
+    curves = {name: _discrepancy(curve) for name, curve in errors.discrepancy.items()}
     yield from toml_table("discrepancy", curves)
-    yield from toml_table("ripple", {name: _ripple(one) for name, one in errors.ripple.items()})
+    yield from toml_table("ripple", {name: _ripple(ripple) for name, ripple in errors.ripple.items()})
     if errors.slip is not None:
         yield from toml_table("slip", {"sd": _size(errors.slip.size, "")})
 
 
-def _discrepancy(one: Discrepancy) -> dict[str, object]:
-    size = _size(one.size, CHANNELS[one.channel].dimension)
-    return {"sd": size, "length": one.length, "kernel": one.kernel}
+def _discrepancy(curve: Discrepancy) -> dict[str, object]:
+    size = _size(curve.size, CHANNELS[curve.channel].dimension)
+    return {"sd": size, "length": curve.length, "kernel": curve.kernel}
 
 
-def _ripple(one: Ripple) -> dict[str, object]:
-    size, repeats = _size(one.size, CHANNELS[one.channel].dimension), np.isfinite(one.period)
-    return {"sd": size, "memory": one.memory, **({"period": one.period} if repeats else {})}
+def _ripple(ripple: Ripple) -> dict[str, object]:
+    size, repeats = _size(ripple.size, CHANNELS[ripple.channel].dimension), np.isfinite(ripple.period)
+    return {"sd": size, "memory": ripple.memory, **({"period": ripple.period} if repeats else {})}
 
 
 def _size(size: Size, dimension: str) -> object:
@@ -182,15 +182,15 @@ def _prior(name: str, entry: Entry) -> object:
 
 
 def law_entry(law: Law, dimension: str) -> dict[str, object]:
-    """Location, scale and limits have the unit of the parameter, shape arguments have none."""
-    known: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
+    """A law as a table: location, scale and limits have the parameter's unit, shape arguments have none."""
+    numbers: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
     rows: dict[str, object] = {}
     if isinstance(law, QuantileLaw):
         rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
     dimensional = ("loc", "scale", "lower", "upper")
     values = {
         key: text(value, dimension if key in dimensional else "")
-        for key, value in known.items()
+        for key, value in numbers.items()
         if np.isfinite(value)
     }
     return {"dist": law.dist, **rows, **values, **({"source": law.source} if law.source else {})}

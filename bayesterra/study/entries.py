@@ -37,11 +37,11 @@ def table(value: object, name: str) -> dict[str, Any]:
     return {str(key): entry for key, entry in value.items()}
 
 
-def parameter_value(name: str, value: object, known: Iterable[str], *, bare: bool) -> float:
-    """SI value of the parameter ``name``, which must be one of ``known``."""
-    known = list(known)
-    if name not in known:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+def parameter_value(name: str, value: object, names: Iterable[str], *, bare: bool) -> float:
+    """SI value of the parameter ``name``, which must be one of ``names``."""
+    names = list(names)
+    if name not in names:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, names)}")
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
 
 
@@ -55,8 +55,8 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     bare : take numbers as SI values.
     """
     if name not in PRIOR_PARAMETERS:
-        known = ("set", "from", "correlation", *PRIOR_PARAMETERS)
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+        keys = ("set", "from", "correlation", *PRIOR_PARAMETERS)
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
     if isinstance(value, Mapping):
@@ -103,8 +103,8 @@ def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) 
     source = _source(name, entry)
     for key in entry:
         if key not in (*_ROWS, *_LIMITS):
-            known = (*_ROWS, *_LIMITS, "source")
-            raise StudyError(f"'{name}': unknown argument '{key}' of {TABULATED}{did_you_mean(key, known)}")
+            keys = (*_ROWS, *_LIMITS, "source")
+            raise StudyError(f"'{name}': unknown argument '{key}' of {TABULATED}{did_you_mean(key, keys)}")
     columns: dict[str, tuple[float, ...]] = {}
     for key, unit in zip(_ROWS, ("", dimension), strict=True):
         column = entry.get(key)
@@ -135,7 +135,7 @@ def pair(*names: str) -> str:
 
 def correlations(value: object) -> dict[str, float]:
     """Correlations of normal scores by pair from a table such as ``{"c, phi" = -0.8}``."""
-    found: dict[str, float] = {}
+    by_pair: dict[str, float] = {}
     for key, item in table(value, "correlation").items():
         names = [part.strip() for part in key.split(",")]
         unknown = [name for name in names if name not in PARAMETERS]
@@ -148,14 +148,14 @@ def correlations(value: object) -> dict[str, float]:
         number = quantity(item, "", f"correlation of '{key}'", bare=True)
         if not -1.0 < number < 1.0:
             raise StudyError(f"correlation of '{key}' must lie between -1 and 1 (got {number:g})")
-        if pair(*names) in found:
+        if pair(*names) in by_pair:
             raise StudyError(f"correlation of '{pair(*names)}' is given twice")
-        found[pair(*names)] = number
-    return found
+        by_pair[pair(*names)] = number
+    return by_pair
 
 
 def sources(value: object) -> tuple[Source, ...]:
-    """What is taken from earlier results, from a list of tables or of :class:`Source`."""
+    """Sources of priors in earlier results, from a list of tables or of :class:`Source`."""
     items = [value] if isinstance(value, Mapping | Source) else value
     if not isinstance(items, list | tuple):
         raise StudyError(f"'from' must be tables [[priors.from]] with a 'result' (got {value!r})")
@@ -182,19 +182,19 @@ def _taken(value: object) -> Source:
 
 def _shape_arguments(name: str, dist: object) -> list[str]:
     """Names of a law's own arguments beside location and scale."""
-    known = getattr(stats, dist, None) if isinstance(dist, str) else None
-    if not isinstance(known, stats.rv_continuous):
+    family = getattr(stats, dist, None) if isinstance(dist, str) else None
+    if not isinstance(family, stats.rv_continuous):
         laws = (n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous))
         hint = suggestion(str(dist), laws)
         raise StudyError(f"'{name}': 'dist' must be a continuous scipy.stats law, got {dist!r}{hint}")
-    return [] if dist in RANGED else [part.strip() for part in (known.shapes or "").split(",") if part]
+    return [] if dist in RANGED else [part.strip() for part in (family.shapes or "").split(",") if part]
 
 
 def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: list[str]) -> None:
-    known = (*shapes, *_SHIFTS, *_LIMITS, "source")
+    arguments = (*shapes, *_SHIFTS, *_LIMITS, "source")
     for key in entry:
-        if key not in known:
-            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, known)}")
+        if key not in arguments:
+            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, arguments)}")
     for key in shapes:
         if key not in entry:
             raise StudyError(f"'{name}': {dist} needs its argument '{key}'")
@@ -218,7 +218,7 @@ def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
 
 
 def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:
-    """What says how large the noise is, as arguments of :class:`Noise`."""
+    """Size of the noise, as arguments of :class:`Noise`."""
     dimension = CHANNELS[channel].dimension
     if set(entry) == {"sd"}:
         return {"sd": quantity(entry["sd"], dimension, channel, bare=bare)}

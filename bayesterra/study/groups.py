@@ -55,7 +55,7 @@ def default_spread(own: Law) -> Law:
 
 @dataclass(frozen=True)
 class Pooling:
-    """What groups of rows have in common.
+    """Parameters that groups of rows share, and those that each group has for itself.
 
     Parameters that no list names are shared, noise too.
 
@@ -113,8 +113,8 @@ def pooling_table(value: object, *, bare: bool) -> Pooling | None:
     if by not in GROUPINGS:
         raise StudyError(f"'by' must be one of the columns {', '.join(GROUPINGS)} (got {by!r})")
     shared, separate = (_names(content.get(key, ()), key) for key in ("shared", "separate"))
-    given = table(content.get("hierarchical", {}), "hierarchical")
-    populations = {_known(name): _population(name, entry, bare=bare) for name, entry in given.items()}
+    hierarchical = table(content.get("hierarchical", {}), "hierarchical")
+    populations = {_known(name): _population(name, entry, bare=bare) for name, entry in hierarchical.items()}
     named = [*shared, *separate, *populations]
     for name in named:
         if named.count(name) > 1:
@@ -154,8 +154,8 @@ def _law(name: str, value: Any, dimension: str, *, bare: bool) -> Law:
 def described(pooling: Pooling) -> dict[str, object]:
     """The roles and laws as plain values, whatever text the laws carry."""
 
-    def plain(one: Law | None) -> object:
-        return one and {key: value for key, value in asdict(one).items() if key != "source"}
+    def plain(prior_law: Law | None) -> object:
+        return prior_law and {key: value for key, value in asdict(prior_law).items() if key != "source"}
 
     populations = {n: [plain(p.mean), plain(p.spread)] for n, p in pooling.hierarchical.items()}
     return {

@@ -1,4 +1,4 @@
-"""What hangs readings together, as a study states it: [discrepancy], [ripple] and [slip].
+"""Errors that hang readings together, as a study states them: [discrepancy], [ripple] and [slip].
 
 A reading is y = f(θ, s) + δ(s) + ripple + noise: δ is the smooth error of the model over slip, one curve per
 wheel and channel; ripple belongs to the rows of one sweep; and the slip s of a row may be read in error.
@@ -133,7 +133,7 @@ class ModelErrors:
         return bool(self.discrepancy or self.ripple or self.slip)
 
     def __iter__(self) -> Iterator[Discrepancy | Ripple | SlipError]:
-        """One after the other, in the order in which posteriors hold their sizes."""
+        """The errors one after the other, in the order in which posteriors hold their sizes."""
         for part in (self.discrepancy, self.ripple):
             yield from (part[name] for name in OUTCOMES if name in part)
         if self.slip is not None:
@@ -142,13 +142,13 @@ class ModelErrors:
     @property
     def laws(self) -> dict[str, Law]:
         """Prior laws of the estimated sizes by parameter."""
-        return {one.parameter: one.size.law for one in self if one.parameter and one.size.law}
+        return {error.parameter: error.size.law for error in self if error.parameter and error.size.law}
 
     @property
     def tables(self) -> str:
         """The tables that are given, as they stand in a study: ``[discrepancy] and [slip]``."""
-        given = {"discrepancy": self.discrepancy, "ripple": self.ripple, "slip": self.slip}
-        return " and ".join(f"[{name}]" for name, part in given.items() if part)
+        tables = {"discrepancy": self.discrepancy, "ripple": self.ripple, "slip": self.slip}
+        return " and ".join(f"[{name}]" for name, part in tables.items() if part)
 
     def refuse(self, what: str) -> None:
         """StudyError that ``what`` cannot be done with any of these tables, if there is one."""
@@ -156,9 +156,9 @@ class ModelErrors:
             raise StudyError(f"{what} takes studies whose rows stand alone: leave {self.tables} out")
 
     def of(self, channels: tuple[str, ...]) -> ModelErrors:
-        """Only what concerns some channels."""
-        curves = {name: one for name, one in self.discrepancy.items() if name in channels}
-        ripples = {name: one for name, one in self.ripple.items() if name in channels}
+        """The errors of some channels only."""
+        curves = {name: curve for name, curve in self.discrepancy.items() if name in channels}
+        ripples = {name: ripple for name, ripple in self.ripple.items() if name in channels}
         return ModelErrors(curves, ripples, self.slip)
 
 
@@ -202,13 +202,13 @@ def slip_error(value: object, *, bare: bool) -> SlipError | None:
 def _by_channel(
     value: object, name: str, read: Callable[..., Entry], kind: type[Entry], *, bare: bool
 ) -> dict[str, Entry]:
-    found = {}
+    errors = {}
     for channel, item in table(value, name).items():
         if channel not in OUTCOMES:
             reason = "is never an outcome" if channel in CHANNELS else "is unknown"
             raise StudyError(f"channel '{channel}' {reason}{did_you_mean(channel, OUTCOMES)}")
-        found[channel] = item if isinstance(item, kind) else read(channel, table(item, channel), bare=bare)
-    return found
+        errors[channel] = item if isinstance(item, kind) else read(channel, table(item, channel), bare=bare)
+    return errors
 
 
 def _discrepancy(channel: str, content: dict[str, Any], *, bare: bool) -> Discrepancy:
@@ -267,12 +267,12 @@ def _known(content: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Non
 
 def described(errors: ModelErrors) -> list[dict[str, object]]:
     """All as plain values, whatever text the laws carry."""
-    found = []
-    for one in errors:
-        content = {"kind": type(one).__name__, **asdict(one)}
-        held = one.size.law
-        content["size"] = one.size.sd if held is None else {
+    contents = []
+    for error in errors:
+        content = {"kind": type(error).__name__, **asdict(error)}
+        held = error.size.law
+        content["size"] = error.size.sd if held is None else {
             key: value for key, value in asdict(held).items() if key != "source"
         }  # fmt: skip
-        found.append(content)
-    return found
+        contents.append(content)
+    return contents

@@ -44,7 +44,7 @@ class Noise:
     dof: float = np.inf
 
     def __post_init__(self) -> None:
-        if sum(given is not None for given in (self.sd, self.fraction, self.law)) != 1:
+        if sum(size is not None for size in (self.sd, self.fraction, self.law)) != 1:
             raise StudyError(f"noise of '{self.channel}' must be one of: a value, a fraction, an estimate")
         for value in (self.sd, self.fraction, self.floor, self.dof):
             check_number(f"noise of '{self.channel}'", 0.0 if value is None else value)

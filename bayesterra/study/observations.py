@@ -84,8 +84,8 @@ class Observations:
         if by == "wheel":
             return self.wheel
         if by not in self.labels:
-            known = ", ".join(("wheel", *self.labels))
-            raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {known})")
+            names = ", ".join(("wheel", *self.labels))
+            raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {names})")
         return self.labels[by]
 
     def take(self, keep: BoolArray) -> Observations:
@@ -233,15 +233,15 @@ def _first(mask: BoolArray) -> int:
     return int(np.argmax(mask)) + 1
 
 
-def _wheel_names(columns: Mapping[str, Column], length: int, known: tuple[str, ...]) -> tuple[str, ...]:
-    if "wheel" not in columns and len(known) == 1:
-        return known * length
+def _wheel_names(columns: Mapping[str, Column], length: int, wheels: tuple[str, ...]) -> tuple[str, ...]:
+    if "wheel" not in columns and len(wheels) == 1:
+        return wheels * length
     if "wheel" not in columns:
-        raise StudyError(f"column 'wheel' is needed with several wheels ({', '.join(known)})")
+        raise StudyError(f"column 'wheel' is needed with several wheels ({', '.join(wheels)})")
     names = tuple(str(cell).strip() for cell in columns["wheel"].cells)
     for row, name in enumerate(names, start=1):
-        if name not in known:
-            raise StudyError(f"unknown wheel '{name}' in row {row}{did_you_mean(name, known)}")
+        if name not in wheels:
+            raise StudyError(f"unknown wheel '{name}' in row {row}{did_you_mean(name, wheels)}")
     return names
 
 
@@ -268,7 +268,7 @@ def _use(columns: Mapping[str, Column], length: int) -> BoolArray:
 
 def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArray]:
     """Standard deviations of every measured channel, NaN where the table has none."""
-    given = {name: np.full(length, np.nan) for name in ("load", *OUTCOMES) if name in columns}
+    sd = {name: np.full(length, np.nan) for name in ("load", *OUTCOMES) if name in columns}
     for name, column in columns.items():
         if name in CHANNELS or not name.endswith(SD_SUFFIX):
             continue
@@ -279,8 +279,8 @@ def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArra
             row = _first(values < LEAST)
             rule = "above 0" if values[row - 1] <= 0 else f"at least {LEAST:g} in SI units"
             raise StudyError(f"'{name}' must be {rule} (got {column.cells[row - 1]}, row {row})")
-        given[channel] = values
-    return given
+        sd[channel] = values
+    return sd
 
 
 def _referenced(
@@ -311,14 +311,14 @@ def sifted(observations: Observations, problems: Sequence[str | None]) -> Observ
         if problem and used:
             raise StudyError(problem)
     keep = np.array([problem is None for problem in problems])
-    found = [problem for problem in problems if problem]
-    more = f"; {len(found) - 1} more rows likewise" if len(found) > 1 else ""
-    notes = (f"row left out, as its 'use' is 0: {found[0]}{more}",) if found else ()
+    reasons = [problem for problem in problems if problem]
+    more = f"; {len(reasons) - 1} more rows likewise" if len(reasons) > 1 else ""
+    notes = (f"row left out, as its 'use' is 0: {reasons[0]}{more}",) if reasons else ()
     return replace(observations, notes=observations.notes + notes).take(keep)
 
 
 def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, Wheel]) -> str | None:
-    """What takes one row outside the model's range, or None."""
+    """The problem that takes one row outside the model's range, or None."""
     row, radius = rows.rows[index], wheels[rows.wheel[index]].radius
     converted, load = float(rows.slip[index]), float(rows.load[index])
     if not 0 <= converted < 1:

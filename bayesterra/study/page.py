@@ -1,4 +1,4 @@
-"""How parameters and their laws are shown: laws in words, the axis of a prior, rows of the strip."""
+"""Parameters and their laws on a page: laws in words, the axis of a prior, rows of the strip."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class StripRow:
 
 
 def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
-    """What prior and posterior look like in the strip, and the marks of these methods."""
+    """Looks of prior and posterior in the strip, and the marks of these methods."""
     small = Markup(
         '<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>'
     )

@@ -61,7 +61,7 @@ PHYSICAL: Mapping[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How well a Gaussian copula stands for draws.
+    """Fidelity of a Gaussian copula to the draws that it stands for.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Fidelity:
 
     @property
     def poor(self) -> bool:
-        """Whether the copula stands badly for the draws, beyond their own noise."""
+        """True where the copula stands badly for the draws, beyond their own noise."""
         return self.difference > max(POOR, self.noise)
 
 
@@ -106,7 +106,7 @@ class PosteriorPrior:
     notes: tuple[str, ...]
 
     def record(self) -> dict[str, Any]:
-        """What stands in ``run.json``."""
+        """Content of the prior in ``run.json``."""
         return {
             "from": self.label,
             "take": dict(self.take),
@@ -119,15 +119,15 @@ class PosteriorPrior:
         }
 
 
-def taken(source: Source, known: tuple[str, ...] = PRIOR_PARAMETERS) -> PosteriorPrior:
-    """The joint law that a study takes from an earlier result; ``known`` are the parameters it may have.
+def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS) -> PosteriorPrior:
+    """The joint law that a study takes from an earlier result; ``names`` are the parameters it may have.
 
     Raises
     ------
     StudyError : the result is missing, unfinished or too short, or lacks a parameter; or dimensions differ.
     """
     drawn, ranges = _opened(source.result)
-    take = _names(source, drawn, known)
+    take = _names(source, drawn, names)
     columns = [drawn.draws[there] for there in take.values()]
     sizes = [array_ess(column) for column in columns]
     slowest = int(np.argmin(sizes))
@@ -171,18 +171,18 @@ def _ranges(folder: Path) -> dict[str, tuple[float, float]]:
         stated = entries.table(read_toml(folder / "study.toml").get("priors", {}), "priors")
     except StudyError:
         return {}
-    found = {}
+    ranges = {}
     for name, entry in stated.items():
         if name in PARAMETERS and isinstance(entry, Mapping) and "dist" in entry:
             law = entries.law(name, dict(entry), PARAMETERS[name].dimension, bare=False)
-            found[name] = law.range
-    return found
+            ranges[name] = law.range
+    return ranges
 
 
-def _names(source: Source, drawn: Drawn, known: tuple[str, ...]) -> dict[str, str]:
+def _names(source: Source, drawn: Drawn, names: tuple[str, ...]) -> dict[str, str]:
     """Parameter there by parameter here, in the package's order."""
     if source.take is None:
-        take = {name: name for name in known if name in drawn.draws}
+        take = {name: name for name in names if name in drawn.draws}
         if not take:
             raise StudyError(f"{drawn.label} has no parameter of this study's (has {', '.join(drawn.draws)})")
         return take

@@ -54,7 +54,7 @@ class Tie:
 
 @dataclass(frozen=True)
 class Source:
-    """What a study takes from an earlier result: its posterior becomes the prior of some parameters.
+    """An earlier result that a study takes a prior from: its posterior becomes the prior of some parameters.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Source:
 
 
 Entry = Law | float | Tie
-"""What a prior says about one parameter: free, fixed, or tied."""
+"""Prior of one parameter: free, fixed, or tied."""
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,12 @@ class Prior:
 
     @property
     def uses_moduli(self) -> bool:
-        """Whether K_s follows from k_c and k_φ, and so from the width of each wheel."""
+        """True where K_s follows from k_c and k_φ, and so from the width of each wheel."""
         return any(name in self.entries for name in MODULI)
 
     @property
     def uses_load_effect(self) -> bool:
-        """Whether the coefficients of the load effect, (42), are among the entries."""
+        """True where the coefficients of the load effect, (42), are among the entries."""
         return any(name in self.entries for name in LOAD_EFFECT)
 
     @cached_property
@@ -154,7 +154,7 @@ class Prior:
 
     @cached_property
     def sources(self) -> dict[tuple[str, ...], str]:
-        """Where laws come from, by the free parameters of which that is said."""
+        """Sources of laws, by the free parameters of which one is said."""
         said = {name: law.source for name, law in self.laws.items() if law.source}
         return {
             tuple(name for name in said if said[name] == source): source
@@ -169,7 +169,7 @@ class Prior:
 
     @cached_property
     def ties(self) -> dict[str, str]:
-        """What each tied parameter is tied to."""
+        """Parameter that each tied one is tied to."""
         return {name: entry.to for name, entry in self.entries.items() if isinstance(entry, Tie)}
 
     def root(self, name: str) -> str:
@@ -186,7 +186,7 @@ class Prior:
                 raise StudyError(f"'{name}' must not be tied to itself ({' = '.join(seen)})")
         if seen[-1] not in self.entries:
             raise StudyError(f"'{seen[-2]}' is tied to '{seen[-1]}', which must have a prior of its own")
-        dimensions = [PARAMETERS[one].dimension for one in (name, seen[-1])]
+        dimensions = [PARAMETERS[parameter].dimension for parameter in (name, seen[-1])]
         if dimensions[0] != dimensions[1]:
             kinds = " and ".join(f"'{dimension or 'pure number'}'" for dimension in dimensions)
             raise StudyError(f"'{name}' must be tied to a parameter of its own dimension (got {kinds})")
@@ -200,9 +200,9 @@ class Prior:
     @cached_property
     def soil_columns(self) -> tuple[str, ...]:
         """Columns of soil arrays: the parameters of the model, or these with k_c, k_φ and the offset."""
-        known = MODEL_PARAMETERS if self.uses_load_effect else SOIL_PARAMETERS
+        model_columns = MODEL_PARAMETERS if self.uses_load_effect else SOIL_PARAMETERS
         extended = self.uses_moduli or OFFSET in self.entries
-        return tuple(n for n in PRIOR_PARAMETERS if (extended and n not in LOAD_EFFECT) or n in known)
+        return tuple(n for n in PRIOR_PARAMETERS if (extended and n not in LOAD_EFFECT) or n in model_columns)
 
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
@@ -230,12 +230,12 @@ class Prior:
 
     def soil_of(self, values: Mapping[str, float]) -> FloatArray:
         """Soil array (1, 9 or 12) of values by name, which override what is fixed and free alike."""
-        known = {name: self.root(name) for name in self.soil_columns if name in self.entries}
-        found = {name: values.get(name, values.get(root)) for name, root in known.items()}
+        roots = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        overrides = {name: values.get(name, values.get(root)) for name, root in roots.items()}
         row = {
             OFFSET: 0.0,
             **self.fixed,
-            **{name: value for name, value in found.items() if value is not None},
+            **{name: value for name, value in overrides.items() if value is not None},
         }
         return self._with_modulus(np.array([[row.get(name, np.nan) for name in self.soil_columns]]))
 
@@ -263,8 +263,8 @@ class Prior:
         """Normal scores of parameter sets (n, d) under their own laws, of some columns or all."""
         laws = list(self.laws.values())
         chosen = range(len(laws)) if columns is None else columns
-        found = [laws[i].score(x[:, i]) for i in chosen]
-        return np.column_stack(found) if found else np.empty((len(x), 0))
+        scores = [laws[i].score(x[:, i]) for i in chosen]
+        return np.column_stack(scores) if scores else np.empty((len(x), 0))
 
     def log_copula(self, x: FloatArray) -> FloatArray:
         """Log of the joint density over the product of the laws (n,): −½ zᵀ(R⁻¹ − 1)z − ½ log |R|."""
@@ -320,7 +320,7 @@ class Prior:
 
 
 NO_SOURCE = "no independent source"
-"""How the source of a law begins for which nothing but its limits speaks."""
+"""Beginning of the source of a law for which nothing but its limits speaks."""
 
 _DEGREE = float(np.pi / 180)
 
@@ -388,7 +388,7 @@ LOAD_EFFECT_SETS: dict[str, dict[str, Law]] = {
         name: Law("norm", {"loc": 0.0, "scale": 0.5}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT
     },
 }
-"""What each set says beside that of the coefficients of the load effect, (42), for the model M2L. The paper
+"""Priors of the coefficients of the load effect, (42), in each set, for the model M2L beside. The paper
 bounds them nowhere; beyond 1 they would turn the sign of a pull or moment within twice the mean load."""
 
 PRIOR_SETS: dict[str, dict[str, Law | float]] = {"paper-box": PAPER_BOX, "planetary": PLANETARY}

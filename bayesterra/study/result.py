@@ -50,7 +50,7 @@ class Result:
 
     @property
     def converged(self) -> bool:
-        """Whether every check of the sampling passed."""
+        """True where every check of the sampling passed."""
         return bool(self.record["verdict"]["converged"])
 
     @property
@@ -103,7 +103,7 @@ def observed_dataset(study: Study) -> xr.Dataset:
 
 
 def conditions_dataset(study: Study) -> xr.Dataset:
-    """What the rows were driven under."""
+    """Conditions under which the rows were driven."""
     observations = study.observations
     variables: dict[str, tuple[tuple[str, ...], Any]] = {
         "slip": (("row",), observations.slip),
@@ -238,7 +238,7 @@ def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, 
 
 
 def _origin(study: Study, seed: int) -> dict[str, Any]:
-    """What was run with what."""
+    """Origin of a run: its study and what it was run with."""
     return {
         "title": study.title,
         "kind": study.kind,
@@ -251,5 +251,5 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "drive": study.drive,
         "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
         "notes": list(study.notes),
-        **({"priors_from": [one.record() for one in study.taken]} if study.taken else {}),
+        **({"priors_from": [prior.record() for prior in study.taken]} if study.taken else {}),
     }

@@ -47,7 +47,7 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 
 def _bare(info: ValidationInfo) -> bool:
-    """Whether numbers are SI values: they are unless a file is read."""
+    """True where numbers are SI values: they are unless a file is read."""
     return info.context is None or bool(info.context.get("bare"))
 
 
@@ -55,9 +55,9 @@ def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | No
     return None if value is None else quantity(value, dimension, str(info.field_name), bare=_bare(info))
 
 
-def _parameters(known: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
+def _parameters(names: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
     items = entries.table(value, str(info.field_name)).items()
-    return {n: entries.parameter_value(n, item, known, bare=_bare(info)) for n, item in items}
+    return {n: entries.parameter_value(n, item, names, bare=_bare(info)) for n, item in items}
 
 
 def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
@@ -198,17 +198,17 @@ class Table:
     @classmethod
     def _known_keys(cls, content: Any) -> Any:
         """Name unknown keys before anything else, as a mistyped key is also a missing one."""
-        known = list(cls.__dataclass_fields__)
+        keys = list(cls.__dataclass_fields__)
         for key in content if isinstance(content, Mapping) else ():
-            if key not in known:
-                hint = suggestion(str(key), known) or _home(str(key)) or did_you_mean(str(key), known)
+            if key not in keys:
+                hint = suggestion(str(key), keys) or _home(str(key)) or did_you_mean(str(key), keys)
                 raise StudyError(f"unknown key '{key}'{hint}")
         return content
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class DataTable(Table):
-    """Where the measurements are."""
+    """Place of the measurements."""
 
     file: Text
     slip_reference: Literal["rim", "tip", "shearing"]
@@ -264,7 +264,7 @@ MANY_DRAWS = 10_000
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class SamplingOptions(Table):
-    """When sampling stops, and how many walkers do it: by default 64 an ensemble, 128 for many draws."""
+    """End of the sampling, and number of walkers: by default 64 an ensemble, 128 for many draws."""
 
     target_ess: Annotated[int, Field(ge=100, le=10_000_000, strict=True)] = 4000
     ensembles: Annotated[int, Field(ge=4, le=256, strict=True)] = 4
@@ -274,14 +274,14 @@ class SamplingOptions(Table):
     @model_validator(mode="before")
     @classmethod
     def _more_for_many(cls, content: Any) -> Any:
-        """Twice the walkers cost less than twice the steps."""
-        given = content.kwargs if isinstance(content, ArgsKwargs) else content
-        if not isinstance(given, Mapping) or "walkers" in given:
+        """The options, with more walkers for many draws: twice the walkers cost less than twice the steps."""
+        options = content.kwargs if isinstance(content, ArgsKwargs) else content
+        if not isinstance(options, Mapping) or "walkers" in options:
             return content
-        asked = given.get("target_ess")
+        asked = options.get("target_ess")
         if not isinstance(asked, int) or asked <= MANY_DRAWS:
             return content
-        more = {**given, "walkers": 128}
+        more = {**options, "walkers": 128}
         return ArgsKwargs(content.args, more) if isinstance(content, ArgsKwargs) else more
 
 
@@ -377,7 +377,7 @@ _HOMES: dict[str, Any] = {
 
 
 def _home(key: str) -> str:
-    """Where a key belongs that stands in the wrong table, as it does after a header too early."""
+    """Right place of a key that stands in the wrong table, as it does after a header too early."""
     if key in StudyContent.__dataclass_fields__ and key not in (*_HOMES, "wheels"):
         return " (it belongs at the top, before the first table)"
     homes = (table for table, shape in _HOMES.items() if key in shape.__dataclass_fields__)
@@ -385,7 +385,7 @@ def _home(key: str) -> str:
 
 
 def one_line(error: ErrorDetails) -> str:
-    """What is wrong where, from the first of pydantic's errors."""
+    """The fault and its place in one line, from the first of pydantic's errors."""
     *path, key = [str(part) for part in error["loc"]] or [""]
     if error["type"] == "missing":
         return f"{_heading(path)}needs '{key}'"

@@ -111,9 +111,9 @@ class Study:
             "kind": kind,
             "source": source,
         }
-        given = {**_with_model_name(tables), "wheels": wheels, "data": described}
-        parts = _parts(data, schema.checked(given, bare=True), expected=prior_only)
-        for name, value in {**parts, "path": path}.items():
+        content = {**_with_model_name(tables), "wheels": wheels, "data": described}
+        attributes = _parts(data, schema.checked(content, bare=True), expected=prior_only)
+        for name, value in {**attributes, "path": path}.items():
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
@@ -186,11 +186,11 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
     path = checked_path("bt.load_study", path, "a study file or its folder")
     path = path / STUDY_FILE if path.is_dir() else path
     with errors_in(path):
-        given = schema.checked(schema.read_toml(path), bare=False)
-        tables = {field.name: getattr(given, field.name) for field in fields(given)}
+        content = schema.checked(schema.read_toml(path), bare=False)
+        tables = {field.name: getattr(content, field.name) for field in fields(content)}
         described = asdict(tables.pop("data"))
-        tables["priors"] = given.priors.beside(path)
-        described["file"] = str(path.parent / given.data.file) if table is None else "the rows"
+        tables["priors"] = content.priors.beside(path)
+        described["file"] = str(path.parent / content.data.file) if table is None else "the rows"
         with errors_in(described["file"]):
             table = read_table(described["file"]) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)
@@ -204,31 +204,31 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
     return {"model_options": asdict(model), **tables, "model": model.name}
 
 
-def _parts(data: pd.DataFrame, given: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
+def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
     soil = assembly.soil_prior(
-        given.priors, given.model, constant_exponent=given.model_options.constant_exponent
+        content.priors, content.model, constant_exponent=content.model_options.constant_exponent
     )
-    wheels, wheel_notes = assembly.resolved_wheels(given.wheels, soil.entries["phi"])
-    with errors_in(given.data.file):
+    wheels, wheel_notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"])
+    with errors_in(content.data.file):
         rows, row_notes = assembly.conditioned(
-            _rows(data, wheels, given.data), given.drive, expected=expected
+            _rows(data, wheels, content.data), content.drive, expected=expected
         )
-    rows = assembly.awaited(rows, given.noise, given.drive) if expected else rows
-    model, model_notes = assembly.wheel_soil_model(given.model, given.model_options, rows)
-    noise, noise_notes = assembly.outcome_noise(rows, given.noise, given.drive, expected=expected)
-    errors = ModelErrors(given.discrepancy, given.ripple, given.slip)
-    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, given.drive)
-    loads, load_notes = assembly.load_range(rows, noise, given.load_range, given.drive)
+    rows = assembly.awaited(rows, content.noise, content.drive) if expected else rows
+    model, model_notes = assembly.wheel_soil_model(content.model, content.model_options, rows)
+    noise, noise_notes = assembly.outcome_noise(rows, content.noise, content.drive, expected=expected)
+    errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
+    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, content.drive)
+    loads, load_notes = assembly.load_range(rows, noise, content.load_range, content.drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
-    pooling = None if given.pooling is None else given.pooling.checked(prior.laws)
+    pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
     if pooling is not None:
         check_groups(errors, pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
     notes += load_notes
     return {
-        **{name: getattr(given, name) for name in _KEPT},
-        **{"kind": given.data.kind, "source": given.data.source, "model": model, "wheels": wheels},
+        **{name: getattr(content, name) for name in _KEPT},
+        **{"kind": content.data.kind, "source": content.data.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
@@ -249,7 +249,7 @@ def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.Dat
 
 
 def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:
-    """Say where there are fewer readings than free parameters, which a posterior can bear."""
+    """A note where there are fewer readings than free parameters, which a posterior can bear."""
     used = rows.used()
     readings = sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
     if readings >= len(prior.names):
@@ -258,7 +258,7 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
 
 
 def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
-    """Say what the groups are and which commands know of them."""
+    """A note on the groups and on the commands that know of them."""
     if pooling is None:
         return []
     groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))

@@ -86,7 +86,7 @@ def prior_phi(study: Study) -> float:
     return phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
 
 
-def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
+def wheel_named(study: Study, text: str | None) -> tuple[str, Wheel]:
     """A wheel of the study by its name, by default its first, or another one from a file.
 
     Raises
@@ -94,11 +94,11 @@ def wheel_named(study: Study, given: str | None) -> tuple[str, Wheel]:
     StudyError : neither.
     """
     wheels = study.wheels
-    if given is None or given in wheels:
-        return chosen_wheel(study, given)
-    if not given.endswith(".toml") and not Path(given).is_file():
-        raise StudyError(f"'{given}' is neither a wheel of the study nor a file{did_you_mean(given, wheels)}")
-    name, wheel = read_wheel(Path(given))
+    if text is None or text in wheels:
+        return chosen_wheel(study, text)
+    if not text.endswith(".toml") and not Path(text).is_file():
+        raise StudyError(f"'{text}' is neither a wheel of the study nor a file{did_you_mean(text, wheels)}")
+    name, wheel = read_wheel(Path(text))
     return chosen_wheel(study, wheel, name)
 
 
@@ -117,5 +117,5 @@ def measured_loads(study: Study) -> tuple[float, ...]:
     """Lowest and highest load (N) among the rows in the fit; nothing where none was measured."""
     rows = study.observations.used()
     loads = rows.load if not np.isnan(rows.load).all() else rows.values.get("normal_force", rows.load)
-    known = loads[~np.isnan(loads)]
-    return (float(known.min()), float(known.max())) if known.size else ()
+    measured = loads[~np.isnan(loads)]
+    return (float(measured.min()), float(measured.max())) if measured.size else ()
