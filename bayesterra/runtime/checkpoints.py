@@ -59,20 +59,20 @@ class Checkpoints:
         """
         _refuse_what_is_no_file(folder)
         present = json.loads(json.dumps(identity))
-        found = _begun(folder)
-        if found is not None and found != present:
-            raise _refusal(folder, difference(found, present))
+        begun = _begun(folder)
+        if begun is not None and begun != present:
+            raise _refusal(folder, difference(begun, present))
         checkpoints = cls(folder, _digest(present))
         damaged = checkpoints._without_damage()
-        if found is None:
-            known = {"run": _digest(present), "identity": present}
-            write_text(folder / BEGUN, json.dumps(known, ensure_ascii=False, indent=1) + "\n")
+        if begun is None:
+            record = {"run": _digest(present), "identity": present}
+            write_text(folder / BEGUN, json.dumps(record, ensure_ascii=False, indent=1) + "\n")
         saved = len(list(folder.glob("*" + SEGMENT)))
         resumed = (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
         return cls(folder, checkpoints.run, (*damaged, *resumed))
 
     def holds(self, name: str) -> bool:
-        """Whether a segment was saved."""
+        """True where a segment was saved."""
         return self._path(name).exists()
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
@@ -115,14 +115,14 @@ class Checkpoints:
 
 
 def _refuse_what_is_no_file(folder: Path) -> None:
-    """A folder in the place of a file is not ours to remove."""
+    """Refuse a folder in the place of a file: it is not ours to remove."""
     for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
         if path.exists() and not path.is_file():
             raise ResultError(f"'{path}' is not a file: move it away")
 
 
 def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """What a segment says of itself, and its arrays; ValueError where it is damaged."""
+    """Record of a segment, and its arrays; ValueError where it is damaged."""
     checksum, _, content = read_bytes(path, MOST_SEGMENT).partition(b"\n")
     if sha256(content).hexdigest().encode() != checksum:
         raise ValueError("damaged")
@@ -136,18 +136,18 @@ def _check_sizes(arrays: bytes) -> None:
     """ValueError where arrays are packed, or declared larger than they are: ours are neither."""
     headers = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
     with ZipFile(BytesIO(arrays)) as packed:
-        for one in packed.infolist():
-            with packed.open(one) as member:
+        for entry in packed.infolist():
+            with packed.open(entry) as member:
                 shape, _, kind = headers[read_magic(member)](member)
-            if one.compress_type != ZIP_STORED or prod(shape) * kind.itemsize > len(arrays):
+            if entry.compress_type != ZIP_STORED or prod(shape) * kind.itemsize > len(arrays):
                 raise ValueError("damaged")
 
 
 def _begun(folder: Path) -> Any:
-    """What a run was begun with; None where that cannot be read, and its segments must tell."""
+    """Identity with which a run was begun; None where that cannot be read, and its segments must tell."""
     try:
-        known = read_json(folder / BEGUN)
-        return known["identity"] if known["run"] == _digest(known["identity"]) else None
+        record = read_json(folder / BEGUN)
+        return record["identity"] if record["run"] == _digest(record["identity"]) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -208,10 +208,10 @@ class CheckpointStore(Protocol):
     """Segments by name, whose content depends on nothing but the run; used from several threads."""
 
     def holds(self, name: str) -> bool:
-        """Whether a segment was ever saved, be it damaged by now."""
+        """True where a segment was ever saved, be it damaged by now."""
 
     def load(self, name: str) -> Segment | None:
-        """What was saved under a name; None where there is nothing, or nothing sound."""
+        """Segment that was saved under a name; None where there is nothing, or nothing sound."""
 
     def save(self, name: str, segment: Segment) -> None:
         """Keep a segment; once this returns it survives the process."""
@@ -233,7 +233,7 @@ class NoCheckpointStore:
 
 
 def load_or_compute(checkpoint_store: CheckpointStore, name: str, kind: type[T], make: Callable[[], T]) -> T:
-    """What the store has under a name, else what ``make`` gives, which is then saved.
+    """Value that the store has under a name, else the one that ``make`` gives, which is then saved.
 
     Either way it is returned as it reads back, so that a resumed run has no way to go on differently.
     """
@@ -270,10 +270,10 @@ def pack(value: Any, name: str = "") -> dict[str, NDArray[Any]]:
     TypeError : it holds something else.
     """
     if isinstance(value, tuple) and not all(isinstance(item, int | float) for item in value):
-        parts: dict[str, NDArray[Any]] = {f"{name}.length": np.array(len(value))}
+        arrays: dict[str, NDArray[Any]] = {f"{name}.length": np.array(len(value))}
         items = {str(i): item for i, item in enumerate(value)}
     elif is_dataclass(value):
-        parts, items = {}, {field.name: getattr(value, field.name) for field in fields(value)}
+        arrays, items = {}, {field.name: getattr(value, field.name) for field in fields(value)}
     elif value is None:
         return {}
     else:
@@ -282,8 +282,8 @@ def pack(value: Any, name: str = "") -> dict[str, NDArray[Any]]:
             raise TypeError(f"'{name}' cannot be saved (got {type(value).__name__})")
         return {name: array}
     for key, item in items.items():
-        parts |= pack(item, f"{name}.{key}" if name else key)
-    return parts
+        arrays |= pack(item, f"{name}.{key}" if name else key)
+    return arrays
 
 
 def unpack(kind: type[T], segment: Segment, name: str = "") -> T:
@@ -293,7 +293,7 @@ def unpack(kind: type[T], segment: Segment, name: str = "") -> T:
 
 
 def _unpacked(kind: Any, segment: Segment, name: str) -> Any:
-    optional = [one for one in get_args(kind) if one is not NoneType]
+    optional = [option for option in get_args(kind) if option is not NoneType]
     if NoneType in get_args(kind):
         there = any(key == name or key.startswith(name + ".") for key in segment)
         return _unpacked(optional[0], segment, name) if there else None
@@ -306,6 +306,6 @@ def _unpacked(kind: Any, segment: Segment, name: str) -> Any:
     if is_dataclass(kind):
         hints = get_type_hints(kind)
         prefix = f"{name}." if name else ""
-        parts = {field.name: field.name for field in fields(kind)}
-        return kind(**{part: _unpacked(hints[part], segment, prefix + part) for part in parts})  # type: ignore[operator]
+        names = {field.name: field.name for field in fields(kind)}
+        return kind(**{part: _unpacked(hints[part], segment, prefix + part) for part in names})  # type: ignore[operator]
     return segment[name] if get_origin(kind) is np.ndarray else kind(segment[name])

@@ -91,7 +91,7 @@ class DaskCluster(Closing):
         return future
 
     def value(self, future: Future[T]) -> T:
-        """Return the result of a future."""
+        """The result of a future."""
         from distributed import KilledWorker
 
         try:
@@ -157,11 +157,11 @@ def _connected(address: str, timeout: float) -> Any:
         ) from error
 
 
-def _compare(found: Any) -> None:
+def _compare(versions: Any) -> None:
     """Versions here against those of the scheduler and of every worker."""
     here = {name: _version(name) for name in ALIKE}
-    workers = {f"the Dask worker at '{where}'": host for where, host in found["workers"].items()}
-    for where, host in {"the Dask scheduler": found["scheduler"], **workers}.items():
+    workers = {f"the Dask worker at '{where}'": host for where, host in versions["workers"].items()}
+    for where, host in {"the Dask scheduler": versions["scheduler"], **workers}.items():
         for name in ALIKE:
             there = host["packages"].get(name)
             if there != here[name]:
@@ -185,7 +185,7 @@ def _gone(address: str) -> EngineError:
 
 @contextmanager
 def _reaching(address: str) -> Iterator[None]:
-    """Say in one line that the scheduler does not answer."""
+    """Turn a lost connection into one line: the scheduler does not answer."""
     try:
         yield
     except (OSError, TimeoutError) as error:  # what distributed raises for lost connections is an OSError

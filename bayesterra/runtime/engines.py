@@ -62,13 +62,13 @@ class Engine(Protocol):
     def starting(self) -> bool: ...  # noqa: D102
 
     def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """Return the task as it is best handed over many times; see :func:`packed`."""
+        """The task as it is best handed over many times; see :func:`packed`."""
 
     def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
         """Begin to compute ``function(*arguments)``."""
 
     def value(self, future: Future[T]) -> T:
-        """Return what a future that has ended holds, or raise what the function raised.
+        """The value of a future that has ended; raises what the function raised.
 
         Futures are asked in the order in which they were submitted.
 
@@ -150,8 +150,8 @@ def packed(task: Callable[[N], T], dumps: Callable[[Any], bytes] = pickle.dumps)
 
 @lru_cache(maxsize=2)
 def _unpacked(parcel: Packed) -> Callable[[Any], Any]:
-    found: Callable[[Any], Any] = pickle.loads(parcel.content)  # noqa: S301  (our own, from the main process)
-    return found
+    task: Callable[[Any], Any] = pickle.loads(parcel.content)  # noqa: S301  (our own, from the main process)
+    return task
 
 
 @cache
@@ -166,7 +166,7 @@ def hold_to_one_thread() -> None:
 
 
 def usable_processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -180,7 +180,7 @@ class InProcess(Closing):
     starting = False
 
     def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """Return the task itself."""
+        """The task itself."""
         return task
 
     def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
@@ -190,7 +190,7 @@ class InProcess(Closing):
         return future
 
     def value(self, future: Future[T]) -> T:
-        """Return the result of a future."""
+        """The result of a future."""
         return future.result()
 
     def check(self) -> None:
@@ -218,7 +218,7 @@ class LocalPool(Closing):
 
     @property
     def starting(self) -> bool:
-        """Whether no process was started yet."""
+        """True where no process was started yet."""
         return not any(self._executors)
 
     def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
@@ -245,7 +245,7 @@ class LocalPool(Closing):
         return made
 
     def value(self, future: Future[T]) -> T:
-        """Return the result of a future; the first in a dead process is the one that it was at."""
+        """The result of a future; the first in a dead process is the one that it was at."""
         place, executor = self._homes.pop(future)
         self._open[place] -= 1
         try:

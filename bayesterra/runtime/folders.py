@@ -100,13 +100,13 @@ def place_of(folder: Path) -> Path:
 
 
 def part_of(folder: Path) -> Path:
-    """Where a folder is made before it takes its name."""
+    """Place where a folder is made before it takes its name."""
     place = place_of(folder)
     return place.parent / (place.name + ".part")
 
 
 def saved_segments(part: Path) -> str:
-    """What would be lost with ``part``, in words; empty if nothing."""
+    """Work that would be lost with ``part``, in words; empty if nothing."""
     return "an unfinished run" if any((part / WORK).glob("*" + SEGMENT)) else ""
 
 
@@ -167,7 +167,7 @@ def whole_folder(
 
 
 def _begin(part: Path, place: Path) -> bool:
-    """Make the folder to work in, at once with its mark; whether it was not there before."""
+    """Make the folder to work in, at once with its mark; True where it was not there before."""
     if part.exists():
         return False
     made = _beside(place, "begun")
@@ -251,7 +251,7 @@ def _discard(old: Path, place: Path) -> None:
 
 
 def _is_ours(hidden: Path) -> bool:
-    """Whether a folder with a hidden name is the package's, and not one that happens to have such a name."""
+    """True where a folder with a hidden name is the package's, not one that happens to have such a name."""
     with suppress(OSError):  # empty, as a kill may leave it
         (hidden / WORK).rmdir()
     try:
@@ -319,7 +319,7 @@ def _swap(part: Path, place: Path) -> None:
 
 
 def _is_replaced(part: Path, place: Path) -> bool:
-    """Whether ``part`` is the folder that ``place`` has replaced, by a run that was killed just then."""
+    """True where ``part`` is the folder that ``place`` has replaced, by a run that was killed just then."""
     if not is_work(place / WORK) or is_work(part / WORK):
         return False
     try:
@@ -329,14 +329,14 @@ def _is_replaced(part: Path, place: Path) -> bool:
 
 
 def _identity(folder: Path) -> str:
-    """What stays the same for as long as a folder is there, whatever its name."""
-    found = folder.stat()
-    return f"{found.st_dev} {found.st_ino}\n"
+    """Identity of a folder for as long as it is there, whatever its name."""
+    status = folder.stat()
+    return f"{status.st_dev} {status.st_ino}\n"
 
 
-def _exchanged(one: Path, other: Path) -> bool:
-    """Let two folders exchange their names at once; whether the system and its disk can do that."""
-    names = os.fsencode(one), os.fsencode(other)
+def _exchanged(folder: Path, other: Path) -> bool:
+    """Let two folders exchange their names at once; True where the system and its disk can do that."""
+    names = os.fsencode(folder), os.fsencode(other)
     swap, here = 2, -100  # RENAME_EXCHANGE and RENAME_SWAP; AT_FDCWD
     try:
         library = ctypes.CDLL(None)
@@ -364,14 +364,14 @@ def _beside(place: Path, kind: str) -> Path:
 def _all_beside(place: Path, kind: str) -> list[Path]:
     """Folders with such names; those that are being begun by living processes are left out."""
     name = re.compile(re.escape(f".{place.name}.{kind}-") + r"(\d+)(-\d+)?")
-    found = []
+    folders = []
     for path in place.parent.iterdir():
         numbers = name.fullmatch(path.name)
         if not numbers or path.is_symlink() or not path.is_dir():
             continue
         if kind != "begun" or not _is_alive(int(numbers[1])):
-            found.append(path)
-    return sorted(found)
+            folders.append(path)
+    return sorted(folders)
 
 
 def _is_alive(process: int) -> bool:

@@ -90,8 +90,8 @@ def _size(name: str, item: Any) -> int:
 def labelled_tree(groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
     """Tree of groups by name, each of which says what made it, as ArviZ's schema asks."""
     made = {"inference_library": "bayesterra", "inference_library_version": version("bayesterra")}
-    parts = {f"/{name}": dataset.assign_attrs(made) for name, dataset in groups.items()}
-    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=made), **parts})
+    nodes = {f"/{name}": dataset.assign_attrs(made) for name, dataset in groups.items()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(attrs=made), **nodes})
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
@@ -114,7 +114,7 @@ DRAWS, RECORD = "draws.nc", "run.json"
 
 @dataclass(frozen=True)
 class Drawn:
-    """What a finished result says, as far as draws do.
+    """Draws of a finished result.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Drawn:
 
 
 def is_result(folder: Path) -> bool:
-    """Whether a folder is meant as a result, be it whole or not."""
+    """True where a folder is meant as a result, be it whole or not."""
     return any((folder / name).exists() for name in (DRAWS, RECORD))
 
 

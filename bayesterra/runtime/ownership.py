@@ -21,7 +21,7 @@ class Lock:
         self._handle, self._path = handle, path
 
     def __call__(self) -> bool:
-        """Whether the file is still where it was."""
+        """True where the file is still where it was."""
         return _is_at(self._handle, self._path)
 
     def sign(self) -> None:
@@ -113,7 +113,7 @@ _AT_WORK = re.compile(
 )
 
 _NOBODYS = {".DS_Store"}
-"""What a file manager leaves in every folder that someone looks at."""
+"""Files that a file manager leaves in every folder that someone looks at."""
 
 _OLDER = frozenset(
     f"{name}.csv"
@@ -159,7 +159,7 @@ def note(path: Path) -> None:
 
 
 def is_work(work: Path) -> bool:
-    """Whether a folder named ``checkpoint`` is the package's own; earlier versions left no mark in it."""
+    """True where a folder named ``checkpoint`` is the package's; earlier versions left no mark in it."""
     if work.is_symlink() or not work.is_dir():
         return False
     older = (work / "begun.json", work / TASKS, *work.glob("*" + SEGMENT))
@@ -174,15 +174,15 @@ def own_names(folder: Path, *, finished: bool) -> frozenset[str]:
     ------
     ResultError : its checksums cannot be read.
     """
-    known = listed(folder)
+    names = listed(folder)
     if finished:
-        return _OLDER if known is None else frozenset((*known, SUMS))
+        return _OLDER if names is None else frozenset((*names, SUMS))
     mark = folder / WORK / MADE
-    return frozenset(known or ()) | (frozenset(_text(mark).splitlines()[1:]) if _is_mark(mark) else _OLDER)
+    return frozenset(names or ()) | (frozenset(_text(mark).splitlines()[1:]) if _is_mark(mark) else _OLDER)
 
 
 def strangers(folder: Path, names: Collection[str]) -> Iterator[Path]:
-    """What in a folder is not the package's: files of other names, links, and folders without files of it."""
+    """Strangers in a folder: files of other names, links, and folders without files of the package."""
     inner = {str(parent) for name in names for parent in PurePosixPath(name).parents}
     for path in sorted(folder.iterdir()):
         yield from _strange(path, path.name, names, inner)
@@ -233,7 +233,7 @@ def _is_mark(path: Path) -> bool:
 
 
 def _is_lock(path: Path) -> bool:
-    """Whether it is a lock: nothing, or the number of a process."""
+    """True for a lock: nothing, or the number of a process."""
     try:
         return _is_file(path) and re.fullmatch(rb"\d*\n?", read_bytes(path, MEGABYTE)) is not None
     except OSError:
@@ -241,7 +241,7 @@ def _is_lock(path: Path) -> bool:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it is an ordinary file, and no link."""
+    """True for an ordinary file that is no link."""
     try:
         return stat.S_ISREG(path.lstat().st_mode)
     except OSError:

@@ -35,7 +35,7 @@ GLANCE = 1.0
 
 
 def chosen(workers: int | None, scheduler: str | None) -> Engine:
-    """Return the engine that a command's options ask for; by default a pool on all usable processors.
+    """The engine that a command's options ask for; by default a pool on all usable processors.
 
     Raises
     ------
@@ -108,12 +108,12 @@ def _elsewhere(task: Callable[[N], T], todo: Iterator[N], engine: Engine) -> Ite
                 waiting[engine.submit(task, number)] = number
             if not waiting:
                 return
-            found: list[tuple[N, T]] = []
+            outcomes: list[tuple[N, T]] = []
             failure: Exception | None = None
             for future in _done(waiting, engine):
                 number = waiting.pop(future)
                 try:
-                    found.append((number, engine.value(future)))
+                    outcomes.append((number, engine.value(future)))
                 except WorkerDied as death:
                     deaths[number] += death.at_work
                     if death.final or deaths[number] >= ATTEMPTS:
@@ -122,8 +122,8 @@ def _elsewhere(task: Callable[[N], T], todo: Iterator[N], engine: Engine) -> Ite
                         waiting[engine.submit(task, number)] = number
                 except Exception as error:
                     failure = error
-            if found:
-                yield found  # what is there is handed over before anything is raised
+            if outcomes:
+                yield outcomes  # what is there is handed over before anything is raised
             if failure:
                 raise failure
     finally:

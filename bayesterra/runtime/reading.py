@@ -31,7 +31,7 @@ UNREADABLE = (
     OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError,
     BufferError, MemoryError, RuntimeError,
 )  # fmt: skip
-"""What libraries raise on content that is not of the form which they expect; RuntimeError has RecursionError
+"""Errors of libraries on content that is not of the form which they expect; RuntimeError has RecursionError
 and NotImplementedError under it."""
 
 
@@ -50,7 +50,7 @@ def damage(kind: type[BayesterraError], place: object) -> Iterator[None]:
 
 
 def reason(error: BaseException) -> str:
-    """What an error of a library says, in one line that is never empty."""
+    """Message of a library's error, in one line that is never empty."""
     if isinstance(error, MemoryError):
         return "it asks for more memory than there is"
     lines = (error.strerror or "" if isinstance(error, OSError) else str(error)).splitlines()
@@ -92,9 +92,9 @@ def _blocks(path: Path, most: int | None) -> Iterator[bytes]:
     # without O_NONBLOCK a pipe without a writer would hold us here for ever
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:
-        found, size = os.fstat(handle), 0
-        limit = found.st_size if most is None else most
-        check_ordinary(found, path, limit)
+        status, size = os.fstat(handle), 0
+        limit = status.st_size if most is None else most
+        check_ordinary(status, path, limit)
         while block := file.read(MEGABYTE):
             size += len(block)
             if size > limit:  # it grew meanwhile, or its size was a lie, as in /proc
@@ -102,13 +102,13 @@ def _blocks(path: Path, most: int | None) -> Iterator[bytes]:
             yield block
 
 
-def check_ordinary(found: os.stat_result, path: Path, most: int) -> None:
+def check_ordinary(status: os.stat_result, path: Path, most: int) -> None:
     """OSError unless it is an ordinary file of at most ``most`` bytes."""
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "it is a device or a pipe, not a file", str(path))
-    if found.st_size > most:
+    if status.st_size > most:
         raise _too_large(path, most)
 
 
@@ -156,7 +156,7 @@ def check_depth(content: Any) -> None:
     """ValueError where lists and tables are nested deeper than ``DEEPEST``: little else survives them."""
     level = [content]
     for _ in range(DEEPEST):
-        level = [item for one in level for item in _items(one)]
+        level = [item for parent in level for item in _items(parent)]
         if not level:
             return
     raise ValueError("it is nested too deeply")
@@ -185,15 +185,15 @@ def check_sums(folder: Path, *names: str) -> None:
     ------
     ResultError : a file is missing or not what it was, or cannot be read; the message names it.
     """
-    known = listed(folder)
-    for name in names if known is not None else ():
+    sums = listed(folder)
+    for name in names if sums is not None else ():
         path = folder / name
         try:
-            found = sha256_of(path) if path.exists() else None
+            digest = sha256_of(path) if path.exists() else None
         except OSError as error:
             raise ResultError(f"'{path}' cannot be read: {error.strerror or error}") from error
-        if known is not None and found != known.get(name):
-            why = "is missing" if found is None else "is damaged or was changed"
+        if sums is not None and digest != sums.get(name):
+            why = "is missing" if digest is None else "is damaged or was changed"
             raise ResultError(f"'{path}' {why} (see its checksum in {SUMS})")
 
 

@@ -184,13 +184,13 @@ def read_tasks(path: str | Path) -> pd.DataFrame:
     ------
     ResultError : there is no such file, or it is damaged.
     """
-    found = _store_at(checked_path("bt.read_tasks", path, "a folder of tasks"))
+    file = _store_at(checked_path("bt.read_tasks", path, "a folder of tasks"))
     try:
-        with closing(_reader(found)) as connection:
+        with closing(_reader(file)) as connection:
             _verify(connection)
             tasks, origin = _tasks(connection), _origin(connection)
     except (sqlite3.Error, OSError, ValueError) as error:
-        raise _damaged(found, error) from error
+        raise _damaged(file, error) from error
     rows = [{"task": task, **_flat(content)} for task, content in tasks.items()]
     table = pd.DataFrame(rows, columns=None if rows else ["task"])
     table.attrs["made_with"] = origin or {}
@@ -198,7 +198,7 @@ def read_tasks(path: str | Path) -> pd.DataFrame:
 
 
 def finished_tasks(path: Path) -> int:
-    """How many tasks a file holds; 0 where there is none that can be read."""
+    """Number of tasks in a file; 0 where there is none that can be read."""
     if not path.is_file():
         return 0
     try:
@@ -224,9 +224,9 @@ def _reader(path: Path) -> sqlite3.Connection:
 def _verify(connection: sqlite3.Connection) -> None:
     """Make sure that the file is ours, whole and of this format; what is not yet made is whole."""
     _check_tables(connection)
-    (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if found != "ok":
-        raise ValueError(str(found).splitlines()[-1].strip("* "))
+    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise ValueError(str(verdict).splitlines()[-1].strip("* "))
     (number,) = connection.execute("PRAGMA user_version").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if tables and number != FORMAT:
@@ -243,17 +243,17 @@ def _origin(connection: sqlite3.Connection) -> dict[str, Any] | None:
 
 
 def _table(content: str) -> dict[str, Any]:
-    found = parsed_json(str(content))
-    if not isinstance(found, dict):
+    table = parsed_json(str(content))
+    if not isinstance(table, dict):
         raise ValueError("it holds what is no table")
-    return found
+    return table
 
 
 def _tasks(connection: sqlite3.Connection) -> dict[int, dict[str, Any]]:
     rows: Iterable[tuple[int, str, int]] = connection.execute(
         "SELECT task, content, sum FROM tasks ORDER BY task"
     )
-    return {task: _table(content) for task, content, known in rows if _sum(task, content) == known}
+    return {task: _table(content) for task, content, checksum in rows if _sum(task, content) == checksum}
 
 
 def _sum(task: int, content: str) -> int:
@@ -261,9 +261,9 @@ def _sum(task: int, content: str) -> int:
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    """What stays the same for as long as a name means the same file; OSError where there is none."""
-    found = path.stat()
-    return found.st_dev, found.st_ino
+    """Identity of a file for as long as a name means the same one; OSError where there is none."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def _flat(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -275,7 +275,7 @@ def _flat(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _shared_by_machines(path: Path) -> bool:
-    """Whether a file lies on a network file system, as far as this system says so."""
+    """True where a file lies on a network file system, as far as this system says so."""
     try:
         mounts = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -313,8 +313,8 @@ def _check_tables(connection: sqlite3.Connection) -> None:
 
 def _difference(part: Path, name: str, before: Any, now: Any) -> str:
     """One line on what does not match; digests and tables say nothing to people."""
-    known = not isinstance(before, dict) and not (isinstance(before, str) and len(before) == 64)
-    what = f"{name} {before}, not {now}" if known else f"another {name}"
+    readable = not isinstance(before, dict) and not (isinstance(before, str) and len(before) == 64)
+    what = f"{name} {before}, not {now}" if readable else f"another {name}"
     return f"'{part}' was made with {what}: give the same, or begin anew with --overwrite"
 
 
@@ -407,7 +407,7 @@ def task_folder(
 
 
 def _finished(part: Path, tasks: str) -> str:
-    """What would be lost with ``part``, in words; a damaged store is no reason to remove it either."""
+    """Work that would be lost with ``part``, in words; a damaged store is no reason to remove it either."""
     store = part / WORK / STORE_FILE
     try:
         number = len(read_tasks(store)) if store.exists() else 0
