@@ -115,12 +115,12 @@ class Basis:
         fixed = [name.startswith(SIZES) or name == OFFSET for name in self.posterior.names]
         return np.where(fixed, 0.0, CHANGE**2)
 
-    def opened(self, candidates: Candidates, row: int, cloud: Particles) -> Candidates:
-        """The candidates and a new one: the soil may change at ``row``, before which the cloud stands."""
+    def opened(self, candidates: Candidates, row: int, particles: Particles) -> Candidates:
+        """The candidates and a new one: the soil may change at ``row``, before which the particles stand."""
         with np.errstate(all="ignore"):
-            u = self.coordinates.from_physical(cloud.x)
-        sound = np.flatnonzero(np.isfinite(u).all(axis=1) & (cloud.log_weights > -np.inf))
-        weights = cloud.weights[sound] / cloud.weights[sound].sum()
+            u = self.coordinates.from_physical(particles.x)
+        sound = np.flatnonzero(np.isfinite(u).all(axis=1) & (particles.log_weights > -np.inf))
+        weights = particles.weights[sound] / particles.weights[sound].sum()
         mean = weights @ u[sound]
         offsets = u[sound] - mean
         covariance = (offsets * weights[:, None]).T @ offsets + np.diag(self.changeable())
@@ -232,17 +232,17 @@ EVIDENCE = 0.9
 
 
 class ChangeDetector:
-    """Looks for a change of soil until it finds one.
+    """Detector of a change of soil, until it finds one.
 
     Parameters
     ----------
     rate : false alarms per row, at most, on average over the prior; None does not look.
     d : number of parameters.
-    known : posterior of the first so many rows, by their number; gives the coordinates of the candidates.
+    posterior_of : posterior of the first rows by their number; gives the coordinates of the candidates.
     """
 
-    def __init__(self, rate: float | None, d: int, known: Callable[[int], Posterior]) -> None:
-        self.rate, self._known = rate, known
+    def __init__(self, rate: float | None, d: int, posterior_of: Callable[[int], Posterior]) -> None:
+        self.rate, self._posterior_of = rate, posterior_of
         self.candidates = Candidates.none(d)
         self.alarm: Alarm | None = None
         self.basis = 0
@@ -272,11 +272,11 @@ class ChangeDetector:
     def based(self, rows: int) -> Basis:
         """Coordinates after so many rows; candidates are carried over to them."""
         if self._based is None or self.basis != rows:
-            posterior = self._known(rows)
-            found = Basis(posterior, coordinates(posterior))
+            posterior = self._posterior_of(rows)
+            basis = Basis(posterior, coordinates(posterior))
             if self._based is not None:
-                self.candidates = self._based.rebased(self.candidates, found)
-            self.basis, self._based = rows, found
+                self.candidates = self._based.rebased(self.candidates, basis)
+            self.basis, self._based = rows, basis
         return self._based
 
     def go_on(self, candidates: Candidates, basis: int, alarm: Alarm | None) -> None:

@@ -116,7 +116,7 @@ def print_row(seen: RowOutcome, *, quiet: bool) -> None:
         return
     update = seen.update
     if not quiet:
-        readings = "  ".join(filter(None, (_reading(one) for one in update.predictive.to_dict("records"))))
+        readings = "  ".join(filter(None, (_reading(row) for row in update.predictive.to_dict("records"))))
         moved = (
             f", moved {sum(event.sweeps for event in update.rejuvenations)}×" if update.rejuvenated else ""
         )
@@ -131,12 +131,12 @@ def print_row(seen: RowOutcome, *, quiet: bool) -> None:
         PlainConsole().print(f"! {update.alarm.sentence}{anew}", highlight=False, soft_wrap=True)
 
 
-def _reading(one: dict[object, object]) -> str:
+def _reading(reading: dict[object, object]) -> str:
     """A reading and the 90 % interval that was expected; what was not measured says nothing."""
-    observed, low, high = (float(str(one[key])) for key in ("observed", "q05", "q95"))
+    observed, low, high = (float(str(reading[key])) for key in ("observed", "q05", "q95"))
     if np.isnan(observed):
         return ""
-    symbol, unit = CHANNELS[str(one["channel"])].symbol, str(one["unit"])
+    symbol, unit = CHANNELS[str(reading["channel"])].symbol, str(reading["unit"])
     if np.isnan(low):
         return f"{symbol} {observed:.4g} {unit} (nothing was expected)"
     step = resolution(low, high)
@@ -144,24 +144,24 @@ def _reading(one: dict[object, object]) -> str:
     return f"{symbol} {rounded(observed, step)} {unit} {interval(low, high)}{outside}"
 
 
-def print_end(found: FollowedStream, out: Path | None) -> None:
+def print_end(followed: FollowedStream, out: Path | None) -> None:
     """Print the parameters, the evidence, the alarms and where the files are."""
-    console, stream = PlainConsole(), found.stream
-    soil = f", soil {found.soil} since row {stream.offset + 1}" if found.soil > 1 else ""
+    console, stream = PlainConsole(), followed.stream
+    soil = f", soil {followed.soil} since row {stream.offset + 1}" if followed.soil > 1 else ""
     table = Table(title=f"{stream.study.title or 'stream'}{soil}", box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("parameter", "unit", "median", "90 % interval"):
         table.add_column(header, justify="left" if header in ("parameter", "unit") else "right", no_wrap=True)
-    for one in stream.summary.to_dict("records"):
-        low, high = float(one["q05"]), float(one["q95"])
-        middle = rounded(float(one["median"]), resolution(low, high))
-        table.add_row(PARAMETERS[one["parameter"]].symbol, one["unit"], middle, interval(low, high))
+    for row in stream.summary.to_dict("records"):
+        low, high = float(row["q05"]), float(row["q95"])
+        middle = rounded(float(row["median"]), resolution(low, high))
+        table.add_row(PARAMETERS[row["parameter"]].symbol, row["unit"], middle, interval(low, high))
     console.print(table)
-    left = f", {found.left_out} left out" if found.left_out else ""
+    left = f", {followed.left_out} left out" if followed.left_out else ""
     evidence = f"log evidence {stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
     console.print(f"{len(stream)} rows{left}; {evidence}.", highlight=False)
     if stream.watch.rate is None:
         console.print("Changes of soil were not looked for.", highlight=False)
-    elif not found.alarms and stream.alarm is None:
+    elif not followed.alarms and stream.alarm is None:
         console.print(
             f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
             " over the prior).",

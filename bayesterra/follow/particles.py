@@ -55,7 +55,7 @@ class Particles:
         return effective_number(self.log_weights)
 
     def weighed(self, log_terms: FloatArray) -> tuple[Particles, float]:
-        """The cloud with log factors (n,) taken into its weights, and the log of their weighted mean."""
+        """The particles with log factors (n,) taken into its weights, and the log of their weighted mean."""
         log_weights = self.log_weights + log_terms
         total = float(logsumexp(log_weights))
         return replace(self, log_weights=log_weights - total), total
@@ -90,12 +90,12 @@ def effective_number(log_weights: FloatArray) -> float:
 def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: Sequence[float]) -> FloatArray:
     """Quantiles (k, d) of weighted values (n, d); every value stands at the middle of its share."""
     order = np.argsort(values, axis=0, kind="stable")
-    found = np.empty((len(probabilities), values.shape[1]))
+    quantiles = np.empty((len(probabilities), values.shape[1]))
     for column, ranks in enumerate(order.T):
         share = weights[ranks]
         below = np.cumsum(share) - 0.5 * share
-        found[:, column] = np.interp(probabilities, below / share.sum(), values[ranks, column])
-    return found
+        quantiles[:, column] = np.interp(probabilities, below / share.sum(), values[ranks, column])
+    return quantiles
 
 
 KEEP = 0.5
@@ -110,30 +110,30 @@ STEP_KEEP = 0.4
 
 @dataclass(frozen=True)
 class Learned:
-    """A cloud after one more row.
+    """Particles after one more row.
 
     Attributes
     ----------
-    cloud : particles of the posterior of all rows.
+    particles : particles of the posterior of all rows.
     log_predictive : log density of the row's readings given the earlier rows; all constants included.
     variance : Monte Carlo variance of the log evidence that the resamplings of this row settled.
     rejuvenations : one for every resampling.
     """
 
-    cloud: Particles
+    particles: Particles
     log_predictive: float
     variance: float
     rejuvenations: tuple[Rejuvenation, ...]
 
 
 def learn(
-    cloud: Particles, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
+    particles: Particles, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
 ) -> Learned:
-    """Take a row into a cloud (iterated batch importance sampling, Chopin 2002, with tempering).
+    """Take a row into the particles (iterated batch importance sampling, Chopin 2002, with tempering).
 
     Parameters
     ----------
-    cloud : of the earlier rows.
+    particles : of the earlier rows.
     levels : makes the densities of all rows, which are needed only where particles have to move.
     newest : log likelihood (n,) of the row for the particles of the cloud.
     before : draws of the prior (k, d).
@@ -142,29 +142,29 @@ def learn(
     ------
     SupportError : the row has no density for any particle.
     """
-    n, done, total, variance = len(cloud), 0.0, 0.0, 0.0
+    n, done, total, variance = len(particles), 0.0, 0.0, 0.0
     events: list[Rejuvenation] = []
     if not (newest > -np.inf).any():
         raise SupportError("the model has no answer in this row for any soil that the earlier rows leave")
     while True:
-        step = _step(cloud.log_weights, newest, 1.0 - done)
+        step = _step(particles.log_weights, newest, 1.0 - done)
         done = 1.0 if step >= 1.0 - done else done + step
-        cloud, gained = cloud.weighed(step * newest)
+        particles, gained = particles.weighed(step * newest)
         total += gained
-        if done == 1.0 and cloud.effective >= KEEP * n:
+        if done == 1.0 and particles.effective >= KEEP * n:
             break
-        variance += settled(cloud)
-        cloud, newest, event = rejuvenate(cloud, levels(), done, before, rng)
+        variance += settled(particles)
+        particles, newest, event = rejuvenate(particles, levels(), done, before, rng)
         events.append(event)
         if done == 1.0:
             break
-    cloud = replace(cloud, log_likelihood=cloud.log_likelihood + newest)
-    return Learned(cloud, total, variance, tuple(events))
+    particles = replace(particles, log_likelihood=particles.log_likelihood + newest)
+    return Learned(particles, total, variance, tuple(events))
 
 
-def settled(cloud: Particles) -> float:
+def settled(particles: Particles) -> float:
     """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
-    return 1.0 / cloud.effective - 1.0 / len(cloud)
+    return 1.0 / particles.effective - 1.0 / len(particles)
 
 
 def _step(log_weights: FloatArray, newest: FloatArray, rest: float) -> float:
@@ -205,7 +205,7 @@ FEWEST, MOST = 2, 40
 
 @dataclass(frozen=True)
 class Rejuvenation:
-    """What it took to spread the particles again.
+    """Effort of one rejuvenation, which spreads the particles again.
 
     Attributes
     ----------
@@ -224,7 +224,7 @@ class Rejuvenation:
 
     @property
     def moved(self) -> bool:
-        """Whether the particles have forgotten where they came from."""
+        """True where the particles have forgotten where they came from."""
         return self.correlation <= self.limit
 
 
@@ -234,31 +234,32 @@ class Levels:
 
     Attributes
     ----------
-    known : posterior of all rows, the newest one too.
+    posterior : posterior of all rows, the newest one too.
     earlier : likelihood of the rows before it, None where there are none.
     newest : likelihood of the newest row.
     """
 
-    known: Posterior
+    posterior: Posterior
     earlier: Likelihood | None
     newest: Likelihood
 
     @classmethod
     def of(cls, study: Study, rows: Rows) -> Levels:
-        """Of all rows, of which the last is the newest."""
+        """Levels of all rows, of which the last is the newest."""
         last = len(rows) - 1
         earlier = likelihood_of(study, rows.first(last)) if last else None
-        known = Posterior(study.prior, likelihood_of(study, rows.first()))
-        return cls(known, earlier, likelihood_of(study, rows.between(last, last + 1)))
+        posterior = Posterior(study.prior, likelihood_of(study, rows.first()))
+        return cls(posterior, earlier, likelihood_of(study, rows.between(last, last + 1)))
 
     @property
     def coordinates(self) -> Coordinates:
         """Sampling coordinates that suit these rows."""
-        return coordinates(self.known)
+        return coordinates(self.posterior)
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log prior, and log likelihood of the earlier rows and of the newest, (n,) each; −inf outside."""
-        prior, earlier, newest = self.known.log_prior(x), np.full(len(x), -np.inf), np.full(len(x), -np.inf)
+        prior = self.posterior.log_prior(x)
+        earlier, newest = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
         inside = np.flatnonzero(prior > -np.inf)
         newest[inside] = self._in_parts(self.newest, x[inside])
         inside = np.flatnonzero(newest > -np.inf)
@@ -266,18 +267,18 @@ class Levels:
         return prior, earlier, newest
 
     def _in_parts(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
-        return log_likelihoods(self.known, likelihood, x)
+        return log_likelihoods(self.posterior, likelihood, x)
 
 
-def log_likelihoods(known: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+def log_likelihoods(posterior: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:
     """Log likelihood (n,) of parameter sets (n, d), a part of them at a time."""
     size = max(16, PAIRS // max(1, len(likelihood.observations)))
-    soil, noise = known.prior.soil_values(x), known.noise_values(x)
-    parts = [
+    soil, noise = posterior.prior.soil_values(x), posterior.noise_values(x)
+    blocks = [
         likelihood.log_likelihood(soil[start : start + size], noise[start : start + size])
         for start in range(0, len(x), size)
     ]
-    return np.concatenate(parts) if parts else np.empty(0)
+    return np.concatenate(blocks) if blocks else np.empty(0)
 
 
 @dataclass
@@ -322,13 +323,13 @@ class _Place:
 
 
 def rejuvenate(
-    cloud: Particles, levels: Levels, temperature: float, before: FloatArray, rng: Generator
+    particles: Particles, levels: Levels, temperature: float, before: FloatArray, rng: Generator
 ) -> tuple[Particles, FloatArray, Rejuvenation]:
     """Resample a weighted cloud and move its particles until they have forgotten where they came from.
 
     Parameters
     ----------
-    cloud : weighted for the earlier rows and the newest one to the power ``temperature``.
+    particles : weighted for the earlier rows and the newest one to the power ``temperature``.
     before : draws of the prior (k, d); they say which coordinates the data have narrowed.
 
     Returns
@@ -336,9 +337,9 @@ def rejuvenate(
     The cloud, evenly weighted, its likelihood that of the earlier rows; the newest row's log likelihood (n,);
     and what it took.
     """
-    n = len(cloud)
-    place, u, alive = _fitted(cloud, levels, before, rng)
-    chosen = systematic(cloud.weights[alive], n, rng)
+    n = len(particles)
+    place, u, alive = _fitted(particles, levels, before, rng)
+    chosen = systematic(particles.weights[alive], n, rng)
     points = place.points(place.proposal.transport_map.inverse(u)[0][chosen])
     memory = _Memory.of(points)
     accepted = tried = sweeps = 0
@@ -360,27 +361,27 @@ def rejuvenate(
 
 
 def _fitted(
-    cloud: Particles, levels: Levels, before: FloatArray, rng: Generator
+    particles: Particles, levels: Levels, before: FloatArray, rng: Generator
 ) -> tuple[_Place, FloatArray, IntArray]:
     """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
     chosen = levels.coordinates
-    alive = np.flatnonzero(cloud.log_weights > -np.inf)
+    alive = np.flatnonzero(particles.log_weights > -np.inf)
     with np.errstate(all="ignore"):
-        u = chosen.from_physical(cloud.x[alive])
+        u = chosen.from_physical(particles.x[alive])
         widths = _spread(chosen.from_physical(before))
     sound = np.isfinite(u).all(axis=1)
     u, alive = u[sound], alive[sound]
-    components = max(1, min(MOST_COMPONENTS, int(cloud.effective) // PER_COMPONENT))
-    proposal = fit_proposal(u, cloud.weights[alive], widths, components, DEFENCE, rng)
+    components = max(1, min(MOST_COMPONENTS, int(particles.effective) // PER_COMPONENT))
+    proposal = fit_proposal(u, particles.weights[alive], widths, components, DEFENCE, rng)
     return _Place(levels, chosen, proposal), u, alive
 
 
 def _spread(u: FloatArray) -> FloatArray:
     """Standard deviation of every coordinate over the prior's draws (k, d) that have one."""
-    found = np.array(
+    deviations = np.array(
         [column[np.isfinite(column)].std() if np.isfinite(column).any() else 0 for column in u.T]
     )
-    return np.where(found > 0, found, 1.0)
+    return np.where(deviations > 0, deviations, 1.0)
 
 
 def _proposed(
@@ -401,7 +402,7 @@ def _proposed(
 
 @dataclass(frozen=True)
 class _Memory:
-    """Where particles were: parameters and straight coordinates, and who was in which tail of them.
+    """Memory of earlier particles: parameters and straight coordinates, and who was in which tail of them.
 
     Tails are looked at by themselves: they may be left long after the middle has mixed.
     """

@@ -22,7 +22,7 @@ FIRST_CAPACITY = 64
 
 @dataclass(frozen=True)
 class References:
-    """What slips and sinkages are counted from; see :class:`bayesterra.study.study.Study`."""
+    """References that slips and sinkages are counted from; see :class:`bayesterra.study.study.Study`."""
 
     slip: str = "shearing"
     sinkage: str = "rim"
@@ -81,13 +81,13 @@ def read_row(study: Study, table: pd.DataFrame, number: int, references: Referen
 
 
 def _check_noise(study: Study, row: Observations) -> None:
-    given = "load" if study.drive == "load" else "sinkage" if study.drive == "sinkage" else ""
-    idle = {given, "normal_force" if study.drive == "load" else ""}
+    conditioned = "load" if study.drive == "load" else "sinkage" if study.drive == "sinkage" else ""
+    idle = {conditioned, "normal_force" if study.drive == "load" else ""}
     for name, values in row.values.items():
         if name not in study.noise and name not in idle and not np.isnan(values[0]):
-            known = ", ".join(study.noise)
+            channels = ", ".join(study.noise)
             raise StudyError(
-                f"[noise] has no entry for the measured channel '{name}' (it has {known}; row 1)"
+                f"[noise] has no entry for the measured channel '{name}' (it has {channels}; row 1)"
             )
 
 
@@ -114,8 +114,8 @@ class Rows:
     @classmethod
     def of(cls, study: Study) -> Rows:
         """An empty store for the rows of a study."""
-        given = ("sinkage",) if study.drive == "sinkage" else ()
-        return cls(tuple(study.wheels), (*(name for name in given if name not in study.noise), *study.noise))
+        held = ("sinkage",) if study.drive == "sinkage" else ()
+        return cls(tuple(study.wheels), (*(name for name in held if name not in study.noise), *study.noise))
 
     def __len__(self) -> int:
         return self._length
@@ -128,8 +128,8 @@ class Rows:
             self._wheel = np.concatenate([self._wheel, np.empty_like(self._wheel)])
         none = np.full(len(rows), np.nan)
         values = [rows.values.get(name, none) for name in self.channels]
-        given = [rows.given_sd.get(name, none) for name in self.channels]
-        self._cells[self._length : end] = np.column_stack([rows.slip, rows.load, *values, *given])
+        sd = [rows.given_sd.get(name, none) for name in self.channels]
+        self._cells[self._length : end] = np.column_stack([rows.slip, rows.load, *values, *sd])
         self._wheel[self._length : end] = [self.wheels.index(name) for name in rows.wheel]
         self._length = end
 

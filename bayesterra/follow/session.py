@@ -104,9 +104,9 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
     ------
     StudyError, ResultError : what is there cannot be used.
     """
-    given = {name: value for name, value in settings.items() if value is not None}
+    options = {name: value for name, value in settings.items() if value is not None}
     if isinstance(what, Result):
-        return FollowedStream(Stream(what, **given))
+        return FollowedStream(Stream(what, **options))
     if (what / MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
         check_sums(what, UPDATES)
@@ -119,7 +119,7 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
         "slip_reference": described.slip_reference,
         "sinkage_reference": described.sinkage_reference,
     }
-    return FollowedStream(Stream(study, **{**stated, **given}))
+    return FollowedStream(Stream(study, **{**stated, **options}))
 
 
 def _gone_on(stream: Stream, updates: Path) -> FollowedStream:
@@ -128,7 +128,7 @@ def _gone_on(stream: Stream, updates: Path) -> FollowedStream:
         return FollowedStream(stream)
     with damage(ResultError, updates):
         before = read_csv(updates)
-        table = [{str(key): value for key, value in one.items()} for one in before.to_dict("records")]
+        table = [{str(key): value for key, value in row.items()} for row in before.to_dict("records")]
         soil = int(before["soil"].iloc[-1]) if len(before) else 1
         return FollowedStream(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
 

@@ -85,7 +85,7 @@ class Stream:
         self.references = References(slip_reference, sinkage_reference)
         self.offset = 0
         self.rows = Rows.of(study)
-        self.watch = ChangeDetector(self.false_alarms, len(study.prior.names), self._known)
+        self.watch = ChangeDetector(self.false_alarms, len(study.prior.names), self._posterior_of)
         self.log_evidence, self._variance = 0.0, 0.0
         self._before = np.empty((0, len(study.prior.names)))
         self._cloud: Particles | None = None
@@ -152,10 +152,10 @@ class Stream:
         After an error the stream is as it was before the row.
         """
         number = self.offset + len(self) + 1
-        given = dict(row.iloc[0]) if isinstance(row, pd.DataFrame) and len(row) == 1 else row
-        if isinstance(given, pd.DataFrame):
-            raise StudyError(f"one row is added at a time (got {len(given)} rows)")
-        table = table_of({**(dict(given) if given is not None else {}), **values})
+        content = dict(row.iloc[0]) if isinstance(row, pd.DataFrame) and len(row) == 1 else row
+        if isinstance(content, pd.DataFrame):
+            raise StudyError(f"one row is added at a time (got {len(content)} rows)")
+        table = table_of({**(dict(content) if content is not None else {}), **values})
         return self.learn(read_row(self.study, table, number, self.references))
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
@@ -188,7 +188,7 @@ class Stream:
         write_text(folder / "summary.csv", csv_text(self.summary, "%.6g"))
 
     def _identity(self) -> dict[str, Any]:
-        """What the particles belong to."""
+        """Identity of the study and the rows that the particles belong to."""
         return {"study": self.study.fingerprint["study"], "rows": self.rows.digest}
 
     def _record(self) -> dict[str, Any]:
@@ -222,24 +222,24 @@ class Stream:
         started, number = time.perf_counter(), self.offset + len(self) + 1
         rng = self._rng(number)
         newest = likelihood_of(self.study, row)
-        known = Posterior(self.study.prior, newest)
+        posterior = Posterior(self.study.prior, newest)
         if self._cloud is None:
-            self._begin(known, rng)
-        cloud = self.cloud
-        expected = forecast(cloud, known, newest, rng)
-        terms = log_likelihoods(known, newest, cloud.x)
+            self._begin(posterior, rng)
+        particles = self.cloud
+        expected = forecast(particles, posterior, newest, rng)
+        terms = log_likelihoods(posterior, newest, particles.x)
         self.rows.append(row)
         try:
-            learned = learn(cloud, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
+            learned = learn(particles, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
             # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
-            said = learned.log_predictive - cloud.log_share(terms > -np.inf)
-            alarm = self.watch.see(number, len(self), cloud, newest, said)
+            said = learned.log_predictive - particles.log_share(terms > -np.inf)
+            alarm = self.watch.see(number, len(self), particles, newest, said)
         except BaseException as error:  # an interruption too must not leave half a row
             self.rows.drop_last()
             if isinstance(error, SupportError):
                 raise SupportError(f"row {number}: {error}") from error
             raise
-        self._cloud = learned.cloud
+        self._cloud = learned.particles
         self.log_evidence += learned.log_predictive
         self._variance += learned.variance
         return Update(
@@ -249,8 +249,8 @@ class Stream:
             log_evidence=self.log_evidence,
             log_evidence_error=self.log_evidence_error,
             names=self.names,
-            quantiles=learned.cloud.quantiles(BAND),
-            effective=learned.cloud.effective,
+            quantiles=learned.particles.quantiles(BAND),
+            effective=learned.particles.effective,
             rejuvenations=learned.rejuvenations,
             log_statistic=self.watch.candidates.log_statistic,
             alarm=alarm,
@@ -281,7 +281,7 @@ class Stream:
             other.learn(self.rows.between(index, index + 1))
         return other
 
-    def _known(self, rows: int) -> Posterior:
+    def _posterior_of(self, rows: int) -> Posterior:
         """Posterior of the first rows."""
         return Posterior(self.study.prior, likelihood_of(self.study, self.rows.first(rows)))
 
@@ -289,9 +289,9 @@ class Stream:
         """Random numbers of a row, the same however the stream came to it."""
         return default_rng(SeedSequence(self.seed, spawn_key=(number,)))
 
-    def _begin(self, known: Posterior, rng: Generator) -> None:
+    def _begin(self, posterior: Posterior, rng: Generator) -> None:
         """Draw particles from the prior, cut to where the first row has an answer."""
-        drawn = draw_cut_prior(known, self.particles, rng)
+        drawn = draw_cut_prior(posterior, self.particles, rng)
         share = drawn.shares[REASONS[INSIDE]]
         self.log_evidence = float(np.log(share))
         self._variance = (1.0 - share) / (share * drawn.tried)
@@ -305,13 +305,13 @@ class Stream:
         draws, prior = result.values(), result.values("prior")
         enough = len(draws) >= self.particles
         chosen = rng.choice(len(draws), size=self.particles, replace=not enough)
-        known = Posterior(self.study.prior, likelihood_of(self.study, rows))
+        posterior = Posterior(self.study.prior, likelihood_of(self.study, rows))
         x = draws[chosen]
-        self._cloud = Particles.even(x, log_likelihoods(known, known.likelihood, x))
+        self._cloud = Particles.even(x, log_likelihoods(posterior, posterior.likelihood, x))
         self._before = prior[:BEFORE]
-        found: Mapping[str, Any] = result.record.get("evidence") or {}
-        self.log_evidence = float(found.get("log_z", np.nan))
-        self._variance = float(found.get("error", np.nan)) ** 2
+        evidence: Mapping[str, Any] = result.record.get("evidence") or {}
+        self.log_evidence = float(evidence.get("log_z", np.nan))
+        self._variance = float(evidence.get("error", np.nan)) ** 2
 
 
 def load_stream(folder: str | Path) -> Stream:

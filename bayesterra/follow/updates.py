@@ -1,4 +1,4 @@
-"""Updates by one row: what was expected of it, what it did, and what a driver is told."""
+"""Updates by one row: its forecast, its effect, and the sentence that a driver is told."""
 
 from __future__ import annotations
 
@@ -55,20 +55,20 @@ class Forecast:
         )
 
 
-def forecast(cloud: Particles, known: Posterior, newest: Likelihood, rng: Generator) -> Forecast:
+def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng: Generator) -> Forecast:
     """Predict a row with the particles of the earlier rows.
 
     Parameters
     ----------
-    known : gives soil and noise of the particles.
+    posterior : gives soil and noise of the particles.
     newest : likelihood of the row.
     """
-    soil, noise = known.prior.soil_values(cloud.x), known.noise_values(cloud.x)
+    soil, noise = posterior.prior.soil_values(particles.x), posterior.noise_values(particles.x)
     outcomes = newest.imagined(soil, noise, rng)
     readings = newest.draw(outcomes, noise, rng)[:, 0]
     predicted = newest.predicted(outcomes)
     answered = np.isfinite(readings).all(axis=1)
-    observed, weights, k = newest.measured[0], cloud.weights, len(newest.channels)
+    observed, weights, k = newest.measured[0], particles.weights, len(newest.channels)
     if not answered.any() or weights[answered].sum() <= 0:
         return Forecast(newest.channels, observed, np.full((3, k), np.nan), np.full(k, np.nan), 1.0)
     standard = (observed - predicted[answered]) / newest.scales(predicted[answered], noise[answered])
@@ -91,7 +91,7 @@ BAND_NAMES = ("q05", "q50", "q95")
 
 @dataclass(frozen=True)
 class Alarm:
-    """The soil seems to have changed.
+    """An alarm: the soil seems to have changed.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Alarm:
 
     @property
     def sentence(self) -> str:
-        """What a driver is told."""
+        """Sentence that a driver is told."""
         between = f" (rows {self.first} to {self.last})" if self.last > self.first else ""
         return (
             f"row {self.row}: the soil seems to have changed at row {self.since}{between}; what is learned"
@@ -121,7 +121,7 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Update:
-    """What one row did.
+    """Effect of one row.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Update:
 
     @property
     def rejuvenated(self) -> bool:
-        """Whether particles were resampled and moved."""
+        """True where particles were resampled and moved."""
         return bool(self.rejuvenations)
 
     @property
@@ -182,15 +182,15 @@ def summary_of(names: tuple[str, ...], quantiles: FloatArray) -> pd.DataFrame:
 
 def cells(update: Update, row: Observations) -> dict[str, object]:
     """A row of ``updates.csv``: conditions, readings beside what was expected, parameters; field units."""
-    found: dict[str, object] = {"row": update.row, "wheel": row.wheel[0], "slip": float(row.slip[0])}
+    line: dict[str, object] = {"row": update.row, "wheel": row.wheel[0], "slip": float(row.slip[0])}
     if not np.isnan(row.load[0]):
-        found["load [N]"] = float(row.load[0])
-    for one in update.predictive.to_dict("records"):
-        unit = f" [{one['unit']}]"
-        found[one["channel"] + unit] = one["observed"]
-        found |= {f"{one['channel']}_{key}{unit}": one[key] for key in BAND_NAMES}
-        found[f"{one['channel']}_pit"] = one["pit"]
-    found |= {
+        line["load [N]"] = float(row.load[0])
+    for reading in update.predictive.to_dict("records"):
+        unit = f" [{reading['unit']}]"
+        line[reading["channel"] + unit] = reading["observed"]
+        line |= {f"{reading['channel']}_{key}{unit}": reading[key] for key in BAND_NAMES}
+        line[f"{reading['channel']}_pit"] = reading["pit"]
+    line |= {
         "log_predictive": update.log_predictive,
         "log_evidence": update.log_evidence,
         "log_evidence_error": update.log_evidence_error,
@@ -201,7 +201,9 @@ def cells(update: Update, row: Observations) -> dict[str, object]:
         "seconds": update.seconds,
     }
     for name, column in zip(update.names, update.quantiles.T, strict=True):
-        known = PARAMETERS[name]
-        unit = "" if known.unit == "-" else f" [{known.unit}]"
-        found |= {f"{name}_{key}{unit}": v / known.scale for key, v in zip(BAND_NAMES, column, strict=True)}
-    return found
+        parameter = PARAMETERS[name]
+        unit = "" if parameter.unit == "-" else f" [{parameter.unit}]"
+        line |= {
+            f"{name}_{key}{unit}": v / parameter.scale for key, v in zip(BAND_NAMES, column, strict=True)
+        }
+    return line

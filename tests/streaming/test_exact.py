@@ -97,7 +97,7 @@ def followed(line: Line, order: IntArray, particles: int, seed: int) -> tuple[Pa
     for number in range(1, len(order) + 1):
         part = line.first(order, number)
         learned = learn(cloud, _made(part), part.terms(cloud.x)[:, -1], before[:200], rng)
-        cloud, total = learned.cloud, total + learned.log_predictive
+        cloud, total = learned.particles, total + learned.log_predictive
         variance, events = variance + learned.variance, events + len(learned.rejuvenations)
         assert np.allclose(cloud.log_likelihood, part.terms(cloud.x).sum(axis=1))
     return cloud, total, float(np.sqrt(variance + settled(cloud))), events
