@@ -53,7 +53,7 @@ GRID = 60
 
 @dataclass(frozen=True)
 class SoilTestResult:
-    """What a soil test tells of its soil.
+    """Outcome of a soil test: all that it tells of its soil.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class SoilTestResult:
 
     @property
     def converged(self) -> bool:
-        """Whether every check of the sampling passed."""
+        """True where every check of the sampling passed."""
         return bool(self.record["verdict"]["converged"])
 
     @property
@@ -105,7 +105,7 @@ class SoilTestResult:
 
     @property
     def sentence(self) -> str:
-        """What these tests determine, in a sentence."""
+        """Sentence on what these tests determine."""
         return str(self.record["finding"])
 
     @property
@@ -159,9 +159,9 @@ def analyse(
 
     def integral() -> dict[str, Any]:
         proposals = [adapted.proposal for adapted in samples.adaptations]
-        found = evidence(target.densities, proposals, default_rng(weighing))
-        found = found.beside([adapted.log_evidence for adapted in samples.adaptations])
-        return {"evidence": importance.of_evidence(found, prior)}
+        estimate = evidence(target.densities, proposals, default_rng(weighing))
+        estimate = estimate.beside([adapted.log_evidence for adapted in samples.adaptations])
+        return {"evidence": importance.of_evidence(estimate, prior)}
 
     weighed = failures.attempt("evidence", integral, dict[str, Any])
     fitted = failures.attempt("fits", lambda: fit(test.readings), lambda: Fitted({}, ()))
@@ -188,7 +188,7 @@ class _Parts:
         table, told = self._told()
         summary = self._summary()
         bands = self.failures.attempt("bands", lambda: self._bands(rng), lambda: _no_bands(self.test.kind))
-        found = {
+        record = {
             **self._origin(seed),
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
@@ -208,7 +208,7 @@ class _Parts:
             identifiability=table,
             left_out=_in_field_units(self.left_out.table),
             bands=_in_field_units(bands),
-            record=with_failures(found, self.failures),
+            record=with_failures(record, self.failures),
         )
 
     def _told(self) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -306,12 +306,12 @@ class _Parts:
         return self.failures.attempt("mode", climbed, lambda: start)
 
     def _least_squares(self) -> pd.DataFrame:
-        known = self.test.published or self.test.truth
+        reference = self.test.published or self.test.truth
         rows = []
         for method, values in self.fitted.values.items():
             for name in (name for name in self.test.soil if name in values):
                 scale = QUANTITIES[name].scale
-                published = known.values.get(name, np.nan) / scale if known else np.nan
+                published = reference.values.get(name, np.nan) / scale if reference else np.nan
                 share = np.nan
                 if name in self.posterior.names:
                     share = float((self.kept.flat[:, self.posterior.names.index(name)] < values[name]).mean())
@@ -321,7 +321,7 @@ class _Parts:
 
     def _bands(self, rng: Generator) -> pd.DataFrame:
         readings, x = self.test.readings, self.kept.spaced(BAND_DRAWS)
-        parts = []
+        tables = []
         for level in np.unique(readings.level):
             path = readings.path[readings.level == level]
             grid = np.geomspace(path.min(), path.max(), GRID)
@@ -333,10 +333,10 @@ class _Parts:
             new = curve[:, None] + marginal_sd(grid, spread)[:, None] * scores[:, None]
             scaled = {"level": np.full(GRID, level), "path": 1e3 * grid}
             for name, values in (("curve", curve), ("test", new.reshape(-1, GRID))):
-                found = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
-                scaled |= {f"{name}_q{100 * q:02.0f}": row for q, row in zip(QUANTILES, found, strict=True)}
-            parts.append(pd.DataFrame(scaled))
-        return pd.concat(parts, ignore_index=True).rename(columns=_columns(readings.kind))
+                bands = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
+                scaled |= {f"{name}_q{100 * q:02.0f}": row for q, row in zip(QUANTILES, bands, strict=True)}
+            tables.append(pd.DataFrame(scaled))
+        return pd.concat(tables, ignore_index=True).rename(columns=_columns(readings.kind))
 
     def _draws(self) -> xr.DataTree:
         readings, kept = self.test.readings, self.kept
@@ -393,20 +393,28 @@ class _Parts:
 
 
 def finding(test: SoilTest, table: pd.DataFrame) -> str:
-    """What the tests determine, in a sentence: one radius or one stress leaves a sum only."""
+    """Sentence on what the tests determine: one radius or one stress leaves a sum only."""
     words = dict(zip(table["parameter"], table["verdict"], strict=True))
     levels = np.unique(test.readings.levels)
     lost = [name for name in test.soil if words.get(name) == "structurally not determined"]
-    known = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "determined"]
+    determined = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "determined"]
     coupled = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "coupled"]
-    parts = [f"Determined: {', '.join(known)}." if known else "No soil parameter is determined on its own."]
+    sentences = [
+        f"Determined: {', '.join(determined)}."
+        if determined
+        else "No soil parameter is determined on its own."
+    ]
     if lost and test.kind == "plate":
-        parts.append(f"Plates of one radius: only k_c/b + k_φ is determined, at b = {1e3 * levels[0]:g} mm.")
+        sentences.append(
+            f"Plates of one radius: only k_c/b + k_φ is determined, at b = {1e3 * levels[0]:g} mm."
+        )
     elif lost:
-        parts.append(f"One normal stress: only c + σ tan φ is determined, at σ = {1e-3 * levels[0]:g} kPa.")
+        sentences.append(
+            f"One normal stress: only c + σ tan φ is determined, at σ = {1e-3 * levels[0]:g} kPa."
+        )
     if coupled:
-        parts.append(f"Coupled: {', '.join(coupled)}.")
-    return " ".join(parts)
+        sentences.append(f"Coupled: {', '.join(coupled)}.")
+    return " ".join(sentences)
 
 
 def _columns(kind: str) -> dict[str, str]:

@@ -44,10 +44,10 @@ def _plate(readings: Readings) -> Fitted:
     lines = [
         np.polyfit(z[b == radius], p[b == radius], 1) if _line(z[b == radius]) else None for radius in radii
     ]
-    known = [line[0] for line in lines if line is not None]
-    if not known:
+    slopes = [line[0] for line in lines if line is not None]
+    if not slopes:
         return Fitted({}, ("least squares need two readings of a plate at least",))
-    n = float(np.mean(known))
+    n = float(np.mean(slopes))
     moduli = np.array([np.exp(np.mean(p[b == radius] - n * z[b == radius])) for radius in radii])
     if len(radii) == 1:
         note = (
@@ -87,10 +87,10 @@ def _weighted(z: FloatArray, p: FloatArray, b: FloatArray, start: FloatArray) ->
         return np.asarray(weight * (p - np.log(modulus(u)) - u[2] * (z - middle)))
 
     begin = np.log(np.maximum(start[0] * ends + start[1], 1e-3 * np.exp(p.min()))) + start[2] * middle
-    found = least_squares(residual, [*begin, start[2]], x_scale="jac").x
-    first, last = np.exp(found[:2] - found[2] * middle)
+    optimum = least_squares(residual, [*begin, start[2]], x_scale="jac").x
+    first, last = np.exp(optimum[:2] - optimum[2] * middle)
     kc = (first - last) / span if ends[0] > ends[1] else 0.0
-    return np.array([kc, last - kc * ends[1] if ends[0] > ends[1] else first, found[2]])
+    return np.array([kc, last - kc * ends[1] if ends[0] > ends[1] else first, optimum[2]])
 
 
 def _shear(readings: Readings) -> Fitted:
@@ -123,8 +123,8 @@ def _curve(j: FloatArray, tau: FloatArray) -> tuple[float, float]:
     def residual(u: FloatArray) -> FloatArray:
         return np.asarray(np.exp(u[0]) * -np.expm1(-j / np.exp(u[1])) - tau / top)
 
-    found = least_squares(residual, [0.0, np.log(np.median(j) / 3)]).x
-    return top * float(np.exp(found[0])), float(np.exp(found[1]))
+    optimum = least_squares(residual, [0.0, np.log(np.median(j) / 3)]).x
+    return top * float(np.exp(optimum[0])), float(np.exp(optimum[1]))
 
 
 def _all_curves(readings: Readings, start: Mapping[str, float]) -> dict[str, float]:
@@ -135,8 +135,8 @@ def _all_curves(readings: Readings, start: Mapping[str, float]) -> dict[str, flo
         return np.asarray((strength * -np.expm1(-readings.path / np.exp(u[2])) - readings.stress) / top)
 
     begin = [max(start["c"], 1.0) / top, float(np.clip(start["phi"], 0.01, 1.4)), np.log(start["K"])]
-    found = least_squares(residual, begin, bounds=([0.0, 0.0, -np.inf], [np.inf, 1.5, np.inf])).x
-    return {"c": float(found[0] * top), "phi": float(found[1]), "K": float(np.exp(found[2]))}
+    optimum = least_squares(residual, begin, bounds=([0.0, 0.0, -np.inf], [np.inf, 1.5, np.inf])).x
+    return {"c": float(optimum[0] * top), "phi": float(optimum[1]), "K": float(np.exp(optimum[2]))}
 
 
 PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), added_components=12)
@@ -175,9 +175,9 @@ class LeftOut:
 
     @property
     def alarm(self) -> bool:
-        """Whether one of the checks says that the readings do not look like those of the model."""
-        known = [p for p in self.checks.values() if np.isfinite(p)]
-        return bool(known) and min(known) * len(known) < ALARM
+        """True where one of the checks says that the readings do not look like those of the model."""
+        p_values = [p for p in self.checks.values() if np.isfinite(p)]
+        return bool(p_values) and min(p_values) * len(p_values) < ALARM
 
 
 def leave_out(posterior: TestPosterior, draws: FloatArray, seed: SeedSequence) -> LeftOut:
@@ -221,7 +221,7 @@ def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatA
 def _predicted(
     posterior: TestPosterior, number: int, x: FloatArray, log_weights: FloatArray
 ) -> dict[str, float]:
-    """How one test looks beside its prediction, from draws (n, d) with log weights (n,) that sum to one."""
+    """One test beside its prediction, from draws (n, d) with log weights (n,) that sum to one."""
     readings = posterior.readings
     chosen = readings.test == number
     alone = TestPosterior(posterior.prior, readings.only(np.arange(len(readings.tests)) == number))
@@ -258,19 +258,19 @@ def _pit(residual: FloatArray, law: FloatArray, weights: FloatArray) -> float:
 
 
 def _checks(table: pd.DataFrame, levels: FloatArray) -> dict[str, float]:
-    found: dict[str, float] = {}
+    p_values: dict[str, float] = {}
     for name in ("level", "slope"):
         values = table[f"{name}_pit"].to_numpy()
-        known = np.isfinite(values)
-        if known.sum() < 4:
+        finite = np.isfinite(values)
+        if finite.sum() < 4:
             continue
-        found[f"{name}s of tests uniform"] = float(kstest(values[known], "uniform").pvalue)
-        groups = np.unique(levels[known])
-        if 1 < len(groups) < known.sum():
+        p_values[f"{name}s of tests uniform"] = float(kstest(values[finite], "uniform").pvalue)
+        groups = np.unique(levels[finite])
+        if 1 < len(groups) < finite.sum():
             scores = ndtri(np.clip(values, 1e-9, 1 - 1e-9))
-            parts = [scores[known & (levels == group)] for group in groups]
-            total = sum(len(part) * part.mean() ** 2 for part in parts)
-            found[f"{name}s alike under every {'plate' if 'plate_radius' in table else 'stress'}"] = float(
+            by_group = [scores[finite & (levels == group)] for group in groups]
+            total = sum(len(part) * part.mean() ** 2 for part in by_group)
+            p_values[f"{name}s alike under every {'plate' if 'plate_radius' in table else 'stress'}"] = float(
                 chi2.sf(total, len(groups))
             )
-    return found
+    return p_values

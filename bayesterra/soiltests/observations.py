@@ -105,8 +105,8 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
             f" than {100 * options.spacing:g} % only the first"
         )
     chosen = order[wide]
-    found = Readings(kind, tuple(numbers), test[chosen], path[chosen], level[chosen], stress[chosen])
-    return found, tuple(notes)
+    selected = Readings(kind, tuple(numbers), test[chosen], path[chosen], level[chosen], stress[chosen])
+    return selected, tuple(notes)
 
 
 def _columns(table: pd.DataFrame, kind: str) -> dict[str, Column]:
@@ -193,7 +193,7 @@ def _use(columns: dict[str, Column]) -> BoolArray:
 def _kept(
     kind: str, values: tuple[FloatArray, FloatArray], used: BoolArray, options: DataTable
 ) -> tuple[BoolArray, list[str]]:
-    """Which readings (m,) stay, and why others do not."""
+    """Mask (m,) of the readings that stay, and notes on why others do not."""
     path, stress = values
     names = ("sinkage", "pressure") if kind == "plate" else ("displacement", "shear stress")
     notes = [] if used.all() else [f"{int((~used).sum())} readings left out, as their 'use' is 0"]

@@ -119,7 +119,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
 
 
 def _misfit(result: SoilTestResult) -> Markup:
-    """That tests are not as the others predict them; empty where they are, or where that is not known."""
+    """Warning of tests that are not as the others predict them; empty without, or where that is not known."""
     if not result.record["alarm"]:
         return Markup("")
     return misfit_warning(Markup("{}.").format(result.misfit), CHECK, "another law, or wider [noise]")
@@ -143,7 +143,7 @@ def _sampling(result: SoilTestResult) -> Verdict:
 
 
 def _fit(result: SoilTestResult) -> Verdict:
-    """Whether new tests are predicted as well as the intervals say."""
+    """Verdict on new tests: predicted as well as the intervals say, or not."""
     table, checks = result.left_out, result.record["checks"]
     if line := failed(result.record, "left_out"):
         return Verdict("New tests", "not known", "fair", Markup("{}").format(line))
@@ -200,8 +200,8 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
 
 def summary_row_of(result: SoilTestResult, name: str) -> SummaryRow:
     """The row of the summary of a parameter."""
-    found = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
-    return SummaryRow(**{field.name: float(found[field.name]) for field in fields(SummaryRow)})
+    record = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
+    return SummaryRow(**{field.name: float(record[field.name]) for field in fields(SummaryRow)})
 
 
 def _axis(result: SoilTestResult, name: str) -> Axis:
@@ -330,10 +330,10 @@ def _posterior_table(result: SoilTestResult) -> Table:
     rows = []
     for row in result.summary.to_dict("records"):
         step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        known = QUANTITIES.get(row["parameter"])
+        quantity = QUANTITIES.get(row["parameter"])
         rows.append(
             (
-                letters(known.symbol) if known else row["parameter"],
+                letters(quantity.symbol) if quantity else row["parameter"],
                 row["unit"],
                 rounded(row["median"], step),
                 interval(row["hdi90_lo"], row["hdi90_hi"]),
@@ -427,29 +427,29 @@ def _reproduce(result: SoilTestResult) -> Section:
     return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
 
 
-def print_soil_test(found: SoilTestResult, report: Path, console: Console | None = None) -> None:
+def print_soil_test(result: SoilTestResult, report: Path, console: Console | None = None) -> None:
     """Print the parameters of a soil test, what is against the model, and the name of the report."""
     console = console or PlainConsole()
-    table = RichTable(title=found.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
+    table = RichTable(title=result.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "unit", "median", "90 % HDI", "verdict"):
         table.add_column(header, justify="right" if header in ("median", "90 % HDI") else "left")
-    words = found.identifiability.set_index("parameter")["verdict"].to_dict()
-    for row in found.summary.to_dict("records"):
-        known = SOIL_TEST_QUANTITIES.get(row["parameter"])
+    words = result.identifiability.set_index("parameter")["verdict"].to_dict()
+    for row in result.summary.to_dict("records"):
+        quantity = SOIL_TEST_QUANTITIES.get(row["parameter"])
         low, high = row["hdi90_lo"], row["hdi90_hi"]
         figures = rounded(row["median"], resolution(low, high)), interval(low, high)
-        symbol = known.symbol if known else row["parameter"]
+        symbol = quantity.symbol if quantity else row["parameter"]
         table.add_row(symbol, row["unit"], *figures, words.get(row["parameter"], ""))
     console.print(table)
-    for note in (*found.test.notes, *found.record["fits"]["notes"]):
+    for note in (*result.test.notes, *result.record["fits"]["notes"]):
         console.print(f"note: {note}.", highlight=False, soft_wrap=True)
-    if found.misfit:
-        PlainConsole(stderr=True).print(misfit_text(found.misfit, CHECK), highlight=False, soft_wrap=True)
-    if not found.converged:
+    if result.misfit:
+        PlainConsole(stderr=True).print(misfit_text(result.misfit, CHECK), highlight=False, soft_wrap=True)
+    if not result.converged:
         console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
-    if found.sentence:
-        console.print(found.sentence, highlight=False, soft_wrap=True)
-    print_failures(console, found.record)
+    if result.sentence:
+        console.print(result.sentence, highlight=False, soft_wrap=True)
+    print_failures(console, result.record)
     console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 

@@ -32,7 +32,7 @@ def log_densities(
     ends: IntArray,
 ) -> FloatArray:
     """Log density (n, t) of every test; memory 0 means that readings are independent."""
-    found = np.empty((len(residuals), len(ends) - 1))
+    densities = np.empty((len(residuals), len(ends) - 1))
     for k in range(len(residuals)):
         for test in range(len(ends) - 1):
             squares = both = size = logs = before = above = 0.0
@@ -51,8 +51,8 @@ def log_densities(
             logs += number * (np.log(scatter[k]) + 0.5 * np.log(2.0 * np.pi))
             seating = shift[k] ** 2  # one column more, by Woodbury's identity
             squares = inverse * (squares - seating * inverse * both**2 / (1.0 + seating * inverse * size))
-            found[k, test] = -0.5 * (squares + np.log1p(seating * inverse * size)) - logs
-    return found
+            densities[k, test] = -0.5 * (squares + np.log1p(seating * inverse * size)) - logs
+    return densities
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Scatter:
         shift = none if spread.shift is None else spread.shift
         offset = none if spread.offset is None else spread.offset
         ends = np.append(self.readings.starts, len(self.readings))
-        found: FloatArray = log_densities(
+        densities: FloatArray = log_densities(
             np.ascontiguousarray(residuals),
             spread.scatter,
             memory,
@@ -112,7 +112,7 @@ class Scatter:
             offset,
             ends,
         )
-        return found
+        return densities
 
     def _kept(self, spread: Spread) -> FloatArray:
         """Correlation (n, m) with the reading before."""
@@ -174,7 +174,7 @@ def log_curve(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> 
 
 
 def physical(kind: str, x: FloatArray, levels: FloatArray) -> BoolArray:
-    """Whether soil parameters (n, 3) are physical under all plates or stresses ``levels`` (t,)."""
+    """True where soil parameters (n, 3) are physical under all plates or stresses ``levels`` (t,)."""
     first, second, third = x.T
     if kind == "plate":
         # K_s is linear in 1/b: positive under the smallest and the largest plate is positive under all
@@ -190,17 +190,17 @@ def slopes(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> Flo
     first, second, third = (x[:, i : i + 1] for i in range(3))
     if kind == "plate":
         modulus = first / level + second
-        parts = (1.0 / (level * modulus), 1.0 / modulus, np.broadcast_to(np.log(path), modulus.shape))
+        columns = (1.0 / (level * modulus), 1.0 / modulus, np.broadcast_to(np.log(path), modulus.shape))
     else:
         strength = first + level * np.tan(second)
         ratio = path / third
-        parts = (1.0 / strength, level / np.cos(second) ** 2 / strength, -ratio / np.expm1(ratio) / third)
-    shape = np.broadcast_shapes(*(part.shape for part in parts))
-    return np.stack([np.broadcast_to(part, shape) for part in parts], axis=2)
+        columns = (1.0 / strength, level / np.cos(second) ** 2 / strength, -ratio / np.expm1(ratio) / third)
+    shape = np.broadcast_shapes(*(part.shape for part in columns))
+    return np.stack([np.broadcast_to(part, shape) for part in columns], axis=2)
 
 
 def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
-    """Whether this design could determine each soil parameter (3,), from draws ``x`` (n, 3) of the cut prior.
+    """True for each soil parameter (3,) that this design could determine, from prior draws ``x`` (n, 3), cut.
 
     A parameter is lost where a direction that it takes part in changes no reading: k_c and k_φ under plates
     of one radius, c and φ under one normal stress. Only parameters that are ``free`` (3,) count.
@@ -211,9 +211,9 @@ def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
         _, values, rows = np.linalg.svd(matrix / np.where(norms > 0, norms, 1.0))
         rank = int((values > 1e-9 * values[0]).sum())
         lost += rows[rank:].T @ rows[rank:]
-    found = np.ones(3, dtype=np.bool_)
-    found[free] = np.diagonal(lost) / len(x) < 1e-3
-    return found
+    determined = np.ones(3, dtype=np.bool_)
+    determined[free] = np.diagonal(lost) / len(x) < 1e-3
+    return determined
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class Laws:
         return stretch
 
     def stated(self, x: FloatArray) -> FloatArray:
-        """What the laws are about (n, d), of parameter sets (n, d)."""
+        """Quantities (n, d) that the laws are about, of parameter sets (n, d)."""
         with np.errstate(over="ignore"):
             return x * np.exp(self._log_stretch(x))
 
@@ -265,8 +265,8 @@ class Laws:
         """Log density (n,) of parameter sets (n, d), before the physical cut."""
         stretch = self._log_stretch(x)
         stated = self.stated(x)
-        parts = [law.log_density(stated[:, i]) for i, law in enumerate(self.laws.values())]
-        return np.asarray(np.sum(parts, axis=0) + stretch.sum(axis=1))
+        terms = [law.log_density(stated[:, i]) for i, law in enumerate(self.laws.values())]
+        return np.asarray(np.sum(terms, axis=0) + stretch.sum(axis=1))
 
     def column(self, x: FloatArray, name: str) -> FloatArray | None:
         """Values (n,) of a parameter, free or fixed; None where there is none of that name."""
@@ -304,7 +304,7 @@ class TestPosterior:
         return np.column_stack([column for column in columns if column is not None])
 
     def spread(self, x: FloatArray) -> Spread:
-        """What describes the scatter, of parameter sets (n, d)."""
+        """Values that describe the scatter, of parameter sets (n, d)."""
         scatter = self.prior.column(x, "scatter")
         seating = self.prior.column(x, "seating")
         exponent = self.soil(x)[:, 2]
@@ -335,12 +335,12 @@ class TestPosterior:
         return np.exp(mean + self._scatter.deviations(spread, rng))
 
     def reasons(self, x: FloatArray) -> IntArray:
-        """Why each parameter set (n, d) has no density; see :mod:`bayesterra.likelihood.posterior`."""
+        """Reason why each parameter set (n, d) has no density; see :mod:`bayesterra.likelihood.posterior`."""
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
         if (offset := self.prior.column(x, OFFSET)) is not None:
             inside &= offset > -self.readings.path.min()
-        found = np.where(inside, INSIDE, OUTSIDE_PHYSICS)
-        return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, found)
+        codes = np.where(inside, INSIDE, OUTSIDE_PHYSICS)
+        return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, codes)
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
@@ -352,8 +352,8 @@ class TestPosterior:
         if inside.size:
             prior[inside] = self.prior.log_density(x[inside])
             with np.errstate(all="ignore"):  # a curve that underflows has no likelihood
-                found = self.log_likelihoods(x[inside]).sum(axis=1)
-            likelihood[inside] = np.where(np.isfinite(found), found, -np.inf)
+                total = self.log_likelihoods(x[inside]).sum(axis=1)
+            likelihood[inside] = np.where(np.isfinite(total), total, -np.inf)
         return np.where(likelihood > -np.inf, prior, -np.inf), likelihood
 
     def log_density(self, x: FloatArray) -> FloatArray:

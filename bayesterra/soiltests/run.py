@@ -33,9 +33,9 @@ class SavedSoilTest(SoilTestResult):
     """The result of a soil test that can be saved as a folder with its report."""
 
     @classmethod
-    def of(cls, found: SoilTestResult) -> Self:
+    def of(cls, result: SoilTestResult) -> Self:
         """The same result, with a report to write."""
-        return cls(**{field.name: getattr(found, field.name) for field in fields(SoilTestResult)})
+        return cls(**{field.name: getattr(result, field.name) for field in fields(SoilTestResult)})
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write everything into a new folder, whole or not at all; returns the path of the report.
@@ -101,10 +101,10 @@ def soil_test(
 
 
 def _from_python(data: pd.DataFrame, tables: Mapping[str, Any]) -> SoilTest:
-    given = dict(tables)
+    content = dict(tables)
     options = ("source", "pressure_range", "displacement_range", "spacing")
-    rows = {"file": "readings.csv", **{name: given.pop(name) for name in options if name in given}}
-    return from_tables(data, {"test": given.pop("kind", None), "data": rows, **given})
+    rows = {"file": "readings.csv", **{name: content.pop(name) for name in options if name in content}}
+    return from_tables(data, {"test": content.pop("kind", None), "data": rows, **content})
 
 
 def soil_test_into(
@@ -123,8 +123,8 @@ def soil_test_into(
     check_free(out, overwrite=overwrite)
     with whole_folder(out, overwrite=overwrite) as part:
         with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
-            found = soil_test(test, seed=seed, progress=show)
-        return found._write(part)
+            result = soil_test(test, seed=seed, progress=show)
+        return result._write(part)
 
 
 def _lines(test: SoilTest) -> Iterator[str]:
@@ -142,9 +142,9 @@ def _lines(test: SoilTest) -> Iterator[str]:
     yield from toml_table("noise", {"independent": True, **noise} if test.independent else noise)
     stated = {REFERENCE: text(test.reference, "m")} if test.reference != 1.0 else {}
     yield from toml_table("priors", {**stated, **{name: entries[name] for name in test.soil}})
-    for name, known in (("published", test.published), ("truth", test.truth)):
-        if known is not None:
-            yield from toml_table(name, _reference(known))
+    for name, reference in (("published", test.published), ("truth", test.truth)):
+        if reference is not None:
+            yield from toml_table(name, _reference(reference))
     sampling = test.sampling
     yield from toml_table(
         "sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__}
@@ -156,9 +156,9 @@ def _entry(name: str, entry: Law | float) -> object:
     return law_entry(entry, dimension) if isinstance(entry, Law) else text(entry, dimension)
 
 
-def _reference(known: ReferenceTable) -> dict[str, object]:
-    values = {name: text(value, QUANTITIES[name].dimension) for name, value in known.values.items()}
-    return {"source": known.source, **values}
+def _reference(reference: ReferenceTable) -> dict[str, object]:
+    values = {name: text(value, QUANTITIES[name].dimension) for name, value in reference.values.items()}
+    return {"source": reference.source, **values}
 
 
 def _plain(value: Any) -> Any:

@@ -35,7 +35,7 @@ KINDS = {"plate": PLATE, "shear": SHEAR}
 """Soil parameters by kind of test."""
 
 NOISE = {"plate": ("scatter", "memory", "seating", "sinkage_offset"), "shear": ("scatter", "memory")}
-"""What describes how tests differ from the mean curve, by kind of test."""
+"""Parameters of how tests differ from the mean curve, by kind of test."""
 
 _ALL = (
     replace(PARAMETERS["kc"], unit="kPa m/m^n", description="cohesive modulus"),
@@ -79,11 +79,11 @@ def _bare(info: ValidationInfo) -> bool:
     return info.context is None or bool(info.context.get("bare"))
 
 
-def _entry(name: str, value: object, known: tuple[str, ...], *, bare: bool) -> Law | float:
-    if name == REFERENCE and name in known:
+def _entry(name: str, value: object, allowed: tuple[str, ...], *, bare: bool) -> Law | float:
+    if name == REFERENCE and name in allowed:
         return quantity(value, "m", name, bare=bare)
-    if name not in known:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, known)}")
+    if name not in allowed:
+        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, allowed)}")
     dimension = QUANTITIES[name].dimension
     if isinstance(value, Law):
         return value
@@ -92,17 +92,17 @@ def _entry(name: str, value: object, known: tuple[str, ...], *, bare: bool) -> L
     return quantity(value, dimension, name, bare=bare)
 
 
-def _entries(known: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, Law | float]:
+def _entries(allowed: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, Law | float]:
     items = entries.table(value, str(info.field_name)).items()
-    return {name: _entry(name, item, known, bare=_bare(info)) for name, item in items}
+    return {name: _entry(name, item, allowed, bare=_bare(info)) for name, item in items}
 
 
 def _values(value: object, info: ValidationInfo) -> dict[str, float]:
     content = entries.table(value, str(info.field_name))
-    known = {name: _entry(name, item, _SOIL, bare=_bare(info)) for name, item in content.items()}
-    if laws := [name for name, item in known.items() if isinstance(item, Law)]:
+    values = {name: _entry(name, item, _SOIL, bare=_bare(info)) for name, item in content.items()}
+    if laws := [name for name, item in values.items() if isinstance(item, Law)]:
         raise StudyError(f"'{laws[0]}' must be a value (got a law)")
-    return {name: float(item) for name, item in known.items() if not isinstance(item, Law)}
+    return {name: float(item) for name, item in values.items() if not isinstance(item, Law)}
 
 
 def _reference(value: object) -> object:
@@ -135,16 +135,16 @@ class Table:
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, content: Any) -> Any:
-        known = list(cls.__dataclass_fields__)
+        keys = list(cls.__dataclass_fields__)
         for key in content if isinstance(content, Mapping) else ():
-            if key not in known:
-                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), known)}")
+            if key not in keys:
+                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), keys)}")
         return content
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class DataTable(Table):
-    """Where the readings are, and which of them are used.
+    """Place of the readings, and ranges of those that are used.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class DataTable(Table):
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class NoiseTable(Table):
-    """How tests differ: laws of the unknown ones, values of the fixed ones; see ``scatter.Scatter``."""
+    """Scatter of tests: laws of unknown parameters, values of fixed ones; see ``scatter.Scatter``."""
 
     independent: StrictBool = False
     values: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, _NOISE))] = Field(

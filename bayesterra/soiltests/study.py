@@ -23,7 +23,7 @@ DEFAULTS: dict[str, Law | float] = {
     "seating": Law("halfnorm", {"scale": 0.5e-3}, lower=1e-6),
     "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 0.5e-3}),
 }
-"""How tests differ, where a file does not say what is known of it."""
+"""Scatter of the tests, where a file does not say what is known of it."""
 
 EXAMPLES = {
     "kc": '{ dist = "uniform", lower = "-500 kPa m", upper = "500 kPa m" }',
@@ -97,9 +97,9 @@ def soil_test(
     if getattr(content.data, other) is not None:
         raise StudyError(f"[data] '{other}' does not go with {kind} tests")
     entries = _entries(content)
-    found, notes = readings(table, kind, content.data)
+    selected, notes = readings(table, kind, content.data)
     return SoilTest(
-        readings=found,
+        readings=selected,
         entries=entries,
         reference=_reference(content),
         independent=content.noise.independent,
@@ -117,11 +117,11 @@ def _entries(content: Content) -> dict[str, Law | float]:
     kind, noise = content.test, content.noise
     soil = KINDS[kind]
     priors = {name: entry for name, entry in content.priors.items() if name != REFERENCE}
-    for table, given, known in (("priors", priors, soil), ("noise", noise.values, NOISE[kind])):
-        for name in given:
-            if name not in known:
+    for table, stated, names in (("priors", priors, soil), ("noise", noise.values, NOISE[kind])):
+        for name in stated:
+            if name not in names:
                 raise StudyError(
-                    f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(known)})"
+                    f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(names)})"
                 )
     for name in soil:
         if name not in priors:
@@ -139,16 +139,16 @@ def _entries(content: Content) -> dict[str, Law | float]:
 
 def _reference(content: Content) -> float:
     """The sinkage at which laws of the moduli are stated, m."""
-    given = content.priors.get(REFERENCE)
-    if not isinstance(given, int | float):
+    sinkage = content.priors.get(REFERENCE)
+    if not isinstance(sinkage, int | float):
         return 1.0
     if content.test == "shear" or any(
         not isinstance(content.priors.get(name), Law) for name in KINDS["plate"]
     ):
         raise StudyError(f"[priors] '{REFERENCE}' goes with plate tests whose kc, kphi and n all have laws")
-    if given <= 0:
-        raise StudyError(f"[priors] '{REFERENCE}' must be above 0 (got {given:g} m)")
-    return float(given)
+    if sinkage <= 0:
+        raise StudyError(f"[priors] '{REFERENCE}' must be above 0 (got {sinkage:g} m)")
+    return float(sinkage)
 
 
 def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
