@@ -1,4 +1,4 @@
-"""What the models share: checks, broadcasting, and the way to the compiled kernels."""
+"""Common parts of the models: checks, broadcasting, and the way to the compiled kernels."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -78,17 +78,17 @@ class WheelSoilModel(ABC):
         return type(self).__name__
 
     def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:
-        """Return F_N, F_DP and M_DR at a sinkage in m, eq. (14), (24) or (25)."""
+        """F_N, F_DP and M_DR at a sinkage in m, eq. (14), (24) or (25)."""
         values, shape = self._results(soil, wheel, slip, sinkage, width=3)
         return Forces(*(plain(values[:, i].reshape(shape)) for i in range(3)))
 
     def components(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Components:
-        """Return F_N and F_DP by stress and by part of the arc, eq. (15); M3 has no F_Ntau, so it is zero."""
+        """F_N and F_DP by stress and by part of the arc, eq. (15); M3 has no F_Ntau, so it is zero."""
         values, shape = self._results(soil, wheel, slip, sinkage, width=11)
         return Components(*(plain(values[:, i].reshape(shape)) for i in range(3, 11)))
 
     def sinkage(self, soil: Soil, wheel: Wheel, slip: Floats, load: Floats) -> Floats:
-        """Return the sinkage in m at which F_N equals `load` in N to 1e-10, relative."""
+        """The sinkage in m at which F_N equals `load` in N to 1e-10, relative."""
         from bayesterra.models import batch  # numba is heavy: only where it is needed
 
         pairs = self._pairs(soil, wheel, slip, load=load)
@@ -103,7 +103,7 @@ class WheelSoilModel(ABC):
     def stresses(
         self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats
     ) -> tuple[Floats, Floats]:
-        """Return normal and shear stress in Pa at `angle` in rad from the vertical; zero off the arc."""
+        """Normal and shear stress in Pa at `angle` in rad from the vertical; zero off the arc."""
         pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
         _check_sinkage(pairs, wheel)
         inputs = (*pairs.theta.T, pairs.exponent, pairs.conditions.slip, pairs.given)
@@ -119,7 +119,7 @@ class WheelSoilModel(ABC):
     def forces_at(
         self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike, *, every_row: bool = False
     ) -> tuple[FloatArray, Codes]:
-        """Return F_N, F_DP, M_DR (n, m, 3) and status (n, m) at `sinkage` (m,) or (n, m).
+        """F_N, F_DP, M_DR (n, m, 3) and status (n, m) at `sinkage` (m,) or (n, m).
 
         A set whose parameters fail in one row is refused in all rows, unless `every_row`.
         """
@@ -133,7 +133,7 @@ class WheelSoilModel(ABC):
     def response_at(
         self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, every_row: bool = False
     ) -> tuple[FloatArray, Codes]:
-        """Return z, F_DP, M_DR (n, m, 3) and status (n, m) under `load` (m,) or (n, m); see `forces_at`."""
+        """z, F_DP, M_DR (n, m, 3) and status (n, m) under `load` (m,) or (n, m); see `forces_at`."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
@@ -149,7 +149,7 @@ class WheelSoilModel(ABC):
         *,
         mean_load: FloatArray | None = None,
     ) -> tuple[FloatArray, Codes]:
-        """Return z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,).
+        """z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,).
 
         `mean_load` (n,) is W-bar of every row, in place of the option of M2L; other models know none.
         """
@@ -161,7 +161,7 @@ class WheelSoilModel(ABC):
         return values[:, 0], status[:, 0]
 
     def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
-        """Return the exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10), sinkage last."""
+        """Exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10), sinkage last."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
@@ -170,7 +170,7 @@ class WheelSoilModel(ABC):
         )
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
-        """Return the exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
+        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
@@ -179,22 +179,22 @@ class WheelSoilModel(ABC):
         )
 
     def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
-        """Return derivatives (n, m, 3, k) of a response under `load`, without what the solve leaves of 0."""
+        """Derivatives (n, m, 3, k) of a response under `load`, without what the solve leaves of 0."""
         return slopes
 
     def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
-        """Return parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
+        """Parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
         from bayesterra.models import batch
 
         return batch.parameters(theta, len(self.parameters)), self._rows(conditions)
 
     def plan(self, *, every_row: bool = False) -> tuple[int, int, bool]:
-        """Return what compiled code needs to know of the model; see `forces_at` for `every_row`."""
+        """Facts of the model that compiled code needs; see `forces_at` for `every_row`."""
         return self._plan(every_row=every_row)
 
     @abstractmethod
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[Floats, Floats]:
-        """Return both stresses on the contact arc."""
+        """Both stresses on the contact arc."""
 
     def _results(
         self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, width: int
@@ -224,7 +224,7 @@ class WheelSoilModel(ABC):
         return _Pairs(flat, conditions, np.asarray(n), values.ravel(), slips.shape)
 
     def _theta(self, soil: Soil) -> FloatArray:
-        """Return the model's parameters along a last axis; ValueError for a load effect it does not know."""
+        """The model's parameters along a last axis; ValueError for a load effect it does not know."""
         values = soil.as_array()
         for i, name in enumerate(LOAD_EFFECT_FIELDS if isinstance(soil, LoadEffectSoil) else ()):
             effect = values[..., len(SOIL_FIELDS) + i]
@@ -240,14 +240,14 @@ class WheelSoilModel(ABC):
         )  # fmt: skip
 
     def _rows(self, conditions: Conditions) -> FloatArray:
-        """Return the columns of _lanes.ROW: slip, slip of the exponent, r, b, R_j, r_s."""
+        """Columns of _lanes.ROW: slip, slip of the exponent, r, b, R_j, r_s."""
         slip = conditions.slip
         start = np.asarray(self._start_radius(conditions, slip))
         wheel = (conditions.radius, conditions.width, start, conditions.shearing_radius)
         return np.ascontiguousarray(np.stack((slip, self._exponent_slip(slip), *wheel), axis=-1))
 
     def _rows_under(self, conditions: Conditions, mean_load: FloatArray) -> FloatArray:
-        """Return the rows with a mean load of their own, (n,), where the model knows one."""
+        """Rows with a mean load of their own, (n,), where the model knows one."""
         return self._rows(conditions)
 
     def _exponent_slip(self, slip: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes],
 
 
 def parameters(theta: ArrayLike, columns: int = 9) -> FloatArray:
-    """Return `theta` as a C-contiguous, writable (n, columns) array."""
+    """`theta` as a C-contiguous, writable (n, columns) array."""
     array = np.require(
         theta, dtype=np.float64, requirements=["C", "W"]
     )  # one kernel: read-only is another type
@@ -35,29 +35,29 @@ def run(
 
 
 def forces(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
-    """Return F_N, F_DP, M_DR (n, m, 3) and status."""
+    """F_N, F_DP, M_DR (n, m, 3) and status."""
     return run(drivers.forces, theta, rows, sinkage, plan, (3,))
 
 
 def components(
     theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan
 ) -> tuple[FloatArray, Codes]:
-    """Return the three forces and the eight components (n, m, 11) and status."""
+    """The three forces and the eight components (n, m, 11) and status."""
     return run(drivers.forces, theta, rows, sinkage, plan, (11,))
 
 
 def response(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
-    """Return z, F_DP, M_DR (n, m, 3) and status."""
+    """z, F_DP, M_DR (n, m, 3) and status."""
     return run(drivers.response, theta, rows, load, plan, (3,))
 
 
 def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> FloatArray:
-    """Return d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, 10), or (n, m, 3, 14) with M2L."""
+    """d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, 10), or (n, m, 3, 14) with M2L."""
     return run(drivers.jacobian, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
 
 
 def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:
-    """Return d(z, F_DP, M_DR)/d theta (n, m, 3, 9 or 13), by implicit derivatives of F_N(z, theta) = W."""
+    """d(z, F_DP, M_DR)/d theta (n, m, 3, 9 or 13), by implicit derivatives of F_N(z, theta) = W."""
     at_root = jacobian(theta, rows, response(theta, rows, load, plan)[0][..., 0], plan)
     by_theta, by_sinkage = at_root[..., :-1], at_root[..., -1:]
     sinkage = -by_theta[..., :1, :] / by_sinkage[..., :1, :]

@@ -8,7 +8,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def as_floats(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as a float array; ValueError where it is not numbers or not finite."""
+    """`value` as a float array; ValueError where it is not numbers or not finite."""
     try:
         if np.asarray(value).dtype == np.bool_:  # True is no length of 1 m
             raise TypeError
@@ -30,10 +30,10 @@ def require(holds: BoolArray | np.bool_ | bool, name: str, rule: str, value: Arr
 
 
 def row_suffix(index: tuple[int, ...]) -> str:
-    """Return ', row 7' for an element of an array and nothing for a single number."""
+    """Text ', row 7' for an element of an array and nothing for a single number."""
     return f", row {index[0] if len(index) == 1 else index}" if index else ""
 
 
 def plain(array: FloatArray) -> FloatArray | float:
-    """Return a float for a 0-d array and the array itself otherwise."""
+    """A float for a 0-d array and the array itself otherwise."""
     return float(array) if array.ndim == 0 else array

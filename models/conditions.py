@@ -13,7 +13,7 @@ from bayesterra.models.wheel import Wheel
 
 
 class Status(IntEnum):
-    """Why a parameter set cannot be evaluated in a row."""
+    """Reason why a parameter set cannot be evaluated in a row."""
 
     OK = 0
     EXPONENT = 1
@@ -40,7 +40,7 @@ class Conditions:
 
     @classmethod
     def of(cls, wheels: Wheel | Sequence[Wheel], slip: ArrayLike, phi: float | None = None) -> Self:
-        """Return the conditions of one wheel, or of one wheel per row, at `slip` (m,).
+        """Conditions of one wheel, or of one wheel per row, at `slip` (m,).
 
         `phi` serves wheels whose shearing-radius coefficient comes from equation (2). Raises ValueError for
         slips outside [0, 1), and where `phi` is needed and missing.

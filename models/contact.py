@@ -28,7 +28,7 @@ class Contact:
     def of(
         cls, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, start_radius: Floats, exponent: Floats
     ) -> Self:
-        """Return the contact at a sinkage in m; ValueError where eq. (4) is not defined."""
+        """Contact at a sinkage in m; ValueError where eq. (4) is not defined."""
         entrance = entrance_angle(sinkage, wheel.radius)
         require(np.asarray(exponent) > 0, "n0 + n1 s", "must be positive", exponent)
         ratio = np.asarray(maximum_stress_angle(1.0, soil.c1, soil.c2, slip))
@@ -39,7 +39,7 @@ class Contact:
         return cls(soil, wheel, slip, exponent, entrance, leaving, ratio * entrance, start)
 
     def normal_stress(self, angle: FloatArray) -> FloatArray:
-        """Return sigma, eq. (4); rear angles are mirrored to the front angle of equal stress."""
+        """Normal stress sigma, eq. (4); rear angles are mirrored to the front angle of equal stress."""
         share = (angle - self.leaving) / (self.maximum - self.leaving)
         front = np.where(angle >= self.maximum, angle, self.entrance - share * (self.entrance - self.maximum))
         rise = np.cos(front) - np.cos(self.entrance)
@@ -47,28 +47,28 @@ class Contact:
         return np.asarray(self.soil.Ks * (radius * np.maximum(rise, 0.0)) ** np.asarray(self.exponent))
 
     def shear_stress(self, angle: FloatArray, normal_stress: FloatArray) -> FloatArray:
-        """Return tau, eq. (9)."""
+        """Shear stress tau, eq. (9)."""
         limit = self.soil.c + normal_stress * np.tan(self.soil.phi)
         return np.asarray(-limit * np.expm1(-self.shear_displacement(angle) / self.soil.K))
 
     def shear_displacement(self, angle: FloatArray) -> FloatArray:
-        """Return j in m, eq. (11)."""
+        """Shear displacement j in m, eq. (11)."""
         drag = (1 - np.asarray(self.slip)) * (np.sin(self.start) - np.sin(angle))
         return np.asarray(self.wheel.shearing_radius(self.soil.phi) * ((self.start - angle) - drag))
 
     def peak_stresses(self) -> tuple[FloatArray, FloatArray]:
-        """Return sigma_m and tau_m, eqs. (18), (19)."""
+        """sigma_m and tau_m, eqs. (18), (19)."""
         normal = self.normal_stress(np.asarray(self.maximum))
         return normal, self.shear_stress(np.asarray(self.maximum), normal)
 
     def lever_arms(self) -> tuple[FloatArray, FloatArray]:
-        """Return A and B of (24)."""
+        """A and B of (24)."""
         parts = [(self.leaving, self.maximum), (self.maximum, self.entrance)]
         cosines = [(np.cos(low) - np.cos(high)) / (high - low) for low, high in parts]
         sines = [(np.sin(high) - np.sin(low)) / (high - low) for low, high in parts]
         return np.asarray(cosines[1] - cosines[0]), np.asarray(sines[0] - sines[1])
 
     def triangle(self, angle: FloatArray) -> FloatArray:
-        """Return the share of the peak on two straight lines from 0 at both ends, eqs. (20), (21)."""
+        """The share of the peak on two straight lines from 0 at both ends, eqs. (20), (21)."""
         front = (self.entrance - angle) / (self.entrance - self.maximum)
         return np.asarray(np.minimum(front, (angle - self.leaving) / (self.maximum - self.leaving)))

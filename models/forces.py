@@ -1,4 +1,4 @@
-"""What a model returns."""
+"""Forces that a model returns."""
 
 from dataclasses import dataclass
 

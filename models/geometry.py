@@ -10,27 +10,27 @@ SHEAR_STARTS = ("transition", "rim", "tip")
 
 
 def exponent(n0: Floats, n1: Floats, slip: Floats) -> Floats:
-    """Return the sinkage exponent N, eq. (5)."""
+    """The sinkage exponent N, eq. (5)."""
     return n0 + n1 * slip
 
 
 def entrance_angle(sinkage: Floats, radius: Floats) -> Floats:
-    """Return theta_1, eq. (6), written so that small sinkages keep their digits."""
+    """theta_1, eq. (6), written so that small sinkages keep their digits."""
     return plain(2.0 * np.arcsin(np.sqrt(np.asarray(sinkage) / radius / 2.0)))
 
 
 def leaving_angle(entrance: Floats, c3: Floats) -> Floats:
-    """Return theta_2, eq. (7)."""
+    """theta_2, eq. (7)."""
     return c3 * entrance
 
 
 def maximum_stress_angle(entrance: Floats, c1: Floats, c2: Floats, slip: Floats) -> Floats:
-    """Return theta_m, eq. (8)."""
+    """theta_m, eq. (8)."""
     return (c1 + c2 * slip) * entrance
 
 
 def shearing_radius_coefficient(radius: Floats, lug_height: Floats, lug_count: int, phi: Floats) -> Floats:
-    """Return lambda_s, eq. (2); it leaves [0, 1] for short lugs, where it is not valid."""
+    """lambda_s, eq. (2); it leaves [0, 1] for short lugs, where it is not valid."""
     _check_lugs(lug_height, lug_count)
     half_pitch = np.pi / lug_count
     ratio = 1.0 / np.tan(half_pitch) / np.tan(np.pi / 4 - np.asarray(phi) / 2)
@@ -38,7 +38,7 @@ def shearing_radius_coefficient(radius: Floats, lug_height: Floats, lug_count: i
 
 
 def minimum_lug_height(radius: Floats, lug_count: int, phi: Floats, lug_friction: Floats) -> Floats:
-    """Return the least lug height for which (9) holds, eq. (10); `lug_friction` from 0 to 1 (full)."""
+    """The least lug height for which (9) holds, eq. (10); `lug_friction` from 0 to 1 (full)."""
     _check_lugs(1.0, lug_count)
     slope = np.tan(np.pi / 4 - np.asarray(phi) / 2)
     pitch = 2.0 * np.pi / lug_count
@@ -55,7 +55,7 @@ def shear_start_radius(
     transition_slips: tuple[float, float] = (0.15, 0.5),
     shear_start: str = "transition",
 ) -> Floats:
-    """Return R_j, eq. (13), or its variants R_j = r ("rim") and R_j = r + h ("tip")."""
+    """R_j, eq. (13), or its variants R_j = r ("rim") and R_j = r + h ("tip")."""
     if shear_start == "rim":
         return plain(np.asarray(radius + 0.0 * np.asarray(slip)))
     if shear_start == "tip":
@@ -66,7 +66,7 @@ def shear_start_radius(
 
 
 def slip_from_speeds(angular_speed: Floats, travel_speed: Floats, radius: Floats) -> Floats:
-    """Return the slip on `radius`, eq. (3), positive when driving, negative when braking.
+    """The slip on `radius`, eq. (3), positive when driving, negative when braking.
 
     Raises ValueError where both speeds are zero, or either is negative.
     """
@@ -79,7 +79,7 @@ def slip_from_speeds(angular_speed: Floats, travel_speed: Floats, radius: Floats
 
 
 def convert_slip(slip: Floats, from_radius: Floats, to_radius: Floats) -> Floats:
-    """Return driving slip on another radius, s = 1 - (r_from/r_to)(1 - s_from), from eq. (3)."""
+    """Driving slip on another radius, s = 1 - (r_from/r_to)(1 - s_from), from eq. (3)."""
     return plain(np.asarray(1.0 - np.asarray(from_radius) / to_radius * (1.0 - np.asarray(slip))))
 
 

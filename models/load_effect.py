@@ -36,11 +36,11 @@ class M2L(WheelSoilModel):
             raise ValueError(f"'mean_load' must be positive and finite (got {self.mean_load})")
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
-        """Return the exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 13)."""
+        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 13)."""
         return self.known_under(load, super().response_jacobian_at(theta, conditions, load))
 
     def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
-        """Return derivatives by c_DP and c_M as 0 where `load` is the mean load, met by F_N to 1e-11 only."""
+        """Derivatives by c_DP and c_M as 0 where `load` is the mean load, met by F_N to 1e-11 only."""
         at_mean = np.broadcast_to(np.asarray(load) == self.mean_load, slopes.shape[:2])
         slopes[at_mean, :, _CDP : _CM + 1] = 0.0
         return slopes
@@ -51,7 +51,7 @@ class M2L(WheelSoilModel):
         return normal * shape, (shear + self._further_shear(contact, normal, shear)) * shape
 
     def _further_shear(self, contact: Contact, normal: FloatArray, shear: FloatArray) -> FloatArray:
-        """Return what (42c) adds to tau_m."""
+        """Stress that (42c) adds to tau_m."""
         soil, wheel = contact.soil, contact.wheel
         load_effect = soil.cM if isinstance(soil, LoadEffectSoil) else 0.0
         a, b = contact.lever_arms()

@@ -42,7 +42,7 @@ class Soil:
         require(np.asarray(self.phi) < np.pi / 2, "phi", "must be below pi/2 rad", self.phi)
 
     def as_array(self) -> FloatArray:
-        """Return the parameters in the order of SOIL_FIELDS along a last axis of nine.
+        """The parameters in the order of SOIL_FIELDS along a last axis of nine.
 
         A :class:`LoadEffectSoil` has thirteen, the last four in the order of LOAD_EFFECT_FIELDS.
         """

@@ -37,7 +37,7 @@ class Wheel:
             require((value >= 0) & (value <= 1), "shearing_radius_coefficient", "must lie in [0, 1]", value)
 
     def shearing_radius(self, phi: float | FloatArray = 0.0) -> float | FloatArray:
-        """Return r_s in m for friction angle `phi` in rad, Ding et al. 2015, eqs. (1) and (2).
+        """r_s in m for friction angle `phi` in rad, Ding et al. 2015, eqs. (1) and (2).
 
         Raises ValueError where (2) leaves [0, 1], as it does for short lugs.
         """

@@ -1,4 +1,4 @@
-"""What compiled code of other layers may use: compiler, elementary functions, forces along the sinkage."""
+"""Parts for compiled code of other layers: compiler, elementary functions, forces along the sinkage."""
 
 from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
 from bayesterra.models.kernels.elementary import exp, log

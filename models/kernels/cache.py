@@ -27,7 +27,7 @@ _COMPILED: Any = compiler.CompileResult
 _PACKING: Any = serialize
 _DIGEST = sha256().digest_size
 _told: list[str] = []
-"""Why nothing can be kept, once that was said."""
+"""Reason why nothing can be kept, once that was told."""
 
 
 class CompiledFiles:
@@ -108,7 +108,7 @@ def _fingerprint(source: Path) -> str:
 
 @cache
 def _writable(folder: Path) -> bool:
-    """Whether files can be made in a folder, which is made where it is missing."""
+    """True where files can be made in a folder, which is made where it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         TemporaryFile(dir=folder).close()
@@ -131,7 +131,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _tell(reason: str) -> None:
-    """Say once that every start will compile; workers leave it to the process that started them."""
+    """Tell once that every start will compile; workers leave it to the process that started them."""
     if not _told and parent_process() is None:
         logging.getLogger("bayesterra").warning(
             "note: compiled models cannot be kept (%s), so every start compiles them again, which takes about"

@@ -22,7 +22,7 @@ def close(ws: Lanes, cosine_is_linear: bool) -> None:
 
 @inlined
 def triangles(ws: Lanes, i: int, cosine_is_linear: bool) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
-    """Return both parts of A, both of B, sigma_m, c + sigma_m tan(phi) and the share E of it in tau_m."""
+    """Both parts of A, both of B, sigma_m, c + sigma_m tan(phi) and the share E of it in tau_m."""
     front, rear = ws[at.FRONT + i], ws[at.REAR + i]
     theta_m = ws[at.THETA_2 + i] + 2.0 * rear
     sin_m, cos_m = sin(theta_m), 1.0 - versine(theta_m)
@@ -52,7 +52,7 @@ def fill(ws: Lanes, i: int, parts: tuple[Any, Any, Any, Any], sigma: Any, tau: A
 
 @inlined
 def _mean(half: Any, sin_end: Any, cos_end: Any, side: float) -> tuple[Any, Any]:
-    """Return the mean sine and cosine over a part of half-width `half` that begins at the end given."""
+    """Mean sine and cosine over a part of half-width `half` that begins at the end given."""
     s, c = sin(half), 1.0 - versine(half)
     share = divide(s, half)
     return share * (sin_end * c + side * cos_end * s), share * (cos_end * c - side * sin_end * s)
@@ -60,7 +60,7 @@ def _mean(half: Any, sin_end: Any, cos_end: Any, side: float) -> tuple[Any, Any]
 
 @inlined
 def _peaks(ws: Lanes, i: int, rise: Any, fall: Any) -> tuple[Any, Any, Any]:
-    """Return sigma_m and both factors of tau_m, (18), (19); `rise`, `fall` as in _integral, at theta_m."""
+    """sigma_m and both factors of tau_m, (18), (19); `rise`, `fall` as in _integral, at theta_m."""
     sigma = ws[at.KS + i] * exp(ws[at.N + i] * log(ws[at.RADIUS + i] * rise))
     limit = ws[at.C + i] + sigma * ws[at.TAN_PHI + i]
     path = ws[at.JOIN_1 + i] + 2.0 * ws[at.FRONT + i] - (1.0 - ws[at.SLIP + i]) * fall

@@ -99,7 +99,7 @@ def _nearest(typingctx: Any, x: Any) -> Any:
 
 @intrinsic
 def _power_of_two(typingctx: Any, k: Any) -> Any:
-    """Return 2^k for a whole number k held as a float, by writing the exponent's bits."""
+    """2^k for a whole number k held as a float, by writing the exponent's bits."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         narrow = builder.fptosi(args[0], _INT32)  # AVX2 converts to 32 bits only
@@ -111,7 +111,7 @@ def _power_of_two(typingctx: Any, k: Any) -> Any:
 
 @intrinsic
 def _binary_exponent(typingctx: Any, x: Any) -> Any:
-    """Return the whole number e, as a float, for which x 2^-e lies in [sqrt(1/2), sqrt(2))."""
+    """Whole number e, as a float, for which x 2^-e lies in [sqrt(1/2), sqrt(2))."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         above = builder.sub(builder.bitcast(args[0], _INT64), ir.Constant(_INT64, _SQRT_HALF_BITS))
@@ -127,18 +127,18 @@ binary_exponent: Callable[[float], float] = cast(Any, _binary_exponent)
 
 
 def divide(a: Number, b: Number) -> Number:
-    """Return a / b; for complex numbers to first order in the imaginary parts, as a complex step."""
+    """Quotient a / b; for complex numbers to first order in the imaginary parts, as a complex step."""
     return a / b
 
 
 def root(x: Number) -> Number:
-    """Return the square root; for complex numbers to first order in the imaginary part."""
+    """Square root; for complex numbers to first order in the imaginary part."""
     y: Number = x**0.5
     return y
 
 
 def hold(x: Number) -> Number:
-    """Return x, with its real part held within +-708."""
+    """x, with its real part held within +-708."""
     return x
 
 
@@ -188,14 +188,14 @@ overload(hold, jit_options=_OPTIONS)(_hold)
 
 @inlined
 def exp(x: Number) -> Number:
-    """Return e^x; arguments beyond +-708 are held there."""
+    """e^x; arguments beyond +-708 are held there."""
     x, k = _reduce(x)
     return (1.0 + _series(x)) * power_of_two(k)
 
 
 @inlined
 def exp_minus_1(x: Number) -> Number:
-    """Return e^x - 1 without cancellation at small x; arguments beyond +-708 are held there."""
+    """e^x - 1 without cancellation at small x; arguments beyond +-708 are held there."""
     x, k = _reduce(x)
     scale = power_of_two(k)
     return scale * _series(x) + (scale - 1.0)
@@ -203,7 +203,7 @@ def exp_minus_1(x: Number) -> Number:
 
 @inlined
 def _reduce(x: Number) -> tuple[Number, float]:
-    """Return x - k ln 2 and k, the whole number nearest to x / ln 2."""
+    """The rest x - k ln 2 and k, the whole number nearest to x / ln 2."""
     x = hold(x)
     k = nearest(x.real * _LOG2_E)
     return x - k * _LN_2, k
@@ -211,7 +211,7 @@ def _reduce(x: Number) -> tuple[Number, float]:
 
 @inlined
 def _series(x: Number) -> Number:
-    """Return e^x - 1 for |x| <= ln(2)/2."""
+    """e^x - 1 for |x| <= ln(2)/2."""
     a = _EXP
     tail = a[5] + x * (a[6] + x * (a[7] + x * (a[8] + x * (a[9] + x * a[10]))))
     return x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * tail))))
@@ -219,7 +219,7 @@ def _series(x: Number) -> Number:
 
 @inlined
 def log(x: Number) -> Number:
-    """Return the natural logarithm of a positive normal number."""
+    """Natural logarithm of a positive normal number."""
     k = binary_exponent(x.real)
     x = x * power_of_two(-k)
     s = divide(x - 1.0, x + 1.0)
@@ -231,7 +231,7 @@ def log(x: Number) -> Number:
 
 @inlined
 def sin(x: Number) -> Number:
-    """Return the sine for |x| <= pi/2."""
+    """Sine for |x| <= pi/2."""
     t = x * x
     a = _SIN
     return x * (a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7])))))))
@@ -239,7 +239,7 @@ def sin(x: Number) -> Number:
 
 @inlined
 def versine(x: Number) -> Number:
-    """Return 1 - cos(x) for |x| <= pi/2, without cancellation."""
+    """1 - cos(x) for |x| <= pi/2, without cancellation."""
     t = x * x
     a = _VERSINE
     return t * (a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7])))))))
@@ -247,7 +247,7 @@ def versine(x: Number) -> Number:
 
 @inlined
 def angle_of_versine(x: Number) -> Number:
-    """Return arccos(1 - x) for 0 <= x <= 1, accurate for small x."""
+    """arccos(1 - x) for 0 <= x <= 1, accurate for small x."""
     t = 0.5 * x
     a = _ARCSIN
     tail = a[12] + t * (a[13] + t * (a[14] + t * (a[15] + t * (a[16] + t * a[17]))))

@@ -18,13 +18,13 @@ _NARROW = 1e-10
 
 @compiled
 def can_fall(ws: Lanes, lane: int, model: int) -> bool:
-    """Tell whether F_N of a lane may be larger below z = r than at it."""
+    """True where F_N of a lane may be larger below z = r than at it."""
     return model != M1 or ws[at.C3 + lane] < 0.0
 
 
 @compiled
 def search_by_grid(ws: Lanes, lane: int, model: int, which: int) -> Lanes:
-    """Return a tray with the solution of one lane in all lanes; X = inf where F_N stays below the load."""
+    """A tray with the solution of one lane in all lanes; X = inf where F_N stays below the load."""
     tray = np.empty(at.SIZE)
     for start in range(0, at.SIZE, at.LANES):
         tray[start : start + at.LANES] = ws[start + lane]

@@ -39,7 +39,7 @@ def close_under_load(ws: Lanes) -> None:
 
 @inlined
 def _normal_force(ws: Lanes, i: int, plain: Any, share: Any) -> Any:
-    """Return the lower root F of F - share c_M (1 - F / W_mean) F = plain."""
+    """The lower root F of F - share c_M (1 - F / W_mean) F = plain."""
     growth = ws[at.CM + i] * share
     line = 1.0 - growth
     under_root = line * line + 4.0 * divide(growth * plain, ws[at.MEAN_LOAD + i])

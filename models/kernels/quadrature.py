@@ -12,7 +12,7 @@ ROUGH = RULES  # the index of the rule that brings the sinkage solver near
 
 
 def rule(count: int, power: int = 3) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights (count,) in u = v^power, v Gauss-Legendre on (0, 1)."""
+    """Nodes and weights (count,) in u = v^power, v Gauss-Legendre on (0, 1)."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     v = 0.5 * (nodes + 1.0)
     return v**power, 0.5 * weights * power * v ** (power - 1)
@@ -27,7 +27,7 @@ _RULE_OF = np.searchsorted(COUNTS, np.arange(COUNTS[-1] + 1))  # the first rule 
 
 @compiled
 def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
-    """Return the index of the smallest rule that serves a pair to 1e-9, mostly to 1e-10.
+    """Index of the smallest rule that serves a pair to 1e-9, mostly to 1e-10.
 
     Fitted to 56 000 pairs over the prior box with its corners. What asks for nodes: a small exponent N; shear
     that builds up over a small part of the arc, measured by the growth of j/K over the front and the rear
@@ -53,7 +53,7 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
 
 @compiled
 def _need_of_exponent(n: float) -> float:
-    """Return the nodes that the broken power at the stress-free ends asks for."""
+    """Nodes that the broken power at the stress-free ends asks for."""
     if n >= 0.65:
         return 12.0
     if n >= 0.3:

@@ -129,13 +129,13 @@ def _update_slope(ws: Lanes, i: int) -> None:
 
 @inlined
 def _is_at_top(ws: Lanes, i: int) -> bool:
-    """Tell whether a lane has shown that no sinkage below the radius carries its load."""
+    """True where a lane has shown that no sinkage below the radius carries its load."""
     return bool(ws[at.X + i] >= ws[at.TOP + i] and ws[at.F + i] < -_ACCURACY)
 
 
 @inlined
 def _is_settled(ws: Lanes, i: int) -> bool:
-    """Tell whether one more step, not evaluated, meets the load: misfit times error of the slope is small."""
+    """True where one more step, not evaluated, meets the load: misfit times error of the slope is small."""
     misfit, slope = abs(ws[at.F + i]), ws[at.SLOPE + i]
     is_near = misfit < _LAST * min(1.0, slope) and misfit * ws[at.DOUBT + i] < _ACCURACY
     return is_near or _is_at_top(ws, i)

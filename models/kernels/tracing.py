@@ -78,7 +78,7 @@ def _fit(desk: Lanes, start: int, values: int) -> None:
 
 @compiled
 def _rule(desk: Lanes) -> int:
-    """Return the quadrature rule that serves the lowest and the highest sinkage of a tray."""
+    """The quadrature rule that serves the lowest and the highest sinkage of a tray."""
     theta, row = (
         desk[at.INPUTS : at.Z : at.LANES],
         desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES],
@@ -97,13 +97,13 @@ def guess(ws: Lanes, load: float) -> tuple[float, float]:
 
 @compiled
 def highest(ws: Lanes) -> float:
-    """Return the highest log z of the pair of a tray, just below the wheel's radius."""
+    """The highest log z of the pair of a tray, just below the wheel's radius."""
     return float(np.log(ws[at.RADIUS] * (1.0 - 1e-9)))
 
 
 @compiled
 def carrying_from(ws: Lanes, model: int, low: float, high: float, load: float) -> float:
-    """Return a log z where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
+    """A log z where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
     for _ in range(40):
         for i in range(at.LANES):
             ws[at.Z + i] = exp(low + (high - low) * (i + 1.0) / at.LANES)
