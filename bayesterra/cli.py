@@ -1,4 +1,7 @@
-"""The command line: options and printing only; the work is done in the rooms that each command imports."""
+"""The command line: options and printing only; the work is done in the rooms that each command imports.
+
+Imports that take long stand inside the commands, so that help and version come at once.
+"""
 
 from __future__ import annotations
 
@@ -28,16 +31,13 @@ app = typer.Typer(
 StudyPath = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
 ]
-
 Workers = Annotated[
     int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
 ]
-
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute."),
 ]
-
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
 Wheels = Annotated[

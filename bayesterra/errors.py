@@ -149,7 +149,6 @@ def _shown(value: object) -> str:
 
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000
 """Characters, at most, of a name (of a wheel, a site, a test) and of a title or a source."""
-
 _UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 

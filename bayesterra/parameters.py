@@ -95,21 +95,15 @@ CHANNELS: dict[str, Channel] = {
         ),
     )
 }
-
 OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 """Channels that can be outcomes of a drive, in the order of the results."""
 
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
-
 LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
-
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
-
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
-
 SLIP_ERROR = "slip_error"
-
 SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
 """Beginnings of the names of estimated standard deviations: for ``str.startswith``."""
 
@@ -163,9 +157,7 @@ PARAMETERS: dict[str, Parameter] = {
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
-
 OFFSET = "sinkage_offset"
-
 PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET, *LOAD_EFFECT)
 """Parameters that the [priors] table may name; also the columns of a soil array that needs them all."""
 

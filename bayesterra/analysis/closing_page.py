@@ -198,13 +198,10 @@ def _checklist() -> Table:
 
 
 BIT = float(np.log(2.0))
-
 NARROWED = 0.9
 """Ratio of standard deviations, posterior over prior, below which a parameter counts as narrowed."""
-
 APART = 2.0
 """Shift, in standard deviations of the prior, from which earlier result and readings disagree."""
-
 NOTABLE = 0.2
 """Correlation, before or after, from which a pair is shown."""
 

@@ -27,13 +27,10 @@ from bayesterra.study.result import Result
 from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
 
 MOST = 6
-
 BARE = 1.0
 """Difference of log evidence that is not worth more than a bare mention (Kass and Raftery 1995)."""
-
 STRENGTHS = ((3.0, "positive"), (5.0, "strong"), (np.inf, "very strong"))
 """Their words for greater differences, by upper limit."""
-
 MOVED = 1.0
 """Shift of a mean, in standard deviations of the first result, from which a parameter has moved."""
 

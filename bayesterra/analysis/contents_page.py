@@ -40,7 +40,6 @@ from bayesterra.study.result import Result, summary_rows
 
 SLIPS = 4
 """Slips in the table of predictions, at most."""
-
 _KEY = Markup('<span class="named"><span class="swatch drawn" style="background:{}"></span>{}</span>')
 
 
@@ -351,9 +350,7 @@ def repeat_section(comparison: Comparison) -> Section:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """One Okabe–Ito colour per result, in their order."""
-
 _LANE = 0.16
-
 NEAR = 0.05
 """Readings under a load within this share of the common one are shown."""
 

@@ -29,9 +29,7 @@ from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 
 CORNER_DRAWS = 60_000
-
 PRIOR_MASS = 0.99
-
 PALE = ("#FFFFFF00", "#8A8A8A2E")
 
 
@@ -174,7 +172,6 @@ def _group_boxes(ax: Axes, names: tuple[str, ...]) -> None:
 
 
 SHADES = ("#08306B", "#2171B5", "#6BAED6", "#41B6A6", "#7A7A7A", "#B8B8B8")
-
 RANK_BINS = 20
 
 

@@ -47,7 +47,6 @@ from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 MODE_DRAWS = 4000
-
 CURVE_DRAWS = 1000
 
 

@@ -37,19 +37,16 @@ RANKS = (
     "grey: where 95 % of the steps lie then, for the effective number of draws. A slope or a hump outside "
     "the grey means that an ensemble disagrees with the others."
 )
-
 TRACES = (
     "Log density and parameters over the kept steps: median, 5 and 95 % of the walkers of each ensemble, "
     "one shade each. Level bands that overlie each other mean that no ensemble is still on its way."
 )
-
 CORNER = (
     "All pairs of parameters. Blue contours hold 50 and 90 % of the posterior, the grey area "
     f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior "
     "mode; marks: point estimates. Long thin contours are trades between two parameters; where blue fills "
     "the grey, the data say nothing."
 )
-
 CORRELATIONS = Markup(
     "Correlation of every pair in the posterior (orange: rise together, violet: one rises as the other "
     "falls). Framed: the groups bearing <i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact "
@@ -239,14 +236,12 @@ GIVEN = {
     "both": "the median normal force of the readings",
     "sinkage": "the measured sinkages, joined by straight lines",
 }
-
 LINES = {
     "IM1": "long dashes (vermilion)",
     "IM2": "dots (green)",
     "IM3": "dash-dot (purple)",
     "joint": "short dashes (orange)",
 }
-
 SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
 
 

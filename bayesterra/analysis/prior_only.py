@@ -26,9 +26,7 @@ from bayesterra.study.result import conditions_dataset, parameter_dataset
 from bayesterra.study.study import Study
 
 DRAWS = 4000
-
 CURVE_DRAWS = 1000
-
 CREDIBLE = 0.9
 
 

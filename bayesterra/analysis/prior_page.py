@@ -36,7 +36,6 @@ from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 
 FAIR, POOR = 0.5, 0.05
 """Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""
-
 TEACHING = 2.0
 """Spread of predictions over noise from which a reading narrows them."""
 

@@ -1,4 +1,8 @@
-"""Storage of results: folders read and written, and what must be sound in them."""
+"""Storage of results: folders read and written, and what must be sound in them.
+
+Files are damaged, edited by hand, or sent by somebody. Whatever the commands and the report rely on is
+looked at here, once, as a folder is read, so that a wrong one is called wrong by name.
+"""
 
 from __future__ import annotations
 
@@ -59,17 +63,11 @@ class Maybe:
 
 
 NUMBER = float
-
 SOME = Either(float, None)  # what is not finite stands as null
-
 TEXT = str
-
 _NAME, _CHANNEL = OneOf(tuple(PARAMETERS)), OneOf(tuple(CHANNELS))
-
 _BY_NAME = tuple(PARAMETERS)
-
 _CHECK = {"name": TEXT, "value": SOME, "threshold": NUMBER, "passed": bool, "advice": TEXT}
-
 _FIT = {
     "converged": bool,
     "passes": Whole(),
@@ -79,7 +77,6 @@ _FIT = {
     "missing": [_NAME],
     "notes": [TEXT],
 }
-
 _STANDING = {
     "credible_level": SOME,
     "log_density": SOME,
@@ -88,7 +85,6 @@ _STANDING = {
     "filled": [_NAME],
     "values": Each(SOME, _BY_NAME),
 }
-
 _ORIGIN = {
     "title": TEXT,
     "kind": OneOf(("measured", "simulated", "digitised")),
@@ -106,7 +102,6 @@ _ORIGIN = {
     "verdict": {"converged": bool, "ess": NUMBER, "r_hat": SOME, "checks": [_CHECK]},
     "failures": Maybe(Each({"error": TEXT, "message": TEXT, "trace": [TEXT]})),
 }
-
 FAILING = {
     "evidence": ("evidence",),
     "directions": ("directions", "identifiability"),
@@ -191,7 +186,6 @@ POOLED_RECORD: Mapping[str, object] = {
         "degrees": [{"pooling": TEXT, "log_evidence": NUMBER, "elpd_rows": NUMBER, "elpd_groups": NUMBER}],
     },
 }
-
 _MOST = 10**15
 
 COLUMNS: Mapping[str, Mapping[str, object]] = {
@@ -211,7 +205,6 @@ COLUMNS: Mapping[str, Mapping[str, object]] = {
     },
 }  # fmt: skip
 """Columns that tables must have."""
-
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "posterior": ("chain", "draw"),
     "sample_stats": ("chain", "draw"),
@@ -354,7 +347,6 @@ def check_draws(tree: xr.DataTree, study: Study) -> None:
 
 
 TABLES = ("summary", "least_squares", "identifiability", "predictive")
-
 POOLED_TABLES = ("summary", "pooling", "sharing", "left_out")
 
 

@@ -1,4 +1,9 @@
-"""Simulation-based calibration of a study, as a resumable job and a folder with its page."""
+"""Simulation-based calibration of a study, as a resumable job and a folder with its page.
+
+True values are drawn from the cut prior, readings are simulated from them, the posterior of each simulated
+table is sampled, and the true values are ranked among its draws (Talts et al. 2018). Functions of readings
+and parameters are ranked too, as parameters alone miss whole classes of error (Modrák et al. 2023).
+"""
 
 from __future__ import annotations
 

@@ -15,11 +15,8 @@ from bayesterra.parameters import SIZES
 from bayesterra.study.result import Result
 
 DRAWS = 1000
-
 GRID = 41
-
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
-
 NOTABLE = 0.5
 """Share of the variance of a level or tilt that goes with the parameters, from which it is said."""
 

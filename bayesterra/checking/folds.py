@@ -27,7 +27,6 @@ from bayesterra.study.study import Study
 
 TOLERANCE = 0.03
 """Slips nearer than this count as one level."""
-
 WAYS = ("slip", "wheel", "row")
 
 By: TypeAlias = str | Sequence[object]
@@ -135,9 +134,7 @@ def _listed(study: Study, by: Sequence[object]) -> list[Fold]:
 
 DRAWS = 1000
 """Posterior draws, at most, that a predictive law is made of."""
-
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-
 REFITS = ShortRuns(
     short=SamplingOptions(target_ess=1000, walkers=64, max_steps=300),
     long=SamplingOptions(target_ess=1000, walkers=64, max_steps=8000),
@@ -328,7 +325,6 @@ def _bands(study: Study, curves: Any) -> list[Band]:
 KNOWN = {"load": (), "both": ("normal_force",), "sinkage": ("sinkage",)}
 """Channels of a left-out row that stay known, by drive, beside its slip: with ``both`` the normal force as it
 was read, with ``sinkage`` the sinkage. With ``load`` the load is known, which is no channel."""
-
 FEWEST = 20
 """Fewer draws with an answer than this are no law that could be scored."""
 

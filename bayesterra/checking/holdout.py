@@ -1,4 +1,12 @@
-"""Leave-group-out cross-validation: levels of slip, wheels or rows that the fit has not seen."""
+"""Leave-group-out cross-validation: levels of slip, wheels or rows that the fit has not seen.
+
+What a left-out row keeps is what somebody who plans that drive would know: its slip, its wheel and its load.
+With the drive ``both`` that is the normal force as it was read, from which each draw's true load is inferred;
+with ``sinkage`` it is the sinkage. Everything else that was read is predicted, noise included.
+
+A draw for which the model has no answer (no sinkage carries the load, say) states that the drive cannot be.
+As it was made, such draws are set aside and the others predict; their share is in the table.
+"""
 
 from __future__ import annotations
 

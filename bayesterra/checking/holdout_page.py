@@ -54,9 +54,7 @@ from bayesterra.report.terminal import PlainConsole
 
 WIDE = 2.0
 """Standard errors by which a coverage may miss its level before it is called off."""
-
 PARTS = {"all": "all", "inner": "interpolated", "end": "extrapolated"}
-
 MARKED = 0.05
 """Share of draws without an answer from which a row is named."""
 
@@ -274,7 +272,6 @@ def _tolerance(record: Mapping[str, Any]) -> str:
 
 COLOURS = {"polynomial": "#E69F00", "Gaussian process": "#009E73"}
 """Colours of the baselines that are drawn."""
-
 MOST = 12
 """Levels, at most, that get a panel of their own."""
 

@@ -1,4 +1,16 @@
-"""Scores of left-out rows: mixtures of predictive laws, regression baselines, summaries."""
+"""Scores of left-out rows: mixtures of predictive laws, regression baselines, summaries.
+
+The continuous ranked probability score of a law F at a reading y,
+
+    CRPS(F, y) = ∫ (F(x) − 1{x ≥ y})² dx = E|X − y| − ½ E|X − X'|,
+
+has the unit of the reading and is the smaller the better; for a law without width it is the absolute error
+(Gneiting and Raftery 2007). For a mixture of normals both expectations are known in closed form (Grimit et
+al. 2006).
+
+Each is fitted to one channel. It knows slip, load (with the drive ``both`` the normal force as read, with
+``sinkage`` the sinkage) and the wheel of every row, and has to find the noise in the training rows itself.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +28,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 
 PARTS = ("all", "inner", "end")
 """All rows; those at slips between the training rows' (interpolated); those beyond (extrapolated)."""
-
 RESAMPLED = 4000
-
 SCORES = ("crps", "log_score", "covered50", "covered90")
 
 
@@ -118,9 +128,7 @@ def _skill(rows: pd.DataFrame, rng: Generator) -> dict[str, float]:
 
 
 _CUTS = np.array([0.001, 0.01, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 0.999])
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-
 _U, _DU = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 
@@ -202,19 +210,14 @@ def _mean_size(mean: FloatArray, variance: FloatArray) -> FloatArray:
 
 
 DEGREES = (1, 2, 3)
-
 LEAST_DOF = 2
 """Degrees of freedom that must be left for the spread of a regression."""
-
 _SLOPES = 10.0
 """Prior standard deviation of the trend of a Gaussian process, in spreads of the readings."""
-
 _TYPICAL = np.log([1.0, 0.5, 2.0, 0.1])
-
 _DOUBT = np.array([1.0, 1.0, 1.0, 1.5])
 """Medians and logarithmic widths of the log-normal priors: amplitude (in spreads of the readings), length in
 slip, length in the other conditions (in spreads of these), noise (in spreads of the readings)."""
-
 _STARTS = np.log([[1.0, 0.5, 2.0, 0.1], [0.5, 0.2, 1.0, 0.3], [2.0, 1.0, 5.0, 0.05]])
 
 

@@ -28,19 +28,13 @@ from bayesterra.stats.mixture import ProposalLaw
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
-
 DRAWS = 4000
-
 START_DRAWS = 1024
-
 PIT_DRAWS = 1000
-
 FINAL_DRAWS = (8192, 32768)
 """Weighted draws of a refit, and of a second attempt."""
-
 CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
-
 INDISTINCT = 4.0
 """Difference in elpd below which models are not told apart (Sivula et al. 2020)."""
 

@@ -17,7 +17,6 @@ from bayesterra.parameters import CHANNELS
 from bayesterra.study.study import Study
 
 GRID = 41
-
 FORCE = "normal_force"
 
 

@@ -1,4 +1,16 @@
-"""Predictive checks: test statistics of readings, and whether the readings look as the model says."""
+"""Predictive checks: test statistics of readings, and whether the readings look as the model says.
+
+All but the largest reading are taken of standardised residuals z = (reading − model) / σ in the order of
+slip. Given the parameters, the law of z is that of the noise alone, so one set of unit residuals serves as
+reference for every parameter set.
+
+A posterior predictive p value is conservative: the parameters have seen the readings that they are to
+predict. It is therefore calibrated. Tables are replicated from the posterior predictive law, each gets its
+own posterior, and the p values of the replicates are what the p value of the readings is held against (Hjort,
+Dahl and Steinbakk 2006, with the posterior in place of the prior). One alarm judges all statistics of all
+channels together by the most extreme of them, so that its rate of false alarms is that of one test and not
+of twenty.
+"""
 
 from __future__ import annotations
 
@@ -96,12 +108,9 @@ def exceedance(values: FloatArray, ordered: FloatArray) -> FloatArray:
 
 ALARM = 0.02
 """Overall p below which the readings contradict the model."""
-
 CONFLICT = 0.01
 """Overall p below which the readings contradict the prior."""
-
 JUDGED_DRAWS = 1000
-
 REFERENCE = 2000
 """Residuals of replicated readings that a statistic is compared with."""
 

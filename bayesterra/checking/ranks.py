@@ -1,4 +1,8 @@
-"""Ranks of true values among draws: uniformity, coverage, and the verdict on them."""
+"""Ranks of true values among draws: uniformity, coverage, and the verdict on them.
+
+Ranks are normalised to (rank + u) / (draws + 1) with u uniform on (0, 1), which is uniform on (0, 1) if truth
+and draws come from one law. The test is the one behind simultaneous ECDF bands (Säilynoja et al. 2022).
+"""
 
 from __future__ import annotations
 
@@ -17,15 +21,11 @@ from bayesterra.study.study import Study
 
 DRAWS = 99
 """Draws that a true value is ranked among."""
-
 POINTS = 100
 """Intervals that the test counts ranks in."""
-
 SIMULATIONS = 20_000
-
 HAIR = 1e-9
 """Relative difference of statistics that are equal but for rounding."""
-
 COVERAGES = (0.5, 0.8, 0.9, 0.95)
 """Probabilities of the central intervals whose coverage is counted."""
 
@@ -170,12 +170,9 @@ def shift_and_width(ranks: FloatArray) -> tuple[float, float]:
 
 LEVEL = 0.01
 """Probability that a right posterior fails: all quantities together, each at this over their number."""
-
 UNSETTLED = 0.05
 """Share of replications without convergence above which nothing is established."""
-
 CALIBRATED, MISCALIBRATED, UNESTABLISHED = "calibrated", "not calibrated", "not established"
-
 COLUMNS = ("task", "status", "ess", "r_hat", "seconds", "note")
 """Columns of the table beside the ranks."""
 

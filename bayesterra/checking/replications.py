@@ -24,7 +24,6 @@ from bayesterra.study.study import Study
 
 STEPS_PER_TAU = 7.0
 """Autocorrelation times that a short run must last."""
-
 LONG_RUNS_ONLY = ("steps for", "slowest walker")
 """Beginnings of the checks that are not asked of short runs: their thresholds are made for 50 times τ."""
 
@@ -100,7 +99,6 @@ def _fitted(samples: Samples, *, converged: bool) -> Fitted:
 
 
 LOG_LIKELIHOOD, LOG_PRIOR = "log_likelihood", "log_prior"
-
 AT_SLIP = "_at_largest_slip"
 """Ending of quantities that the model says of the row with the largest slip."""
 

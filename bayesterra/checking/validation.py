@@ -32,12 +32,9 @@ from bayesterra.study.study import Study
 
 DOUBTFUL = 0.05
 """p value below which a channel is not explained."""
-
 OVERSTATED = 0.99
 """p value above which the stated noise looks larger than the scatter."""
-
 DRAWS = 2000
-
 METHODS = ("IM1", "IM2", "IM3", "joint")
 """Least-squares methods, in the order of reports."""
 

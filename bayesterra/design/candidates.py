@@ -24,10 +24,8 @@ from bayesterra.study.wheels import checked_slips
 
 SLIPS = 13
 """Slips of the default grid."""
-
 MARGIN = 0.25
 """Reach of the default grid beyond the driven slips, as a share of their range."""
-
 LOADS = 4
 """Distinct loads of a study that become candidates; of more, the lowest, the median and the highest do."""
 
@@ -195,7 +193,6 @@ def _again(study: Study, noise: tuple[Noise, ...]) -> Candidate:
 
 
 NORMAL_FORCE = "normal_force"
-
 STEP = 1e-3
 """Relative step of the load in the slopes by which an error in the load reaches the other readings."""
 

@@ -176,16 +176,13 @@ def from_content(content: Mapping[str, Any]) -> Estimate:
 
 BIT = float(np.log(2.0))
 """Nats in a bit."""
-
 EFFECTIVE = 8.0
 """Effective draws after a reading, below which gains come from regression."""
-
 UNANSWERED = 0.05
 """Share of draws without an answer above which a candidate is marked."""
 
 CRITERIA = ("information", "sd")
 """Criteria: the gain about the parameters of interest together, or the mean log shrinking of sds."""
-
 PASSES = 3
 """Times, at most, that every chosen row is asked whether another one would do better in its place."""
 

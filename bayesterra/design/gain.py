@@ -1,4 +1,11 @@
-"""Expected information and expected standard deviations of candidate drives."""
+"""Expected information and expected standard deviations of candidate drives.
+
+The whole gain is I(y; x) = E log p(y | x) − E log p(y), where p(y) is the mean density over the draws. The
+gain about some parameters θ is I(y; x) − I(y; x | θ), where p(y | θ) is a kernel-weighted mean over draws
+whose predictions a quadratic regression has moved to θ. The leading bias of the log of a mean with the draw
+itself in it, −½ E[Σ w²] for weights w, is taken out. Where a reading leaves too few effective draws for that,
+lower bounds come from a regression of the parameters on the readings (:func:`normal_estimate`).
+"""
 
 from __future__ import annotations
 
@@ -17,16 +24,12 @@ from bayesterra.design.candidates import Reading, standard_noise
 
 GROUPS = 20
 """Groups of draws that are left out in turn for Monte Carlo errors."""
-
 FEWEST = 50
 """Draws with an answer below which nothing is estimated."""
-
 STEADY = 0.05
 """Least share of the weight that a variance is divided by."""
-
 TINY = 1e-150
 """Sums of densities, relative to their peak, that count as none."""
-
 PER_TERM = 20
 """Draws per term of a regression on the readings, at least."""
 
@@ -225,7 +228,6 @@ def _sets(interest: Interest) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 
 BLOCK = 500
-
 BANDWIDTH = 2.0
 """Width of the kernel in units of n^(−1/(s + 4)); wide, as a regression takes out what varies inside it."""
 

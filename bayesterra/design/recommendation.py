@@ -37,10 +37,8 @@ from bayesterra.study.wheels import wheel_named
 
 MARK = "design.json"
 """File by which folders of this kind are known."""
-
 DRAWS = 2000
 """Draws, at most, that candidates are judged by: all pairs of them are looked at."""
-
 MOST = 12
 """Rows, at most, to choose together."""
 

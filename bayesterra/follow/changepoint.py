@@ -1,4 +1,27 @@
-"""Change-point detection: candidates of a change of soil from row to row, and the alarm."""
+"""Change-point detection: candidates of a change of soil from row to row, and the alarm.
+
+For a candidate row t0 another soil takes over: one drawn about the present posterior with a spread of
+``CHANGE`` more in every sampling coordinate (a factor of e^0.5 or so in a stress). Its readings are followed
+with a Gaussian filter (cubature Kalman filter, Arasaratnam and Haykin 2009), which gives a density q of every
+row's readings given the rows since t0. Against the predictive density p of the stream, that of an unchanged
+soil, the factor of t0 after row t is
+
+    B(t0, t) = Π q(y_i | y_t0 … y_i−1) / p(y_i | y_1 … y_i−1),    i = t0 … t,
+
+and the statistic is R(t) = Σ B(t0, t) over the candidates (Shiryaev 1963, Roberts 1966). Soils for which the
+model has no answer in a row are left out of q and of p alike: the wheel drove there, so that a row whose
+readings say nothing leaves B as it was. However rough the filter is, q is a density: while the soil is the
+same, the expectation of R(t) is at most t. So the mean number of rows to a false alarm at R ≥ A is at least
+A, and the chance of one within m rows at most m/A. That is an average over the soils of the prior and over
+their readings, as p is: a soil that the prior holds to be rare may raise more.
+
+A single wild reading is no change of soil. So every factor is also reckoned against an unchanged soil whose
+rows are odd, each by itself, with probability ``ODD``, and an odd row is as likely as under the candidate of
+that very row. The smaller of the two factors counts, and the bound above still holds.
+
+Memory is bounded: at most ``MOST`` candidates are kept, those with the greatest factors and the youngest few.
+To leave one out can only lower R.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +41,12 @@ from bayesterra.sampling.coordinates import Coordinates, coordinates
 
 CHANGE = 0.5
 """Standard deviation of a change of soil in every sampling coordinate."""
-
 FIRST = 5
 """First row that may be a change: before it too little is known to tell."""
-
 MOST, YOUNG = 32, 8
 """Candidates that are kept, and how many of the youngest are among them whatever their factors."""
-
 ODD = 1e-3
 """Probability that a row is odd by itself."""
-
 ANSWERED = 0.25
 """Share of a filter's points that must have an answer in a row."""
 

@@ -23,7 +23,6 @@ from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.report.terminal import PlainConsole, note
 
 ALARM = "#D55E00"
-
 COLUMNS = 4
 
 

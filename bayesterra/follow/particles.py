@@ -100,10 +100,8 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: S
 
 KEEP = 0.5
 """Effective share of the particles below which they are resampled and moved."""
-
 FLOOR = 0.2
 """Share that a row may leave at once; where it would leave less, it is taken in by steps."""
-
 STEP_KEEP = 0.4
 """Share of the effective particles that such a step leaves."""
 
@@ -185,20 +183,14 @@ def _step(log_weights: FloatArray, newest: FloatArray, rest: float) -> float:
 
 PAIRS = 100_000
 """Parameter sets times rows, at most, that are modelled at once: memory must not grow with the rows."""
-
 PER_COMPONENT = 150
 """Particles for each component of the mixture that is proposed from."""
-
 MOST_COMPONENTS = 12
-
 DEFENCE = 0.1
-
 FORGOTTEN = 0.1
 """Largest correlation with where they came from at which particles count as moved."""
-
 TAIL = 0.1
 """Share of the particles in either tail, whose whereabouts must be forgotten too."""
-
 FEWEST, MOST = 2, 40
 """Sweeps of one rejuvenation."""
 

@@ -23,7 +23,6 @@ from bayesterra.study.result import Result
 from bayesterra.study.study import STUDY_FILE, load_study
 
 UPDATES = "updates.csv"
-
 FIGURE = "rows.png"
 
 

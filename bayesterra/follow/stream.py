@@ -32,12 +32,9 @@ from bayesterra.study.result import Result
 from bayesterra.study.study import STUDY_FILE, Study, load_study
 
 PARTICLES = 2000
-
 FEWEST = 100
-
 FALSE_ALARMS = 1e-4
 """Per row, at most: one in ten thousand rows."""
-
 BEFORE = 500
 """Draws of the prior that are kept, to know how much the rows have narrowed each coordinate."""
 
@@ -337,7 +334,6 @@ def _finite(value: float) -> float | None:
 
 MARK = "stream.json"
 """File by which folders of this kind are known."""
-
 STATE = "state"
 
 

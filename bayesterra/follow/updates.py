@@ -85,7 +85,6 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
 
 BAND = (0.05, 0.5, 0.95)
 """Probabilities of the quantiles that are shown of everything."""
-
 BAND_NAMES = ("q05", "q50", "q95")
 
 

@@ -37,10 +37,8 @@ from bayesterra.likelihood.posterior import Posterior
 from bayesterra.runtime.engines import Engine
 
 LOCAL_DRAWS = 400
-
 CLONES = (1, 2, 4, 8, 16)
 """Up to sixteen times the readings: what that many do not narrow, a campaign will not."""
-
 T = TypeVar("T")
 
 
@@ -293,7 +291,6 @@ def _firm(clones: Cloned) -> list[str]:
 
 
 GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}
-
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 

@@ -204,7 +204,6 @@ def _clipped(basis: Identifiability) -> FloatArray:
 
 LOWEST = 1e-6
 """Eigenvalues below this are drawn at it: so little is nothing."""
-
 TENTH_LEFT = 9.0
 """Information that leaves a tenth of the prior's variance."""
 

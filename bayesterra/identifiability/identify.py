@@ -27,9 +27,7 @@ from bayesterra.study.result import PACKAGES, Result
 from bayesterra.study.study import Study
 
 LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
-
 ENDS = ("lower_95", "lower_68", "best", "upper_68", "upper_95")
-
 SPREADS = ("prior_sd", "cramer_rao", "with_prior", "local_sd", "posterior_sd")
 """Columns that have the unit of their parameter, of verdicts, profiles and local analysis."""
 

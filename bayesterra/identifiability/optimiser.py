@@ -1,4 +1,9 @@
-"""Batched Levenberg–Marquardt inside linear limits."""
+"""Batched Levenberg–Marquardt inside linear limits.
+
+The curvature is Fisher's information of the readings (for Gaussian noise the Gauss–Newton matrix), from the
+models' exact derivatives. A latent load is a nuisance to each row, projected out of its information; the
+gradient is then taken by differences, as it is where rows hang together.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +23,6 @@ from bayesterra.stats.laws import Law
 
 MOST = 40
 """Steps after which a descent ends in any case."""
-
 STIFF = 1e7
 """Damping at which a descent is stuck."""
 
@@ -97,25 +101,19 @@ def _renewed(target: Target, local: Local, y: FloatArray, moved: BoolArray, kept
 
 ROUNDS = 25
 """Most Newton steps of the interior-point method; it stops once every problem is solved."""
-
 SOLVED = 1e-9
 """Complementarity, in units of the slope, at which a problem counts as solved."""
-
 HOPELESS = 1e20
 """Multiplier, in units of the slope, from which nothing satisfies the inequalities; it would only grow."""
-
 STEEPEST = 1e16
 """Curvature of the barrier beyond which digits are lost."""
-
 FIRST = 0.1
 """Least slack to begin with, in units of the range."""
-
 LEAST, GREATEST = 1e-60, 1e60
 """Bounds of slacks and multipliers on the way: those of problems without a solution go to 0 and infinity."""
 
 ROUNDING = 1e-13
 """Added to unit diagonals: a matrix that rounding made singular is none."""
-
 LOOSE = 1e-10
 """Slack granted to every inequality, so that a point on an edge is inside."""
 
@@ -234,13 +232,10 @@ def _reach(value: FloatArray, change: FloatArray) -> FloatArray:
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
-
 ENOUGH, LATENT_ENOUGH = 2e-6, 5e-4
 """Changes of the log density that are worth a step; the latter is what a latent likelihood resolves."""
-
 PULL = 3e-4
 """Curvature, per squared range, of the pull towards an anchor."""
-
 PRIOR_STEP = 1e-4
 """Step of differences of the log prior, as a share of the range."""
 
@@ -358,10 +353,8 @@ class Target:
 
 TAIL = 1e-4
 """Probability beyond either end of the range of a law that has no end there."""
-
 MARGIN = 1e-9
 """Distance kept from the open limits θm/θ1 = c3 and 1 and N = 0, and φ = 90°."""
-
 SMALLEST = 1e-4
 """Lowest value, as a share of the highest, of a positive parameter whose range begins at 0."""
 

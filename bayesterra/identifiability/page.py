@@ -243,12 +243,9 @@ def _moves(text: str) -> Cell:
 
 HIGHEST = 6.0
 """Upper end of the axis of 2 Δ log density."""
-
 COLUMNS = 4
-
 NARROW = 0.12
 """Share of the prior's range; intervals narrower than that are drawn on a part of it."""
-
 LINES: dict[str, tuple[str, tuple[float, ...], float]] = {
     "likelihood": (INK, (5.0, 3.0), 1.2),
     "posterior": (POSTERIOR, (), 1.9),
@@ -406,7 +403,6 @@ def print_identified(made: Identified, report: Path, console: Console | None = N
 
 
 IDENTIFIED = ("", "verdict", "contraction", "tied to", "profile")
-
 PROFILES = {"bounded only by the prior": "prior-bound"}
 """Classes of profiles in fewer letters, so that no row of the table breaks on 80 columns."""
 

@@ -1,4 +1,14 @@
-"""Structure of a design: directions of the parameters that no reading of it could see."""
+"""Structure of a design: directions of the parameters that no reading of it could see.
+
+A design is what a study measures where: the slips, wheels and loads (or sinkages) of its rows, and the
+channels that are read. A direction is beyond it if it changes no reading anywhere in the prior. So the rank
+of the exact sensitivity matrix (Jacquez & Greif 1985, Math. Biosci. 77, 201; Cole 2020, Parameter Redundancy
+and Identifiability) is found at many draws of the cut prior: the models are analytic in their parameters, so
+the rank is the same almost everywhere, and a lower one in single draws is an accident of the place.
+
+A null space that is the same everywhere is a redundancy of the parameters as they stand, e.g. of k_c and k_φ
+under wheels of one width, or of n0 and n1 at one slip; one that turns from draw to draw is a curve.
+"""
 
 from __future__ import annotations
 
@@ -275,7 +285,6 @@ RANK_TOLERANCE = 1e-10
 
 Rounding leaves 1e-15 where nothing is seen; where something is, the least found over the paper's box is 1e-7.
 """
-
 COMMON = 0.05
 """Share of the parameter sets that must have a rank for it to be the rank of the design."""
 

@@ -1,4 +1,10 @@
-"""Tracing of a profile: points from both sides and from neighbours."""
+"""Tracing of a profile: points from both sides and from neighbours.
+
+Every way to a grid point is an independent witness: from the mode, from the densest and from other draws near
+it, from the neighbour on its left and on its right. The best of them is kept; how many of them agree is
+counted. A point that stands out above both its neighbours, or has no value between two that have one, is
+tried again from between them.
+"""
 
 from __future__ import annotations
 
@@ -15,41 +21,28 @@ from bayesterra.runtime.parallel import completed
 
 COARSE = 13
 """Grid points at equal distances over the range of a parameter."""
-
 FINE = (0.5, 1.0, 1.5, 1.96, 2.5, 3.2)
 """Grid points on either side of the mode, in standard deviations of the quadratic model there."""
-
 NEAR = 24
 """Draws nearest to a grid value among which the starts are chosen."""
-
 DENSEST, OTHERS = 2, 2
 """Starts per grid point: the densest of the near draws, and others of them."""
-
 SWEEPS = 40
 """Most rounds in which neighbours pass on their solutions."""
-
 MOVED = 1e-3
 """Improvement of the log density after which a point's neighbours try its solution again."""
-
 MENDS = 3
 """Most rounds in which points that stand out are tried again."""
-
 SPIKE = 0.05
 """Height of the log density above both neighbours from which a point stands out."""
-
 AGREE = 0.02
 """Descents whose log densities differ by less agree."""
-
 REFINEMENTS = 2
 """Rounds in which points are added where a threshold is crossed."""
-
 MODE_STARTS = 24
 """Points from which the mode is sought."""
-
 SOURCES = 4 + DENSEST + OTHERS
-
 LEFT, RIGHT, MODE = range(3)
-
 BETWEEN = SOURCES - 1
 
 

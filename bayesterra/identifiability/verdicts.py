@@ -1,4 +1,17 @@
-"""Verdicts on parameters: contraction beyond the cut prior, ties between parameters, parameter groups."""
+"""Verdicts on parameters: contraction beyond the cut prior, ties between parameters, parameter groups.
+
+===========================  ===========================================================================
+structurally not determined  no data of this design can tell it
+determined                   its variance shrinks to a tenth or less of the cut prior's, away from its bounds
+coupled                      not on its own, but in combination with others that are not known either
+one-sided                    one end is its prior's bound, or the data exclude one side only
+weakly                       its variance shrinks by ``WEAK`` or more
+moved                        hardly narrowed, but its law is another one than the cut prior: they disagree
+repeats its prior            none of these
+===========================  ===========================================================================
+
+The reference is the prior after the physical cut, never the stated box.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +31,20 @@ from bayesterra.study.result import COUPLED
 
 DETERMINED = 0.9
 """Contraction from which a parameter or direction counts as determined: sd below a third of the prior's."""
-
 WEAK = 0.3
 """Contraction below which a parameter repeats its prior, unless it is coupled or one-sided."""
 
 COUPLED_TO_ALL = 0.9
 """Multiple correlation, of normal scores, from which a parameter is coupled to several others together."""
-
 EXCLUDED = 0.1
 """Share of the cut prior outside the 95 % interval of a profile from which one side is excluded."""
-
 SOME = 0.1
 """Divergence from the prior (nats) that a parameter which repeats its prior should not exceed."""
-
 SHIFT = 0.5
 """Shift of the mean, in standard deviations of the cut prior, from which a parameter has moved."""
-
 MOVED = 0.5 * SHIFT**2
 """Divergence from the cut prior (nats) from which it has moved too: that of a normal law so shifted."""
-
 STRUCTURAL = "structurally not determined"
-
 WORDS = ("determined", "one-sided", "weakly", "coupled", "moved", "repeats its prior", STRUCTURAL)
 
 
@@ -188,10 +194,8 @@ def _tied(own: int, chosen: IntArray, correlations: Correlated) -> tuple[float, 
 
 GROUPS = ("P_I", "P_II", "P_III", "load effect")
 """Bearing, shearing, contact angles; the load effect of M2L."""
-
 KNOTS = 65
 """Points at which the normal score of a law is taken from its draws; straight lines in between."""
-
 TAIL = 10
 """Pieces, about one unit of the score, whose slope goes on beyond the last knot. That of one piece hangs
 on the gap between two draws, which may be no gap at all."""
@@ -273,7 +277,6 @@ def _term(name: str, weight: float) -> str:
 
 UNKNOWN = "not known"
 """The verdict where none could be computed."""
-
 BOUNDS = ("none", "lower", "upper", "both")
 """Bounds of its prior that a parameter leans on."""
 

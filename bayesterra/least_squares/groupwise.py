@@ -1,4 +1,7 @@
-"""IM1, IM2 and IM3: parameter groups fitted in turn (Ding et al. 2015, Section 5)."""
+"""IM1, IM2 and IM3: parameter groups fitted in turn (Ding et al. 2015, Section 5).
+
+The right-hand sides of (29)-(41) hold the measured F_N and M_DR; every formula takes complex parameters.
+"""
 
 from __future__ import annotations
 
@@ -151,7 +154,6 @@ STALL = 10
 """Passes without a new smallest change after which the passes are given up."""
 
 _SHEAR = [SOIL_PARAMETERS.index(name) for name in ("c", "phi")]
-
 _ANGLE = {SOIL_PARAMETERS.index(name) for name in ("c1", "c2")}
 
 
@@ -386,7 +388,6 @@ def resistance_moment_3(theta: Complex, at: Contact) -> Complex:
 
 
 BOTH = ("normal_force", "resistance_moment")
-
 EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex], tuple[str, ...]], ...]] = {
     "IM2": (
         ("P_III", "drawbar_pull", drawbar_pull_2, ("drawbar_pull", *BOTH)),

@@ -1,4 +1,11 @@
-"""joint: every measured outcome at once, weighted by its noise."""
+"""joint: every measured outcome at once, weighted by its noise.
+
+The mode of a posterior under a flat prior minimises the same sum of squares, so that IM1 against joint shows
+the method, joint against the posterior the uncertainty. Laws of the prior enter as bounds only.
+
+θm/θ1 = c1 + c2 s must stay inside (c3, 1) at every slip, which is a slanted edge in c1 and c2. In the
+ratios at the lowest and the highest slip it is a plain bound.
+"""
 
 from __future__ import annotations
 

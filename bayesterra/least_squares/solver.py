@@ -1,4 +1,8 @@
-"""Bounded least squares over some soil parameters, with the model carried on where it has no answer."""
+"""Bounded least squares over some soil parameters, with the model carried on where it has no answer.
+
+Least squares may try c1, c2 that put θm outside (θ2, θ1), or n0, n1 with N ≤ 0. There the offending row is
+modelled with θm/θ1 (or N) at the nearest value inside; the excess is reported.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +20,7 @@ from bayesterra.models import Conditions
 from bayesterra.parameters import SOIL_PARAMETERS
 
 TOLERANCE = 1e-14
-
 MAX_EVALUATIONS = 1000
-
 COMPLEX_STEP = 1e-60
 
 

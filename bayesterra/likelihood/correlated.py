@@ -26,24 +26,18 @@ from bayesterra.study.model_errors import ModelErrors, Ripple
 
 STEP = 0.005
 """Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
-
 HUGE = 1e100
 """Modelled values beyond this (in SI units) are as impossible as none."""
-
 DOUBLES = 2e7
 """Numbers that the matrices of parameter sets worked on at once may take."""
-
 NEAR = 2.0
 """Standard deviations of a slip from a transition slip within which errors of slip are no straight line."""
-
 OFF = 0.2
 """Error of the first order from which it is named, as a share of the scatter of a reading by noise and slip.
 
 Against integrals over the true slip, with all rows at transition slips, φ is then off by 0.2 of its sd.
 """
-
 NODES = 15
-
 TYPICAL = 200
 """Draws at which errors of slip are looked at."""
 

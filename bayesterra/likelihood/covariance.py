@@ -1,4 +1,9 @@
-"""Covariance of correlated readings: which hang together, and the law of a whole table."""
+"""Covariance of correlated readings: which hang together, and the law of a whole table.
+
+Readings that hang together form a block: those of a wheel where there is a discrepancy, of a sweep where
+there is ripple only. Channels are apart unless errors in slip tie them. Blocks of one size are stacked, so
+that all of them are factorised at once for any number of parameter sets.
+"""
 
 from __future__ import annotations
 

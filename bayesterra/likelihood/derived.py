@@ -14,9 +14,7 @@ from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.study.study import Study
 
 REFERENCE_SINKAGE = 0.010
-
 REFERENCE_STRESS = 5e3
-
 SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 

@@ -21,13 +21,9 @@ from bayesterra.parameters import (
 from bayesterra.study.observations import DRIVE_OUTCOMES, Observations
 
 Codes = NDArray[np.int8]
-
 _SOILS = len(SOIL_PARAMETERS)
-
 _WIDTHS = (_SOILS, len(MODEL_PARAMETERS))
-
 _EFFECTS = len(PRIOR_PARAMETERS) - len(LOAD_EFFECT)
-
 _KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
 

@@ -1,4 +1,13 @@
-"""Errors in variables: sinkage and force both read with error, the true load of every row latent."""
+"""Errors in variables: sinkage and force both read with error, the true load of every row latent.
+
+A row's load W has a flat prior on a stated range. The normal force reads W; sinkage, drawbar pull and moment
+read what the model says at W, each with its own noise. The likelihood of a row is
+
+    (1 / range) ∫ dW p(F_N | W) p(z | z(W)) p(F_DP | F_DP(W)) p(M_DR | M_DR(W)),
+
+with nothing where the model carries no load W. It is computed over z, dW = dF_N/dz dz, as (14) gives forces
+at a sinkage at once; the error of its logarithm is below 1e-3.
+"""
 
 from __future__ import annotations
 
@@ -115,9 +124,7 @@ def _chosen(data: Data, rows: BoolArray) -> Data:
 
 
 _SIGMAS = 7.0  # half-width of the first panel, in standard deviations of a reading
-
 _UNSURE = 0.2  # of the guess at the log z that carries a load
-
 _NARROWEST, _WIDEST = 0.02, 2.0
 
 Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]

@@ -1,4 +1,8 @@
-"""Compiled integral of a row's likelihood over its latent load."""
+"""Compiled integral of a row's likelihood over its latent load.
+
+Panels of full accuracy are laid over the interval that the search found; one mostly serves. On a panel the
+forces are polynomials, so the integrand is cheap, and is summed until twice the places say the same.
+"""
 
 from __future__ import annotations
 
@@ -36,19 +40,13 @@ from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Lanes, compiled, inlined
 
 EMPTY = 12.0  # depth below which the end of an interval counts as empty
-
 ERROR = 5e-4  # of the log integrand, left by the polynomials: a guess on the high side
-
 FILLED = 6  # cells that a part must fill to be summed as it is
-
 MOST = 2000  # panels before a row is taken as it stands
-
 NARROW, WIDEST = 1e-9, 2.0
-
 CLOSE, CLOSE_PANELS = 0.25, 8  # width in log z of panels that look for a crest, and their number
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-
 _GAUSS = 16
 
 

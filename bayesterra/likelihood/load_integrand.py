@@ -1,4 +1,11 @@
-"""Compiled integrand of a row over log sinkage, and the search for where its mass lies."""
+"""Compiled integrand of a row over log sinkage, and the search for where its mass lies.
+
+A row's likelihood is the integral of dW = (dF_N/dx) dx over x = log z of the densities of its readings. Here
+t = −1..1 is the place on a curve of :mod:`bayesterra.models.kernels`.
+
+Panels are laid over log sinkage until nothing of weight can lie outside. Where the integrand turns out to be
+narrow between the places of a scan, its height is judged by a parabola, and doubts keep the place in.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +15,7 @@ from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Lanes, compiled, exp, inlined, log
 
 SINKAGE, NORMAL, PULL, MOMENT = range(4)
-
 CHANNELS = 4
-
 PLACES = 1024
 """Places at which the integrand can be held at once."""
 
@@ -18,33 +23,22 @@ PLACES = 1024
 # stand: the row's specification, channel by channel: reading, scale = max(fraction |value|, floor), degrees
 # of freedom, highest log density there is, zero error
 READING, FLOOR, FRACTION, DOF, PEAK, SHIFT = range(6)
-
 COLUMNS = 6
-
 SPEC = at.FREE
 
 # what the search knows, see _panels; the curve that the drawn load lies on; places on the curve at hand, and
 # the log integrand and what a channel should read there; intervals that are still to do
 FOUND = SPEC + CHANNELS * COLUMNS
-
 CHOSEN = FOUND + 16
-
 T = CHOSEN + at.CURVE_SIZE
-
 LEVEL = T + PLACES + 1
-
 MODELLED = LEVEL + PLACES + 1
-
 STACK = MODELLED + PLACES + 1
-
 PANELS, PARTS = 128, 64
-
 PART = STACK + 2 * PANELS
-
 DESK_SIZE = PART + 4 * PARTS
 
 NOTHING = -1e300
-
 _FLAT = 1e-12
 
 
@@ -277,15 +271,10 @@ def crest_of(workspace: Lanes) -> float:
 
 
 DEPTH = 16.0  # what lies deeper below the highest level, in logs, has no weight
-
 REACH = 1.0  # half-width of the rough panels in log z
-
 CELLS, MOST_CELLS = 16, 1024  # of a scan
-
 SEEN = 4.0  # how far the integrand may rise between places of a scan that shows all there is
-
 MOST = 400  # panels in one direction
-
 BELOW, ABOVE = -1, -2  # the range of the loads
 
 # what a search knows: highest level, and how much higher it may be; interval of weight; ends of the range of

@@ -30,7 +30,6 @@ EQUATIONS = {
     "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
 }
 """Equation numbers of Ding et al. 2015."""
-
 DRIVES = {
     "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
     "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",

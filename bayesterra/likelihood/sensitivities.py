@@ -1,4 +1,30 @@
-"""Derivatives of readings by parameters, and the Fisher information that they carry."""
+"""Derivatives of readings by parameters, and the Fisher information that they carry.
+
+The derivatives are those of the models (forward-mode, no differences), led through the prior to the free
+parameters: ties, K_s = k_c/b + k_φ under each wheel's own width, the zero error of the sinkage. With drive
+``both`` they are taken at the load that each row knows best: given, else its normal force, else that of
+others.
+
+A reading y with modelled value μ(x), scale σ(x) and a symmetric law of unit scale carries the information
+
+    a ∇μ ∇μᵀ / σ² + b ∇σ ∇σᵀ / σ²,    a = 1, b = 2 (Gaussian);  a = (ν+1)/(ν+3), b = 2ν/(ν+3) (Student-t)
+
+(Lange, Little & Taylor 1989, J. Am. Stat. Assoc. 84, 881). σ depends on the parameters where it is a
+fraction of the modelled value, and where it is estimated itself.
+
+With drive ``both`` the load W of every row is unknown as well. It is a nuisance parameter of its row, removed
+by the Schur complement I_xx − I_xW I_Wx / (I_WW + I_0), where I_0 = 12 / range² is the inverse variance of
+its flat prior: the information of a normal law with that variance, weak wherever the readings say more. What
+the edges of the range say is not counted, so this is too little where the readings leave the load anywhere in
+it.
+
+Where rows hang together (:mod:`bayesterra.likelihood.correlated`) the readings are jointly normal with
+covariance K, and carry
+
+    ∇μᵀ K⁻¹ ∇μ + ½ tr(K⁻¹ ∂K K⁻¹ ∂K),
+
+so what a discrepancy can imitate is not counted as known.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Degrees of pooling: complete, as stated, none, and the evidence of other roles of a parameter."""
+"""Degrees of pooling: complete, as stated, none, and the evidence of other roles of a parameter.
+
+It begins with the groups' own posteriors: what groups share is drawn from the product of their laws of it,
+the rest of each group from its law given that. Points drawn anew by their weights give the laws of the next
+round (population Monte Carlo: Cappé et al. 2004, J. Comput. Graph. Stat. 13, 907), which so find what lies
+far out in the tail of every group. The last round weighs fresh draws of laws that have not seen them.
+"""
 
 from __future__ import annotations
 
@@ -32,24 +38,17 @@ from bayesterra.study.groups import Population
 
 DRAWN, INNER = 512, 8
 """Draws of what groups share in a round, and of each group's own for each of them; the last has ``LAST``."""
-
 LAST = 2048
-
 ROUNDS, MOST = 3, 8
 """Rounds of adaptation, and how many more there may be where the weights remain too uneven."""
-
 REPEATS = 2
 """Adaptations that have nothing in common but the study."""
-
 EVEN = 0.1
 """Effective share of draws below which weights are tempered before laws are fitted to what they leave."""
-
 FEWEST = 100
 """Points inside the support below which no law is fitted and no evidence estimated."""
-
 SHARE_DRAWS, SHARE_INNER = 2000, 8
 """Draws for the share of a prior inside the physical support."""
-
 SURE = 0.25
 """Largest error of a log evidence that does with the usual number of rounds."""
 
@@ -196,12 +195,10 @@ def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) ->
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
 """One value for all groups; the study's own roles; every group alone."""
-
 INDISTINCT = 3.0
 """Difference of log evidences below which two degrees of pooling are not told apart; odds of 20 to 1."""
 
 LEFT_OUT_COLUMNS = ("pooling", "what", "label", "elpd", "error", "k", "reliable")
-
 DEGREE_COLUMNS = ("pooling", "converged", "log_evidence", "log_evidence_error", "evidence_reliable")
 
 

@@ -31,7 +31,6 @@ from bayesterra.stats.mixture import ProposalLaw
 
 OUTER, INNER = 4096, 16
 """Draws of shared values, and of every group's locals for each of them."""
-
 PLAIN = 16384
 """Draws of a posterior without groups of its own."""
 

@@ -20,7 +20,6 @@ from bayesterra.study.priors import Entry, Prior
 
 SLICES = 2
 """Slice steps of every mean and spread in one refreshment."""
-
 WIDTH_DRAWS = 1000
 
 

@@ -29,10 +29,8 @@ from bayesterra.stats.transport import Proposal, fit_proposal
 
 LEAST, GREATEST = 0.1, 0.9
 """Share of a chain's draws that the population itself has, where spreads are great and where small."""
-
 FLAT, HEAVY = 0.3, 4.0
 """Share of shared values whose spreads are drawn from half-t laws, and degrees of freedom of these."""
-
 FITTED = 2048
 """Most draws that the laws of a chain are fitted to."""
 

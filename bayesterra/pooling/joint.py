@@ -344,7 +344,6 @@ def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> Flo
 
 
 Range = tuple[float, float]
-
 FAINTEST = -690.0
 """Log probability below which a score goes no further out, as in :meth:`bayesterra.stats.laws.Law.score`."""
 

@@ -1,4 +1,22 @@
-"""Moves of a joint ensemble, and the state that it leaves to go on from."""
+"""Moves of a joint ensemble, and the state that it leaves to go on from.
+
+A state is drivers D (what the groups share, and means and spreads of populations) and locals L of every
+group, with density p(D) ∏ p(L_g | D) likelihood_g(S, L_g), S the first of the drivers. emcee's moves evaluate
+whole vectors, so these moves are our own:
+
+- the locals of one group anew, from their fitted law given D, or by differences of other walkers
+  (differential evolution, ter Braak 2006): one group's likelihood each;
+- drivers by differences or from a fitted law, every group's locals carried along in straight coordinates that
+  hardly depend on the drivers: a partly non-centred step in the sense of Papaspiliopoulos et al. (2007), its
+  degree fitted group by group;
+- mean and spread of a population with the groups' standardised values held, the fully non-centred step, which
+  is right where the spread is next to nothing;
+- shared drivers with the locals held;
+- means and spreads given the locals, which needs no likelihood: the centred step of an interweaving pair
+  (Yu and Meng 2011).
+
+All laws are frozen while draws are kept. Each half of the walkers moves by differences of the other half.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +36,6 @@ from bayesterra.stats.transport import Proposal
 
 INDEPENDENT_DRIVERS = 8
 """Most shared values that are also proposed afresh all at once."""
-
 HELD_SHARE = 0.25
 """Share of sweeps with a move of the shared parameters that holds the locals."""
 

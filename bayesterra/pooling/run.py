@@ -41,7 +41,6 @@ from bayesterra.study.result import conditions_dataset, left_out_dataset, observ
 from bayesterra.study.study import Study
 
 PRIOR_DRAWS = 1000
-
 ALONE_DRAWS = 4000
 
 

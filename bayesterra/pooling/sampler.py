@@ -36,16 +36,12 @@ from bayesterra.stats.transport import fit_proposal
 from bayesterra.study.schema import SamplingOptions
 
 ROUND_SWEEPS = 200
-
 STARTS = 2048
 """Points that every ensemble fits its first laws to."""
-
 START_SHARE = 0.05
 """Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
-
 PATIENCE, REFITS = 600, 3
 """Sweeps without convergence after which laws are fitted anew, twice as many each time, and how often."""
-
 LONE_ESS, LONE_STEPS = 4000, 4000
 """Effective draws asked of each group alone, and steps that it may take, at most; not more than of all."""
 
@@ -366,7 +362,6 @@ def _common(
 
 FITTED = 8192
 """Most draws that laws are fitted to."""
-
 FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
 """Components of a law: more of them on few draws have thin tails."""
 

@@ -30,7 +30,6 @@ from bayesterra.study.groups import Population
 STRONG = 3.0
 """Log Bayes factor (natural units) from which on the data decide: odds of 20 to 1, which Kass and Raftery
 (1995, J. Am. Stat. Assoc. 90, 773) call strong."""
-
 CONSTANT, DEPENDENT, OPEN = "soil constant", "dependent", "cannot tell"
 
 

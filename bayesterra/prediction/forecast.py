@@ -26,7 +26,6 @@ from bayesterra.study.wheels import checked_slips, driven_range, wheel_named
 
 PREDICTION, COMPARISON = "prediction.json", "comparison.csv"
 """Files by which folders of the two kinds are known."""
-
 Case = tuple[Prediction, Prediction | None]
 """A prediction on a slip grid, and at the slips that were asked for."""
 

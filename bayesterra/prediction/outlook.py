@@ -44,14 +44,11 @@ QUANTITIES = {
     "moment": ("resistance_moment", 1.0, "N m"),
 }
 """Fields of a state: name in tables, SI value of a field unit, field unit."""
-
 MODEL_ERROR = (
     "the bands hold what the readings leave open about the soil; the error of the wheel-soil model itself"
     " is not in them"
 )
-
 FAILURES = (Outcome.CANNOT, Outcome.SINKS, Outcome.LIFTS)
-
 DEGREE = float(np.pi / 180)
 
 
@@ -261,12 +258,9 @@ def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, floa
 
 SLOPES = (0.0, 5 * DEGREE, 10 * DEGREE, 15 * DEGREE)
 """Slopes, rad, that are asked for by default."""
-
 DRAWS = 1000
 """Posterior draws, at most, that a rover drives on."""
-
 STEEPEST = 45 * DEGREE
-
 CURVE = 21
 """Slopes, or tow forces, of a smooth curve."""
 

@@ -42,9 +42,7 @@ from bayesterra.report.terminal import PlainConsole
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
-
 _EDGES = 0.03
-
 _PALE: dict[str, Any] = {"color": GRID, "alpha": 0.45, "linewidth": 0, "zorder": 0}
 
 
@@ -254,11 +252,8 @@ def _remarks(at: Prediction) -> list[str]:
 
 
 REAR, BOTH = "#E69F00", "#009E73"
-
 COLOURS = (POSTERIOR, REAR)
-
 _LABELS = {"slip": "slip ratio $s$ [–]", "sinkage": "sinkage $z$ [mm]", "load": "load of a wheel [N]"}
-
 _STEPS = 200
 
 

@@ -33,10 +33,8 @@ from bayesterra.study.units import text
 from bayesterra.study.wheels import resolved, wheel_of
 
 AXLES = ("front", "rear")
-
 EARTH = 9.80665
 """Gravity, m/s², where the file names none."""
-
 _CONFIG = ConfigDict(extra="forbid")
 
 

@@ -1,4 +1,44 @@
-"""Statics of a rover: loads of its axles on a slope, and the slip at which it holds."""
+"""Statics of a rover: loads of its axles on a slope, and the slip at which it holds.
+
+::
+
+            y  (off the slope)                        forward, up the slope  x →
+            ↑
+              T ←──•                  ● centre of gravity: G sin α ←, G cos α ↓
+                   │ tow              │
+            rear   │                  │                       front
+             ( + )─┴──────────────────┴───────────────────────( + )     axles, wheelbase L
+              ↑ F_N,r   → F_DP,r   ↺ M_DR,r                    ↑ F_N,f   → F_DP,f   ↺ M_DR,f
+
+What is external. The soil acts on every wheel with stresses on its arc. They are, exactly, a force at the
+axle, F_N off and F_DP along the slope, and a moment about it, M_DR, against the turning of the wheel: that is
+how (14) defines the three. Nothing is assumed about a point of contact; where the force would cut the ground
+follows from M_DR. The driving torque T_D acts between wheel and body and is internal to the rover: it turns
+the wheel forward and the body back with the same moment, and drops out. In steady motion T_D = M_DR, so it
+comes to the same whether one says that the soil's M_DR lifts the front of the whole rover, or that the
+reaction of the drives lifts the front of its body. Neither air nor acceleration acts.
+
+Balance of the whole rover, sums over the four wheels, T the tow force, which pulls back along the slope:
+
+    along    Σ F_DP = G sin α + T
+    across   Σ F_N  = G cos α
+    moments about the rear axle (positive lifts the front), with positions relative to that axle:
+        x_f F_N,f − y_f F_DP,f + M_DR,f + M_DR,r − x_g G cos α + y_g G sin α + y_t T = 0
+
+On level hard ground x_f = L, y_f = r_f − r_r, and x_g, y_g are those of the file. As wheels sink by different
+depths the body tilts, and these positions turn with it. The tow force is taken to pull at the rear axle's
+place, at its height. Left and right are alike, so the two wheels of an axle share its load.
+
+Loads depend on the moments and sinkages, which depend on the loads: the balance is met by repetition, which
+converges at once since redistributing a load hardly changes the sum of the moments.
+
+In (42) the mean load per wheel is that on the slope, G cos α / 4.
+
+For every soil the slope (or tow force) that is held is taken over a grid of slips. It rises with slip, and
+may fall again where wheels dig themselves in. The slip for a given slope is the first at which that slope is
+held: from there more slip pulls more, so that the state is stable. It is then refined between its neighbours
+on the grid until the forces balance.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +56,7 @@ from bayesterra.prediction.rover import Rover
 
 SETTLED = 1e-11
 """Change of the loads, relative to the weight, and of the slope, at which the balance is met."""
-
 REPETITIONS = 80
-
 _LEAST = 1e-6  # share of the weight at which an axle's load is held while others settle
 
 
@@ -49,7 +87,6 @@ OUTCOMES = {
     Outcome.NO_ANSWER: "the model has no answer: N ≤ 0, or θm outside (θ2, θ1)",
     Outcome.UNSETTLED: "the loads do not settle",
 }
-
 _OF_STATUS = np.full(max(Status) + 1, Outcome.NO_ANSWER, dtype=np.int64)
 
 _OF_STATUS[Status.OK] = Outcome.HELD
@@ -206,16 +243,11 @@ def positions(rover: Rover, sinkage: FloatArray) -> tuple[tuple[FloatArray, Floa
 
 
 Sought = Literal["slope", "tow"]
-
 SLIPS = np.linspace(0.0, 0.95, 51)
 """Slips of the slower axle; what happens between neighbours and is over at once goes unseen."""
-
 _BALANCED = 1e-11  # misfit of the forces along the slope, relative to the weight
-
 _STEPS = 100
-
 _GAP = float(SLIPS[1])
-
 _ZOOMS = 5
 
 

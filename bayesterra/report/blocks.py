@@ -199,7 +199,6 @@ def render(content: object, template: str = "report.html") -> str:
 
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
-
 UNSEEN = "A second solution that no ensemble found would not show."
 """Limit of what convergence can say."""
 

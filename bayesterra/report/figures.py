@@ -19,17 +19,12 @@ from bayesterra.arrays import FloatArray
 from bayesterra.parameters import Channel, Parameter
 
 P = ParamSpec("P")
-
 R = TypeVar("R")
 
 POSTERIOR = "#0072B2"
-
 PRIOR = "#8A8A8A"
-
 DATA = "#111111"
-
 INK = "#333333"
-
 GRID = "#D9D9D9"
 """Okabe–Ito colours for what is inferred, greys for what is given."""
 
@@ -182,7 +177,6 @@ def _saved(drawn: Drawn, **options: Any) -> bytes:
 
 
 BINS = 400
-
 TAIL = 0.001
 
 

@@ -6,9 +6,7 @@ import math
 from collections.abc import Iterable
 
 NOTHING = "–"
-
 MINUS = "−"
-
 THIN = "\u202f"
 
 

@@ -15,10 +15,8 @@ QUANTITIES: dict[str, Parameter | Channel] = {
     **DERIVED,
     EFFICIENCY.name: EFFICIENCY,
 }
-
 PLAIN = {parameter.symbol: name for name, parameter in PARAMETERS.items()}
 """Parameters by their plain symbols."""
-
 _PLAIN = re.compile(
     r"(?<![\w_])({})(?![\w_])".format("|".join(re.escape(s) for s in sorted(PLAIN, key=len, reverse=True)))
 )

@@ -1,4 +1,9 @@
-"""Checkpoints of a run: closed segments of arrays on disk, and the store that a sampler goes on from."""
+"""Checkpoints of a run: closed segments of arrays on disk, and the store that a sampler goes on from.
+
+A segment is one file: a line with the SHA-256 of all that follows, a line of JSON that says which segment of
+which run it is, and NumPy arrays (npz). It is written under another name, flushed and renamed, so a file with
+the name of a segment is complete. Nothing that is read can run code.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +28,6 @@ from bayesterra.runtime.ownership import SEGMENT
 from bayesterra.runtime.reading import MOST_SEGMENT, UNREADABLE, parsed_json, read_bytes, read_json
 
 BEGUN = "begun.json"
-
 SHOWN = 40
 """Longest value, in characters, that a message shows."""
 
@@ -199,7 +203,6 @@ T = TypeVar("T")
 
 Segment = Mapping[str, NDArray[Any]]
 """Arrays by name."""
-
 SAME_DENSITY = 1e-9
 """Relative difference of log densities above which a run cannot go on from what was saved."""
 

@@ -14,21 +14,16 @@ from bayesterra.errors import EngineError
 from bayesterra.runtime.engines import Closing, Engine, WorkerDied, packed
 
 N = TypeVar("N")
-
 T = TypeVar("T")
 
 TIMEOUT = 10.0
 """Seconds in which a scheduler must answer and have a worker."""
-
 ABSENCE = 60.0
 """Seconds without any worker after which a cluster is given up: one that died may be started again."""
-
 GLANCE = 1.0
 """Seconds for which the number of workers is taken as known."""
-
 CLIENT_SIDE = ("client", "comm", "core", "batched", "utils", "utils_comm")
 """Loggers of distributed that speak where a cluster is asked."""
-
 ALIKE = ("bayesterra", "numpy", "scipy", "numba", "emcee")
 """Packages that must have one version everywhere, or results may differ."""
 

@@ -1,4 +1,8 @@
-"""Engines that compute independent tasks: this process, or a pool of processes on this machine."""
+"""Engines that compute independent tasks: this process, or a pool of processes on this machine.
+
+A task is a function of a number that returns the same whatever computes it; so results do not depend on the
+engine. :func:`bayesterra.runtime.parallel.completed` runs a task for many numbers on any :class:`Engine`.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +25,7 @@ from typing import Any, Protocol, Self, TypeVar
 from bayesterra.errors import EngineError
 
 N = TypeVar("N")
-
 T = TypeVar("T")
-
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """Environment variables that hold libraries to some threads."""
 

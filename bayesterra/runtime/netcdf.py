@@ -1,4 +1,8 @@
-"""Draws as netCDF: written by xarray, read after a look at what is declared; draws of a result folder."""
+"""Draws as netCDF: written by xarray, read after a look at what is declared; draws of a result folder.
+
+An HDF5 file may name other files to read in its place, ask for a filter to be loaded, and declare more values
+than any memory holds while it is a few bytes long. None of that is in files that the package writes.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +24,11 @@ from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, dam
 
 MOST_BYTES = 8192 * MEGABYTE
 """Of a file and, unpacked, of all that it declares."""
-
 MOST_UNPACKED = 200
 """Bytes declared per byte of the file; measured: 1 to 3. A table that is nearly all NaN may reach 100."""
-
 SLACK = 16 * MEGABYTE
-
 MOST_OBJECTS = 20_000
-
 DEEPEST = 20
-
 FILTERS = (1, 2, 3)
 """Deflate, shuffle and checksum. Others may be looked for on the disk and loaded as programs."""
 

@@ -1,4 +1,8 @@
-"""Ownership of files and folders: locks, and what in a folder the package wrote itself."""
+"""Ownership of files and folders: locks, and what in a folder the package wrote itself.
+
+A folder in the making carries a mark, which lists what is written there before it is written; a finished one
+has ``SHA256SUMS``. Everything else in them is someone else's.
+"""
 
 from __future__ import annotations
 
@@ -93,28 +97,21 @@ def _is_at(handle: int, path: Path) -> bool:
 
 WORK = "checkpoint"
 """Folder in ``<folder>.part`` for what only serves the making: the lock, and what to resume from."""
-
 SEGMENT = ".segment"
 """Ending of files that would be a loss (see :mod:`bayesterra.runtime.checkpoints`)."""
-
 TASKS = "tasks.sqlite"
 """File of finished tasks in ``WORK`` (see :mod:`bayesterra.runtime.tasks`)."""
-
 MADE, REPLACES = "made.txt", "replaces.txt"
 """The mark in ``WORK``; and, while an old folder is being replaced, which one that is."""
 
 _HEAD = "bayesterra makes the folder above this one, and has written there:\n"
-
 _TEMPORARY = re.compile(r"\.new\d*$")
-
 _AT_WORK = re.compile(
     rf"(lock|begun\.json|{re.escape(MADE)}|{re.escape(REPLACES)}|.*{re.escape(SEGMENT)}"
     rf"|{re.escape(TASKS)}(-wal|-shm|-journal)?)(\.new\d*)?"
 )
-
 _NOBODYS = {".DS_Store"}
 """Files that a file manager leaves in every folder that someone looks at."""
-
 _OLDER = frozenset(
     f"{name}.csv"
     for name in (

@@ -17,19 +17,15 @@ from bayesterra.runtime.dask import dask_cluster
 from bayesterra.runtime.engines import Engine, WorkerDied, in_process, local_pool, usable_processors
 
 N = TypeVar("N", bound=Hashable)
-
 T = TypeVar("T")
 
 ATTEMPTS = 3
 """Workers that may die at one task before it is given up."""
-
 AHEAD = 2
 """Tasks handed over per worker, the one at work included: an interrupted run has little to wait for."""
-
 PATIENCE = 4.0
 """Seconds for which short tasks are computed here, before workers are started for the rest: about what
 starting them costs."""
-
 GLANCE = 1.0
 """Seconds without an outcome after which the engine is asked whether anybody is still there."""
 

@@ -15,15 +15,10 @@ from typing import Any
 from bayesterra.errors import BayesterraError, ResultError
 
 MEGABYTE = 2**20
-
 MOST_TOML = 4 * MEGABYTE
-
 MOST_TABLE = 32 * MEGABYTE
-
 MOST_JSON = 64 * MEGABYTE
-
 MOST_SEGMENT = 1024 * MEGABYTE
-
 DEEPEST = 50
 """Tables within tables: the deepest file of our own has six."""
 
@@ -169,7 +164,6 @@ def _items(content: Any) -> list[Any]:
 
 SUMS = "SHA256SUMS"
 """File in a finished folder: one line per file with its SHA-256."""
-
 MOST_SUMS = 4 * MEGABYTE
 
 

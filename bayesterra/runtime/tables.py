@@ -21,16 +21,12 @@ from bayesterra.runtime.reading import MOST_TABLE, read_text, reason
 
 LONGEST = 10_000
 """Characters, at most, of a cell."""
-
 MOST_COLUMNS = 1000
-
 MOST_ROWS = 200_000
-
 LONGEST_LINE = 2**20
 """Characters, at most, of a line of a table that is read row by row."""
 
 _FORMULA = re.compile(r"'*(\s*[=+\-@＝＋－＠].|[\t\r\n])", re.DOTALL)  # a sign alone is none
-
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)")
 
 

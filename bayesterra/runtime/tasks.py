@@ -23,10 +23,8 @@ from bayesterra.runtime.ownership import TASKS, WORK
 from bayesterra.runtime.reading import parsed_json
 
 STORE_FILE = TASKS
-
 FORMAT = 1
 """Of the tables; another one is another version's file."""
-
 NO_DAMAGE = {
     sqlite3.SQLITE_PERM,
     sqlite3.SQLITE_BUSY,
@@ -36,10 +34,8 @@ NO_DAMAGE = {
     sqlite3.SQLITE_CANTOPEN,
 }
 """Errors of the disk or the rights, which no new beginning would mend."""
-
 BUSY = 60.0
 """Seconds for which a commit waits for readers, and a reader for a commit."""
-
 REMOTE = {
     "nfs",
     "nfs4",
@@ -55,10 +51,8 @@ REMOTE = {
     "pvfs2",
 }
 """File systems that several machines share: they have no memory in common, which a write-ahead log needs."""
-
 MOST_BYTES = 16 * 2**20
 """Of the content of one task."""
-
 _TABLES = {
     "origin": "CREATE TABLE origin (content TEXT NOT NULL, sum INTEGER NOT NULL)",
     "tasks": "CREATE TABLE tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL, sum INTEGER NOT NULL)",
@@ -319,7 +313,6 @@ def _difference(part: Path, name: str, before: Any, now: Any) -> str:
 
 
 STATUS_FILE = "status.json"
-
 EVERY, BEAT = 0.5, 2.0
 """Seconds between two versions of the status file, at least and at most."""
 

@@ -19,10 +19,8 @@ from bayesterra.stats.mixture import ProposalLaw, RandomSource, StudentMixture, 
 from bayesterra.stats.transport import fit_proposal
 
 COMPONENTS = 12
-
 FITTED = 4096
 """Draws, at most, that a proposal is fitted to."""
-
 REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinements=(4, 4), more=())
 
 
@@ -135,7 +133,6 @@ def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
 
 
 DRAWS = 16384
-
 SPREAD = 0.3
 """Root mean square distance of the ensembles' own log evidences from the pooled one, above which it cannot be
 relied on. Proposals that cover their posterior agree to some hundredths."""

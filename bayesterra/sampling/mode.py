@@ -13,7 +13,6 @@ from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import SIZES
 
 STARTS = 8
-
 EDGE = 1e-9
 
 

@@ -24,9 +24,7 @@ from bayesterra.stats.diagnostics import effective_size
 
 LIVE = (500, 1500)
 """Live points of the two settings."""
-
 QUANTILES = (0.05, 0.5, 0.95)
-
 APART = 4.0
 """Standard errors from which two samplers disagree."""
 

@@ -27,7 +27,6 @@ from bayesterra.stats.transport import TransportMap
 from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
-
 ROUND_STEPS = 200
 
 

@@ -17,7 +17,6 @@ from bayesterra.stats.diagnostics import Diagnosis, array_ess, array_r_hat, hdi,
 from bayesterra.study.study import Study
 
 CREDIBLE = 0.9
-
 DERIVED_DRAWS = 1000
 """Draws per chain, at most, that derived quantities are computed for."""
 

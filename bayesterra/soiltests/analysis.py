@@ -45,9 +45,7 @@ from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-
 BAND_DRAWS = 1000
-
 GRID = 60
 
 

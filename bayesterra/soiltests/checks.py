@@ -1,4 +1,17 @@
-"""Checks of a soil test: usual least-squares practice beside it, and every test predicted from the others."""
+"""Checks of a soil test: usual least-squares practice beside it, and every test predicted from the others.
+
+``regression``: plates as by Bekker, a straight line through log p against log z for each radius, the mean
+of their exponents, and k_c, k_φ from a line through the moduli against 1/b; shear as by Janosi and
+Hanamoto, τ_max and K of each curve, then Mohr–Coulomb's line through τ_max and the mean K. ``nonlinear``:
+one fit to all readings; plates with Wong's (1980) weights, which make residuals of the log count like those
+of the pressure.
+
+The readings of a test are predicted from the posterior of all other tests, by importance weights of the draws
+(Vehtari et al. 2017), or by sampling anew where the weights cannot be relied on. What is judged is what a
+person would ask of a new test: its level (the mean of its log residuals), and its slope (the difference of
+the means of its further and its nearer half), each one number per test, and what shares of its readings the
+bands hold.
+"""
 
 from __future__ import annotations
 
@@ -142,11 +155,8 @@ def _all_curves(readings: Readings, start: Mapping[str, float]) -> dict[str, flo
 PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), added_components=12)
 """Posteriors of soil tests are simple in their coordinates: a smaller adaptation than that of wheels is
 enough."""
-
 DRAWS = 500
-
 ANEW = SamplingOptions(target_ess=500, walkers=32)
-
 BANDS = (0.5, 0.9)
 
 LEFT_OUT_COLUMNS = ("test", "level", "readings", "elpd", "level_pit", "slope_pit",

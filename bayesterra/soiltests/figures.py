@@ -30,7 +30,6 @@ AXES = {
     "plate": ("sinkage $z$ [mm]", "pressure $p$ [kPa]"),
     "shear": ("displacement $j$ [mm]", r"shear stress $\tau$ [kPa]"),
 }
-
 DRAWS = 1500
 
 

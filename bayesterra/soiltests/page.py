@@ -48,7 +48,6 @@ from bayesterra.study.page import drawing as strip_drawing
 from bayesterra.study.result import SummaryRow
 
 CHECK = "units, plate sizes or normal stresses, and priors"
-
 LAWS = {
     "plate": Markup(
         "Bekker: <i>p</i> = (<i>k</i><sub>c</sub>/<i>b</i> + <i>k</i><sub>φ</sub>) "

@@ -1,4 +1,22 @@
-"""Posterior of soil tests: mean curves, scatter of tests about them, prior and likelihood."""
+"""Posterior of soil tests: mean curves, scatter of tests about them, prior and likelihood.
+
+log y(x) = log f(x) + δ(x) + seating, for each test on its own:
+
+- δ, the deviation of this test, is a stationary Gaussian process over the log of sinkage or displacement with
+  covariance σ_t² exp(−|Δ log x| / ℓ) (Ornstein–Uhlenbeck). A test keeps its deviation over a distance ℓ:
+  what lies closer together tells little that is new, and a hundred readings of one test are no hundred tests.
+- The zero of the sinkage of a plate test is wrong by z_0, the same in all tests, and by ζ ~ N(0, σ_0²), one
+  value for each test. To first order ζ shifts log p by n ζ / (z + z_0).
+
+With ``independent`` readings there is neither memory nor an error of the zero: each departs on its own, as
+least squares assume. That overstates what a test tells, and exists to show by how much.
+
+The process is Markov, so that differences of neighbours are independent: the likelihood costs one pass.
+
+Plates: Bekker's p = (k_c/b + k_φ) z^n, b the plate radius. Either modulus may be negative; only k_c/b + k_φ
+> 0 under every plate is physical. Shear: Janosi and Hanamoto's τ = (c + σ tan φ) (1 − exp(−j/K)), the law
+of eq. (9).
+"""
 
 from __future__ import annotations
 

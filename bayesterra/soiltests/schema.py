@@ -28,12 +28,9 @@ from bayesterra.study.schema import Number, SamplingOptions, Text, one_line
 from bayesterra.study.units import quantity
 
 PLATE = ("kc", "kphi", "n")
-
 SHEAR = ("c", "phi", "K")
-
 KINDS = {"plate": PLATE, "shear": SHEAR}
 """Soil parameters by kind of test."""
-
 NOISE = {"plate": ("scatter", "memory", "seating", "sinkage_offset"), "shear": ("scatter", "memory")}
 """Parameters of how tests differ from the mean curve, by kind of test."""
 
@@ -47,7 +44,6 @@ _ALL = (
     Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"),
     replace(PARAMETERS[OFFSET], description="zero error of sinkage common to all tests"),
 )
-
 QUANTITIES: dict[str, Parameter] = {parameter.name: parameter for parameter in _ALL}
 """Everything that a soil test may estimate, in the order of its posteriors."""
 
@@ -66,12 +62,9 @@ COLUMNS: dict[str, Channel] = {
 """Columns that a table of readings may have, beside ``test`` and ``use``."""
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-
 _SOIL = tuple(dict.fromkeys(name for names in KINDS.values() for name in names))
-
 REFERENCE = "reference_sinkage"
 """Key of [priors]: laws of k_c and k_φ are those of k_c z^n and k_φ z^n at this sinkage."""
-
 _NOISE = NOISE["plate"]
 
 

@@ -24,7 +24,6 @@ DEFAULTS: dict[str, Law | float] = {
     "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 0.5e-3}),
 }
 """Scatter of the tests, where a file does not say what is known of it."""
-
 EXAMPLES = {
     "kc": '{ dist = "uniform", lower = "-500 kPa m", upper = "500 kPa m" }',
     "kphi": '{ dist = "uniform", lower = "-20000 kPa", upper = "20000 kPa" }',

@@ -1,6 +1,10 @@
 """Diagnostics of draws: convergence of independent ensembles, uniformity, divergence from a prior.
 
 The only module that imports ArviZ.
+
+Chains have shape (ensembles, steps, walkers). Walkers of one ensemble depend on each other, so they are never
+taken for chains: autocorrelation times come from the walker-averaged autocovariance of each ensemble, R-hat
+compares ensembles only.
 """
 
 from __future__ import annotations
@@ -18,12 +22,9 @@ from scipy.stats import binom, rankdata
 from bayesterra.arrays import FloatArray, IntArray
 
 R_HAT_LIMIT = 1.01
-
 STEPS_PER_TAU = 50
-
 DISAGREEMENT = 1e-3
 """p value, over all parameters, below which halves of ensembles differ by more than Monte Carlo error."""
-
 TAILS = (0.05, 0.95)
 
 

@@ -19,10 +19,8 @@ from bayesterra.stats.transport import Proposal
 
 SHARE = 0.2
 """Weight of all added components together."""
-
 NEIGHBOURS = 200
 """Points around the greatest weight that a component is fitted to."""
-
 WIDENING = 1.3
 
 

@@ -17,16 +17,12 @@ from bayesterra.errors import StudyError, check_number
 
 RANGED = ("uniform", "loguniform")
 """Laws whose range is given by ``lower`` and ``upper`` themselves."""
-
 FINITE = (*RANGED, "norm", "halfnorm")
 """Common laws whose density is finite everywhere."""
-
 CROWDED = 1e-6
 """Probability that numbers cannot tell from an end, from which only normal scores do justice to it."""
-
 TOO_CROWDED = 0.5
 """Such a probability, both ends together, beyond which numbers do not represent the law."""
-
 SLOW = frozenset(
     (
         "dpareto_lognorm", "gausshyper", "genhyperbolic", "geninvgauss", "irwinhall", "ksone", "kstwo",
@@ -34,7 +30,6 @@ SLOW = frozenset(
     )
 )  # fmt: skip
 """Laws of which scipy takes 2 ms to 1 s for a quantile, measured over all; many thousands are needed."""
-
 MOST = 1e30
 """SI, at most, of a finite limit or argument of a law: beyond, sums and squares overflow."""
 

@@ -21,10 +21,8 @@ from bayesterra.errors import StudyError
 from bayesterra.stats.laws import Law
 
 TABULATED = "tabulated"
-
 REACH = 8.0
 """Score within which a normal tail must not lead beyond the range; 6e-16 of the probability lies beyond."""
-
 LEAST = 3
 """Rows that a table needs."""
 

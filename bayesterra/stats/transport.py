@@ -62,10 +62,8 @@ def move(
 
 REACH = 4.0
 """Standardised coordinates beyond this bend nothing further: far out the map is a mere shift."""
-
 MOST = 3.0
 """Largest log by which a coordinate's spread varies."""
-
 ROUNDS, HEAVY = 8, 4.0
 """Steps of the fit of the spreads, and the degrees of freedom of the residuals' law in it."""
 

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 
 
 DEFAULT_PRIOR_SET = "paper-box"
-
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
 
 LOAD_EFFECT_MODEL = "M2L"
-
 HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, "c3": 0.0}
 """Contact angles that Ding et al. 2015 hold where the load effect is identified, (42)."""
 

@@ -18,15 +18,10 @@ from bayesterra.study.priors import Entry, Source, Tie
 from bayesterra.study.units import quantity
 
 _LIMITS = ("lower", "upper")
-
 _SHIFTS = ("loc", "scale")
-
 _ROWS = ("scores", "values")
-
 _TAKEN = ("result", "take", "widen")
-
 _NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
-
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 

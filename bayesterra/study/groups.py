@@ -16,10 +16,8 @@ from bayesterra.study.entries import law, table
 
 SPREAD_SHARE = 0.5
 """Scale of the default prior of a spread, half-normal, as a share of the parameter's prior sd."""
-
 GROUPINGS = ("wheel", "site", "run")
 """Columns of a table of measurements that may say which group a row belongs to."""
-
 _KEYS = ("by", "shared", "separate", "hierarchical")
 
 

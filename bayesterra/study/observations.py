@@ -27,16 +27,12 @@ DRIVE_OUTCOMES = {
 """Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
 
 SD_SUFFIX = "_sd"
-
 MOST_LOAD = 1e12
 """N, at most, of a load: beyond it sums and squares overflow."""
-
 MOST = 1e4
 """Pull and moment (at an arm of 1 m), at most, as a multiple of the greatest load in the table."""
-
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
-
 _PLAIN = ("slip", "wheel", "use")
 
 

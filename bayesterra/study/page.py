@@ -37,11 +37,8 @@ def axis(result: Result, name: str) -> Axis:
 
 
 WIDTH, PAD = 560.0, 9.0
-
 BASE, TALL = 25.0, 22.0
-
 LANE, FIRST_LANE = 9.5, 34.0
-
 SHAPES = {
     "^": "M0 -4.6L4.4 3.4L-4.4 3.4Z",
     "s": "M-3.6 -3.6H3.6V3.6H-3.6Z",

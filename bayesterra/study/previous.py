@@ -31,22 +31,16 @@ from bayesterra.study.schema import read_toml
 
 ENOUGH = 400
 """Effective draws of every parameter below which tails and correlations are not known well enough."""
-
 STEP = 0.5
 """Distance of the scores in a table: 5 % of the draws lie between most rows even beyond two deviations."""
-
 BEYOND = 10.0
 """Effective draws that lie beyond the first and the last row of a table."""
-
 HIGHEST = 3.5
 """Largest score in a table."""
-
 CUTS = (-1.2815515655446004, -0.6744897501960817, 0.0, 0.6744897501960817, 1.2815515655446004)
 """Scores at which probabilities are compared: the deciles 1 and 9, the quartiles and the median."""
-
 NOISE = 1.0
 """Largest difference of a probability that n draws of the copula itself show, times √n."""
-
 POOR = 0.1
 """Difference of a probability from which a copula stands badly for the draws."""
 

@@ -323,19 +323,12 @@ NO_SOURCE = "no independent source"
 """Beginning of the source of a law for which nothing but its limits speaks."""
 
 _DEGREE = float(np.pi / 180)
-
 _MOON = "Carrier, Olhoeft and Mendell 1991 (Lunar Sourcebook, ch. 9)"
-
 _APOLLO = "Scott et al. 1970 (Apollo 12 Preliminary Science Report, NASA SP-235, 161-182)"
-
 _ROVERS = "Sullivan et al. 2011 (J. Geophys. Res. 116, E02006)"
-
 _VIKING = "Moore, Clow and Hutton 1982 (J. Geophys. Res. 87, 10043-10050)"
-
 _PATHFINDER = "Moore et al. 1999 (J. Geophys. Res. 104, 8729-8746)"
-
 _SANDS = "Wong (Theory of Ground Vehicles)"
-
 _WHEELS = "Wong and Reece 1967 (J. Terramechanics 4(1), 81-98)"
 
 _SOURCES = {
@@ -381,7 +374,6 @@ PLANETARY: dict[str, Law | float] = {
 was fitted to wheel tests of the laboratory of Ding et al. 2015. c3 is held at 0, as in ``PAPER_BOX``."""
 
 _COEFFICIENTS = f"{NO_SOURCE}: Ding et al. 2015, Table 16, has -0.45 to 0.63 for one rover on one sand. Wide"
-
 LOAD_EFFECT_SETS: dict[str, dict[str, Law]] = {
     "paper-box": {name: Law("uniform", {}, -1.0, 1.0, _COEFFICIENTS) for name in LOAD_EFFECT},
     "planetary": {

@@ -170,23 +170,14 @@ def _named(value: object) -> object:
 
 
 T = TypeVar("T")
-
 Text = Annotated[StrictStr, AfterValidator(_text)]
-
 Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
-
 Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
-
 Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
-
 Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
-
 Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
-
 SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
-
 AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
-
 Method = Literal["IM1", "IM2", "IM3", "joint"]
 
 
@@ -364,7 +355,6 @@ def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
 
 LONGEST_KEY = 500
 """Dots, at most, between two signs: with many more the time that TOML needs grows as their square."""
-
 _ADAPTER = TypeAdapter(StudyContent)
 
 _HOMES: dict[str, Any] = {

@@ -17,22 +17,16 @@ _EXAMPLES = {
     "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m",
     "Pa m": "15.6 kPa m", "kg": "25 kg", "m/s^2": "9.81 m/s^2",
 }  # fmt: skip
-
 _NAMES = {
     "": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque",
     "Pa m": "pressure times length", "kg": "mass", "m/s^2": "acceleration",
 }  # fmt: skip
-
 _FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa", "Pa m": "kPa m"}
-
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
-
 _POWERS = re.compile(r"\d\s*\d|(\^|\*\*)[^*/]*(\^|\*\*)")
 """Powers beyond one digit, or of powers: pint would work them out, however long it takes."""
-
 LONGEST = 200
 """Characters, at most, of a quantity or the header of a column: patterns are slow on long texts."""
-
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
