@@ -26,7 +26,7 @@ BROKEN = {
     "mode": (inference, "find_mode"),
     "evidence": (inference, "evidence"),
     "curves": (inference, "predict_curves"),
-    "standings": (inference, "stand"),
+    "standings": (inference, "locate"),
     "identifiability": (inference, "identifiability"),
     "predictive_checks": (validation, "predictive_checks"),
     "prior_checks": (validation, "prior_checks"),
