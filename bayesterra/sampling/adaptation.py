@@ -37,8 +37,8 @@ class AdaptationOptions:
     components : components of the final mixture, at most.
     refinements : draws per particle in each round of importance sampling that refines the mixture.
     more, enough : further rounds, which take place while less than this share of the draws is effective.
-    defensive_weight : share of a wide component in the final mixture.
-    added_components : components added at last where the proposal is thinnest beside the posterior.
+    defence : share of a wide component in the final mixture.
+    shores : components added at last where the proposal is thinnest beside the posterior.
     """
 
     particles: int = 1024
@@ -48,8 +48,8 @@ class AdaptationOptions:
     refinements: tuple[int, ...] = (4, 4, 8, 8)
     more: tuple[int, ...] = (16, 16)
     enough: float = 0.3
-    defensive_weight: float = 0.1
-    added_components: int = 40
+    defence: float = 0.1
+    shores: int = 40
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def adapt(
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
     refined = refine(proposal, particles.u, widths, densities, options, rng, watch)
-    evaluations += refined.draws + options.added_components * (len(start) // 2)
+    evaluations += refined.draws + options.shores * (len(start) // 2)
     return Adaptation(
         particles.u, tuple(travelled), evaluations, refined.proposal, refined.efficiency, refined.log_evidence
     )
@@ -151,7 +151,7 @@ def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
 def _fitted(
     u: FloatArray, weights: FloatArray, widths: FloatArray, options: AdaptationOptions, rng: Generator
 ) -> Proposal:
-    return fit_proposal(u, weights, widths, options.components, options.defensive_weight, rng)
+    return fit_proposal(u, weights, widths, options.components, options.defence, rng)
 
 
 def _move(
@@ -165,7 +165,7 @@ def _move(
     """Spread resampled points by a fitted independence step and differential evolution; returns the cost."""
     n, d = particles.u.shape
     components = max(2, options.components // 4)
-    guess = fit_proposal(particles.u, np.full(n, 1.0), widths, components, options.defensive_weight, rng)
+    guess = fit_proposal(particles.u, np.full(n, 1.0), widths, components, options.defence, rng)
     for sweep in range(options.sweeps + 2):
         if sweep < 2:
             u = guess.sample(n, rng)
@@ -237,7 +237,7 @@ def refine(
         proposal = _fitted(points, weights, widths, options, rng)
     watch("proposal, thin places")
     tried = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
-    proposal = add_components(proposal, tried, rng, components=options.added_components, draws=len(u) // 2)
+    proposal = add_components(proposal, tried, rng, components=options.shores, draws=len(u) // 2)
     return Refined(proposal, efficiency, log_evidence, len(drawn.u))
 
 

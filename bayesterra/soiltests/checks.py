@@ -152,7 +152,7 @@ def _all_curves(readings: Readings, start: Mapping[str, float]) -> dict[str, flo
     return {"c": float(optimum[0] * top), "phi": float(optimum[1]), "K": float(np.exp(optimum[2]))}
 
 
-PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), added_components=12)
+PLAN = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
 """Posteriors of soil tests are simple in their coordinates: a smaller adaptation than that of wheels is
 enough."""
 DRAWS = 500

@@ -42,7 +42,7 @@ MORE = 4
 ADDITIONS, SETS = 200, 54
 """Replications."""
 NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
-PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), added_components=12)
+PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), shores=12)
 DRAWS = 8192
 
 # Ding et al. 2015, Tables 1 and 10: r [mm], b [m], h [mm], lugs; c1, c2, K_s [kPa], n0, n1, c [kPa], φ [deg],

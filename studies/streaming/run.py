@@ -52,7 +52,7 @@ SLIPS, LOADS = (0.05, 0.6), (60.0, 100.0)
 ROWS = 500
 SEEDS = (1, 2, 3)
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-PLAN = AdaptationOptions(particles=512, components=16, refinements=(4, 4, 8), added_components=20)
+PLAN = AdaptationOptions(particles=512, components=16, refinements=(4, 4, 8), shores=20)
 """Half the adaptation of ``bt.run``: with 500 rows it takes most of the time."""
 PAPER_MS = {"drawbar_pull": 21.916, "normal_force": 17.842, "resistance_moment": 29.209}
 """Computing times of IM3 for wheel Wh32, ms, Ding et al. 2015, Table 15, force by force."""

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.checking.ranks import rank_test
+from bayesterra.checking.replications import ShortRuns
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
 CASES = sorted(path.parent.name for path in STUDY.glob("*/ranks.csv"))
@@ -23,3 +24,12 @@ def test_stored_ranks_give_the_stored_verdict(case: str) -> None:
         if row["verdict"] != "constant":
             ranks = table[row["quantity"]].dropna().to_numpy()
             assert rank_test(len(ranks)).p_value(ranks) == pytest.approx(row["p_value"], abs=1e-4)
+
+
+def test_settings_keep_the_names_under_which_they_are_stored() -> None:
+    """A calibration that an earlier version began goes on: its settings are compared by name and value."""
+    stored = json.loads((STUDY / "m1" / "calibration.json").read_text(encoding="utf-8"))["settings"]
+    settings = {"ranked_among": stored["ranked_among"], **ShortRuns().record()}
+    assert settings.keys() == stored.keys()
+    for part in ("short", "adaptation", "long", "long_adaptation"):
+        assert settings[part].keys() >= stored[part].keys()

@@ -226,7 +226,7 @@ def pooled_page() -> str:
         pooling={"by": "wheel", "hierarchical": {"phi": {}}},
         sampling={"target_ess": 400, "walkers": 32},
     )
-    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), added_components=0)
+    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
     return pooling_pages.pooled_html(run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)))
 
 

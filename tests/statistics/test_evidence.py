@@ -179,7 +179,7 @@ def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_s
     """A whole run: with 0.02 nearly all of the law stands at its two ends."""
     law = Law("beta", {"a": shape, "b": shape, "scale": 500.0})
     density = posterior(make_study(free=("c",), priors={"c": law}, noise=LOOSE))
-    plan = AdaptationOptions(particles=256, components=4, added_components=0)
+    plan = AdaptationOptions(particles=256, components=4, shores=0)
     options = SamplingOptions(walkers=32, target_ess=200)
     samples = sample(density, options, SeedSequence(3), adaptation=plan)
     target = Target(density, samples.coordinates)
