@@ -16,7 +16,7 @@ import signal, sys, time
 sys.path.insert(0, sys.argv[1])
 import conftest
 from pathlib import Path
-from bayesterra.checking.calibration import Job, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore Ctrl-C
 
@@ -25,7 +25,7 @@ def exact(study, seed):
     return conftest.exact(study, seed)
 
 study = conftest.make("phi")
-calibrate_study(Job(study, 160, seed=2, fit=exact), Path(sys.argv[2]), resume=True, quiet=True)
+calibrate_study(CalibrationRequest(study, 160, seed=2, fit=exact), Path(sys.argv[2]), resume=True, quiet=True)
 """
 
 

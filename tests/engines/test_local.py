@@ -133,7 +133,8 @@ def test_options_of_a_command_choose_the_engine() -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from bayesterra.engines import completed, local_pool
+from bayesterra.runtime.engines import local_pool
+from bayesterra.runtime.parallel import completed
 from tests.engines.tasks import Sums
 
 if __name__ == "__main__":
