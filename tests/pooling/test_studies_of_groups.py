@@ -30,7 +30,7 @@ def _table(name: str, case: str) -> pd.DataFrame:
     [("one-soil", 38, True), ("six-soils", 52, False)],
 )
 def test_soils_are_recovered_and_judged(case: str, parameters: int, one_soil: bool) -> None:
-    """Converged; intervals hold what they should; factors point to the truth, doubtful ones decide nothing."""
+    """Converged; intervals hold what they should; factors point right; doubtful ones decide nothing."""
     recovery, costs = _table("recovery", case), _table("costs", case)
     assert len(recovery) == parameters
     assert costs["converged"].all()
