@@ -240,7 +240,7 @@ class WheelSoilModel(ABC):
         )  # fmt: skip
 
     def _rows(self, conditions: Conditions) -> FloatArray:
-        """Columns of _lanes.ROW: slip, slip of the exponent, r, b, R_j, r_s."""
+        """Columns of ``kernels.lanes.ROW``: slip, slip of the exponent, r, b, R_j, r_s."""
         slip = conditions.slip
         start = np.asarray(self._start_radius(conditions, slip))
         wheel = (conditions.radius, conditions.width, start, conditions.shearing_radius)

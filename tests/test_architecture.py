@@ -1,10 +1,14 @@
 """The architecture that the folder listing shows is the one that the code has."""
 
 import ast
+import pkgutil
+import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -131,6 +135,43 @@ def test_public_names_exist_and_do_not_clash_with_modules() -> None:
         assert getattr(bayesterra, name) is not None
     modules = {path.stem for path in (ROOT / "bayesterra").iterdir()}
     assert not modules & set(bayesterra.__all__)
+
+
+REFERENCE = re.compile(r":(?:mod|class|func|meth|attr|data|exc):`([^`]+)`")
+
+
+def leads_somewhere(name: str, module: ModuleType) -> bool:
+    """True where a name of a docstring is one of the package, of its module, or of a class there."""
+    if name.startswith("bayesterra"):
+        try:
+            return pkgutil.resolve_name(name) is not None
+        except (ImportError, AttributeError):
+            return False
+    first, *rest = name.split(".")
+    classes = [value for value in vars(module).values() if isinstance(value, type)]
+    holders = classes if not hasattr(module, first) else [module]
+    return any(_has(holder, [first, *rest]) for holder in holders)
+
+
+def _has(holder: object, path: list[str]) -> bool:
+    """True where attributes, fields of dataclasses included, lead to the end of a path."""
+    for name in path:
+        if name in getattr(holder, "__dataclass_fields__", {}):
+            return True
+        if not hasattr(holder, name):
+            return False
+        holder = getattr(holder, name)
+    return True
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_references_of_docstrings_lead_somewhere(path: Path) -> None:
+    """What a docstring points to is there, by the name that it gives."""
+    references = REFERENCE.findall(path.read_text(encoding="utf-8"))
+    name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    module = import_module(name)
+    lost = [one for one in references if not leads_somewhere(" ".join(one.split()), module)]
+    assert lost == []
 
 
 def test_help_comes_without_the_heavy_libraries() -> None:

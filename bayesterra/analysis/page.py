@@ -277,7 +277,7 @@ def result_table(result: Result) -> str:
     rows = []
     for name, row in summary_rows(result).items():
         step = resolution(*row.hdi)
-        word = verdicts[name].verdict if name in verdicts else ""
+        word = verdicts[name].word if name in verdicts else ""
         if word == "coupled":
             partner = verdicts[name].coupled_with
             word = f"{word} with {QUANTITIES[partner].symbol if partner else 'several'}"

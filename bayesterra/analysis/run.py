@@ -106,9 +106,11 @@ def run(
     progress: Callable[[Progress], None] = lambda update: None,
     crosscheck: bool = False,
 ) -> RunResult:
-    """Sample the posterior of a study and compare it with least squares; see :func:`inference.run`.
+    """Sample the posterior of a study and compare it with least squares.
 
-    Of a study with a [pooling] table the result is a :class:`PooledRun`; see :func:`pooled.run_pooled`.
+    The work is done by :func:`bayesterra.analysis.inference.run`.
+
+    Of a study with a [pooling] table the result is a :class:`PooledRun`; see :mod:`bayesterra.pooling.run`.
 
     Raises
     ------

@@ -63,7 +63,7 @@ def _row(result: Result, name: str) -> StripRow:
 def _words(result: Result, name: str) -> tuple[str, Markup]:
     """The identifiability word and what stands beside it in small print."""
     row = identifiability_rows(result)[name]
-    word = {"weakly": "weakly determined"}.get(row.verdict, row.verdict)
+    word = row.word
     if word == "moved":
         return word, Markup("{}prior and data disagree").format(moved_by(row.shift))
     if word == "one-sided":

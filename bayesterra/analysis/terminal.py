@@ -110,7 +110,7 @@ def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
 def _verdict(row: IdentifiabilityRow) -> str:
     """The word, with the partner of a coupled parameter."""
     if row.verdict != "coupled":
-        return row.verdict
+        return row.word
     return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
 
 

@@ -170,7 +170,7 @@ class Outcome:
     status : of the refit: ``converged``, ``not converged`` or ``failed``; a failed one has no model rows.
     ess, r_hat, seconds : of its sampling; processor time.
     note : why it failed.
-    rows : scores, one entry per predictor, row and channel; see :attr:`Holdout.table`.
+    rows : scores, one entry per predictor, row and channel; see :class:`bayesterra.checking.holdout.Holdout`.
     bands : of the model without the level.
     """
 

@@ -240,7 +240,7 @@ def design_into(
     """Recommend the next drive for a result or a study, and write the folder ``out``.
 
     Every judged candidate is saved at once in ``<out>.part``; ``resume`` goes on from there. ``wishes``:
-    keywords of :func:`asked`. ``watch`` is called as candidates are judged.
+    keywords of :func:`design_request`. ``watch`` is called as candidates are judged.
 
     Raises
     ------

@@ -56,7 +56,7 @@ from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_fi
 from bayesterra.report.numbers import NOTHING, interval, number, plain
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
 from bayesterra.report.terminal import PlainConsole
-from bayesterra.study.result import COUPLED
+from bayesterra.study.result import COUPLED, shown
 
 FEW = 2
 """Objections that find room on a card."""
@@ -411,7 +411,8 @@ def _identified(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     tied = row["tied_to"] != row["parameter"]
     tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
     profile = PROFILES.get(row["profile"], row["profile"])
-    return (PARAMETERS[row["parameter"]].symbol, row["verdict"], _share(row["contraction"]), tie, profile)
+    symbol, word = PARAMETERS[row["parameter"]].symbol, shown(row["verdict"])
+    return (symbol, word, _share(row["contraction"]), tie, profile)
 
 
 def _share(contraction: float) -> str:

@@ -26,7 +26,7 @@ READING, FLOOR, FRACTION, DOF, PEAK, SHIFT = range(6)
 COLUMNS = 6
 SPEC = at.FREE
 
-# what the search knows, see _panels; the curve that the drawn load lies on; places on the curve at hand, and
+# what the search knows; the curve that the drawn load lies on; places on the curve at hand, and
 # the log integrand and what a channel should read there; intervals that are still to do
 FOUND = SPEC + CHANNELS * COLUMNS
 CHOSEN = FOUND + 16

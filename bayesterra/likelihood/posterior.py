@@ -68,7 +68,7 @@ class Posterior:
 
     Parameters are in physical units (SI, radians), one column per entry of :attr:`names`. The density holds
     every constant of prior and likelihood; the prior is the stated law, set to zero outside the physical
-    support and not renormalised (:func:`support_shares` measures what the cut takes).
+    support and not renormalised (:func:`draw_cut_prior` counts what the cut takes).
     """
 
     prior: Prior

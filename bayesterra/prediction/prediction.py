@@ -47,7 +47,7 @@ class Prediction:
     slip : (k,) on the shearing radius, ascending.
     modelled : (n, k, 4) without noise in the order of ``PREDICTED``, SI; NaN where the model has no answer.
     readings : the same with the study's measurement noise; NaN also for what was not measured there.
-    reasons : (n, k) why there is no answer: a key of ``posteriors.REASONS``, 0 where there is one.
+    reasons : (n, k) why there is no answer: a key of ``REASONS`` of the posterior, 0 where there is one.
     index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
     driven : lowest and highest slip of the study's rows in the fit.
     derived, derived_prior : draws of the quantities of ``derived.DERIVED`` for this wheel and load, SI.

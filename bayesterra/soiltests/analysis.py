@@ -62,8 +62,8 @@ class SoilTestResult:
         normal stress; field units.
     least_squares : method, parameter, unit, value, published, posterior_share (of draws below the value).
     identifiability : one row per parameter, as that of a wheel study; moduli as their laws are stated.
-    left_out : every test beside its prediction from the others, see :class:`leaving_out.LeftOut`; field
-        units.
+    left_out : every test beside its prediction from the others, as in
+        :class:`bayesterra.soiltests.checks.LeftOut`; field units.
     bands : quantiles of the mean curve and of a new test, by plate or normal stress, over a grid; field
         units.
     record : versions, seed, settings, verdicts, notes; ``failures`` say what could not be computed, and why.

@@ -45,7 +45,7 @@ from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.schema import QUANTITIES as SOIL_TEST_QUANTITIES
 from bayesterra.study.page import StripRow, axis_end, keys
 from bayesterra.study.page import drawing as strip_drawing
-from bayesterra.study.result import SummaryRow
+from bayesterra.study.result import SummaryRow, shown
 
 CHECK = "units, plate sizes or normal stresses, and priors"
 LAWS = {
@@ -223,7 +223,7 @@ def _axis(result: SoilTestResult, name: str) -> Axis:
 
 def _words(result: SoilTestResult, name: str) -> tuple[str, Markup]:
     row = result.identifiability.set_index("parameter").loc[name]
-    word = {"weakly": "weakly determined"}.get(str(row["verdict"]), str(row["verdict"]))
+    word = shown(str(row["verdict"]))
     if word == "one-sided":
         return word, Markup("at its {} bound").format(row["bound"])
     if word in ("coupled", STRUCTURAL) and row["tied_to"] != name:
@@ -432,7 +432,7 @@ def print_soil_test(result: SoilTestResult, report: Path, console: Console | Non
     table = RichTable(title=result.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
     for header in ("", "unit", "median", "90 % HDI", "verdict"):
         table.add_column(header, justify="right" if header in ("median", "90 % HDI") else "left")
-    words = result.identifiability.set_index("parameter")["verdict"].to_dict()
+    words = result.identifiability.set_index("parameter")["verdict"].map(shown).to_dict()
     for row in result.summary.to_dict("records"):
         quantity = SOIL_TEST_QUANTITIES.get(row["parameter"])
         low, high = row["hdi90_lo"], row["hdi90_hi"]

@@ -171,6 +171,16 @@ class IdentifiabilityRow:
         """The one parameter that a coupled one hangs on; empty if it takes several, or it is not coupled."""
         return self.tied_to if self.verdict == "coupled" and abs(self.tie) >= COUPLED else ""
 
+    @property
+    def word(self) -> str:
+        """The verdict as pages, notebooks and terminals show it."""
+        return shown(self.verdict)
+
+
+def shown(verdict: str) -> str:
+    """Verdict of the identifiability table as it is shown: with its noun where it is an adverb."""
+    return {"weakly": "weakly determined"}.get(verdict, verdict)
+
 
 def summary_rows(result: Result) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""

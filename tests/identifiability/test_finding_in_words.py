@@ -5,6 +5,7 @@ import pytest
 from bayesterra.identifiability.analysis import in_a_sentence
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.symbols import in_symbols
+from bayesterra.study.result import shown
 
 PRIOR, NONE = "repeats its prior", "structurally not determined"
 
@@ -82,3 +83,9 @@ def test_nothing_fixed_is_said_once() -> None:
 def test_plain_symbols_are_set_and_nothing_else(text: str, html: str) -> None:
     """Symbols become italics with subscripts, letters inside words stay, and text is escaped."""
     assert str(in_symbols(text)) == html
+
+
+def test_a_verdict_is_shown_by_one_word_everywhere() -> None:
+    """An adverb gets its noun; the table keeps the short word."""
+    assert shown("weakly") == "weakly determined"
+    assert [shown(word) for word in ("determined", "coupled", "moved")] == ["determined", "coupled", "moved"]
