@@ -25,8 +25,9 @@ BUG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without arguments it shows the help."""
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    asked: list[int] = []
     try:
-        with _signals_as_interruption():
+        with _signals_as_interruption(asked):
             code = app(args=arguments, prog_name="bayesterra", standalone_mode=False)
     except BayesterraError as error:
         return _report(str(error), BAD_INPUT)
@@ -43,22 +44,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _report(_bug(abort.__cause__), BUG)
         code = INTERRUPTED
     except Exception as error:  # whatever it is, nobody should have to read a traceback
-        return _report(_bug(error), BUG)
+        if not asked:  # else compiled code of a library has made an error of the interruption
+            return _report(_bug(error), BUG)
+        code = INTERRUPTED
     if code == INTERRUPTED:  # some typers turn Ctrl-C into this code themselves
         return _report("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
 @contextmanager
-def _signals_as_interruption() -> Iterator[None]:
-    """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C: time to put things down."""
+def _signals_as_interruption(asked: list[int]) -> Iterator[None]:
+    """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C: time to put things down.
+
+    Signals that came are noted in ``asked``.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     taken = [signal.SIGTERM]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the shell has it ignored
         taken.append(signal.SIGINT)
-    before = [signal.signal(sign, _interrupt) for sign in taken]
+
+    def interrupt(sign: int, frame: FrameType | None) -> None:
+        asked.append(sign)
+        _interrupt(sign, frame)
+
+    before = [signal.signal(sign, interrupt) for sign in taken]
     try:
         yield
     finally:

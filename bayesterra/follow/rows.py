@@ -139,9 +139,9 @@ class Rows:
         cells, wheel = self._cells[: self._length], self._wheel[: self._length]
         return sha256(np.where(np.isnan(cells), np.nan, cells).tobytes() + wheel.tobytes()).hexdigest()
 
-    def drop_last(self) -> None:
-        """Forget the last row."""
-        self._length -= 1
+    def cut(self, number: int) -> None:
+        """Forget all rows after the first ``number``."""
+        self._length = number
 
     def first(self, number: int | None = None) -> Observations:
         """The first ``number`` rows, by default all; views, not copies."""

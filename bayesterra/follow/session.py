@@ -57,7 +57,20 @@ class FollowedStream:
     left_out: int = 0
 
     def take(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
-        """Add a row; one that cannot be used is left out, unless it is the very first."""
+        """Add a row; one that cannot be used is left out, unless it is the very first.
+
+        After an error or an interruption everything stands as before the row, table and stream alike.
+        """
+        own, rows, alarms = vars(self).copy(), len(self.table), len(self.alarms)
+        try:
+            with self.stream.all_or_nothing():
+                return self._taken(table, restart=restart)
+        except BaseException:
+            vars(self).update(own)
+            del self.table[rows:], self.alarms[alarms:]
+            raise
+
+    def _taken(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
         stream = self.stream
         number = stream.offset + len(stream) + 1
         try:

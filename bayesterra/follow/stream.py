@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,8 +22,8 @@ from bayesterra.follow.particles import Levels, Particles, learn, log_likelihood
 from bayesterra.follow.rows import References, Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
-from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
-from bayesterra.runtime.folders import whole_folder, write_text
+from bayesterra.runtime.checkpoints import BEGUN, Checkpoints, Identity, digest, pack, unpack
+from bayesterra.runtime.folders import make_folder, whole_folder, write_text
 from bayesterra.runtime.ownership import SEGMENT
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import csv_text
@@ -216,6 +217,10 @@ class Stream:
 
     def learn(self, row: Observations) -> Update:
         """Learn from a row that is checked already; see :meth:`add`."""
+        with self.all_or_nothing():
+            return self._learned(row)
+
+    def _learned(self, row: Observations) -> Update:
         started, number = time.perf_counter(), self.offset + len(self) + 1
         rng = self._rng(number)
         newest = likelihood_of(self.study, row)
@@ -228,14 +233,11 @@ class Stream:
         self.rows.append(row)
         try:
             learned = learn(particles, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
-            # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
-            said = learned.log_predictive - particles.log_share(terms > -np.inf)
-            alarm = self.watch.see(number, len(self), particles, newest, said)
-        except BaseException as error:  # an interruption too must not leave half a row
-            self.rows.drop_last()
-            if isinstance(error, SupportError):
-                raise SupportError(f"row {number}: {error}") from error
-            raise
+        except SupportError as error:
+            raise SupportError(f"row {number}: {error}") from error
+        # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
+        said = learned.log_predictive - particles.log_share(terms > -np.inf)
+        alarm = self.watch.see(number, len(self), particles, newest, said)
         self._cloud = learned.particles
         self.log_evidence += learned.log_predictive
         self._variance += learned.variance
@@ -253,6 +255,18 @@ class Stream:
             alarm=alarm,
             seconds=time.perf_counter() - started,
         )
+
+    @contextmanager
+    def all_or_nothing(self) -> Iterator[None]:
+        """Stand as before after an error; an interruption too must not leave half a row."""
+        rows, own, watch = len(self.rows), vars(self).copy(), vars(self.watch).copy()
+        try:
+            yield
+        except BaseException:
+            self.rows.cut(rows)
+            vars(self).update(own)
+            vars(self.watch).update(watch)
+            raise
 
     def restarted(self, since: int) -> Stream:
         """A stream on another soil, from the prior: the rows from number ``since`` on belong to it already.
@@ -365,7 +379,7 @@ def write_state(
 ) -> None:
     """Write study, state and record into an existing folder."""
     write_study(study, folder)
-    (folder / STATE).mkdir()
+    make_folder(folder / STATE, BEGUN)
     Checkpoints.opened(folder / STATE, identity).save(STATE, pack(state))
     write_text(folder / MARK, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 

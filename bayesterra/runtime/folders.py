@@ -393,6 +393,12 @@ def to_disk(path: Path) -> None:
         os.close(handle)
 
 
+def make_folder(path: Path, first: str) -> None:
+    """Make a folder for files, the first of which is named, so that after a kill it is known as ours."""
+    note(path / first)
+    path.mkdir()
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file so that a reader sees the old or the new one, never a part."""
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))  # file names may hold half characters

@@ -66,6 +66,7 @@ class Bench:
             before = content(place / "out") if saving.stays else {}
             process = Process.begun(lambda: saving.save(place), notes)
             assert process.code() == saving.code, (process.code(), process.error)
+            process.import_the_same()
             after = content(place / "out") if saving.out else {}
             return cls(saving, place, notes, before, after, set(process.saved), partly)
 

@@ -15,10 +15,11 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -135,10 +136,19 @@ class Process:
         if child == 0:
             try:
                 _in_session(notes)
-                os._exit(_outcome(work, before))
+                code = _outcome(work, before)
+                (notes / "modules").write_text("\n".join(sys.modules), encoding="utf-8")
+                os._exit(code)
             finally:  # whatever happens, nothing of the parent's is cleaned up here
                 os._exit(71)
         return cls(child, notes)
+
+    def import_the_same(self) -> None:
+        """Import what it has imported, so that no fault falls on an import in the processes after it."""
+        for name in (self.folder / "modules").read_text(encoding="utf-8").split("\n"):
+            if name not in sys.modules:
+                with suppress(ImportError):
+                    import_module(name)
 
     def struck(self, moment: float, sign: int = signal.SIGKILL) -> bool:
         """Send a signal after so many seconds; whether the process was still there."""
@@ -181,6 +191,7 @@ class Process:
 
 def _in_session(notes: Path) -> None:
     """Begin a session of its own, whose words and acknowledgements go to files."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.setsid()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(notes / "said", os.O_WRONLY | os.O_CREAT), 2)
@@ -195,6 +206,10 @@ def _outcome(work: Callable[[], int], before: Callable[[], None]) -> int:
     except BayesterraError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # just before the command line had begun, or when it had ended
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
+        raise
     except BaseException:  # the fault is what is looked for here
         traceback.print_exc()
         return 70

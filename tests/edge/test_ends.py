@@ -52,6 +52,24 @@ def test_an_interruption_is_still_one(
     assert line_of(capsys) == "error: interrupted"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals as POSIX has them")
+def test_an_interruption_that_a_library_makes_an_error_of_is_still_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Compiled code swallows what is raised in it, and raises something of its own: no bug of ours."""
+
+    def swallowing(path: Path) -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(1)
+        except KeyboardInterrupt:
+            raise ValueError("Invalid affine transformation matrix") from None
+
+    monkeypatch.setattr("bayesterra.study.study.load_study", swallowing)
+    assert command_line.main(["check", str(STUDY)]) == 130
+    assert line_of(capsys) == "error: interrupted"
+
+
 def test_a_bug_is_one_line_wherever_its_log_can_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +15,10 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
+from bayesterra.follow import session
+from bayesterra.follow import stream as stream_module
+from bayesterra.follow.session import FollowedStream
+from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.study.canonical import write_study
 
 Captured = pytest.CaptureFixture[str]
@@ -112,3 +119,70 @@ def test_what_was_learned_survives_a_broken_file(folder: Path, tmp_path: Path, c
     assert main(["follow", str(folder), *given]) == 2
     assert "(got 2, row 4)" in capsys.readouterr().err
     assert len(bt.load_stream(out)) == 3
+
+
+def test_an_interruption_at_any_line_leaves_the_stream_as_before_the_row(
+    plan: bt.Study, folder: Path
+) -> None:
+    """Rows, particles, evidence, detector and table stand together: all with the row, or all without it."""
+    stream = bt.Stream(plan, seed=3, particles=150)
+    following = FollowedStream(stream)
+    table = pd.read_csv(folder / "rows.csv", dtype=str)
+    for number in range(9):
+        following.take(table.iloc[[number]], restart=False)
+    stood, interrupted = _standing(following), 0
+    while _interrupted_at(interrupted, lambda: following.take(table.iloc[[9]], restart=False)):
+        assert _standing(following) == stood, interrupted
+        interrupted += 1
+    assert interrupted > 30
+    assert len(following.table) == len(following.stream) == 10
+
+
+def _standing(following: FollowedStream) -> list[object]:
+    stream = following.stream
+    watch = stream.watch
+    numbers = stream.log_evidence, stream.log_evidence_error, watch.candidates.log_statistic, watch.basis
+    clouds = stream.cloud.x.tobytes(), stream.cloud.weights.tobytes()
+    return [len(stream), stream.rows.digest, *numbers, *clouds, len(following.table), following.soil]
+
+
+def _interrupted_at(moment: int, work: Callable[[], object]) -> bool:
+    """Do some work, but interrupt it at that line of the modules of streams; whether it came so far."""
+    lines = 0
+
+    def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+        nonlocal lines
+        if frame.f_code.co_filename not in (session.__file__, stream_module.__file__):
+            return None
+        if event == "line":
+            lines += 1
+            if lines > moment:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+        return trace
+
+    sys.settrace(trace)
+    try:
+        work()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(None)
+    return False
+
+
+def test_a_kill_as_the_state_begins_leaves_a_folder_to_go_on_in(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder of the particles is known as ours before a file is in it: the next stream may clear it."""
+    out, asked = tmp_path / "s", ["--data", str(folder / "first.csv"), *QUICK]
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoints, "opened", killed)
+        assert main(["follow", str(folder), "--out", str(out), *asked]) == 130
+    assert (tmp_path / "s.part" / "state").is_dir()
+    assert main(["follow", str(folder), "--out", str(out), *asked]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
