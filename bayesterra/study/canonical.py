@@ -6,12 +6,12 @@ import json
 import platform
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -23,15 +23,16 @@ from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.stats.laws import Law
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.groups import Pooling, described
-from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple, Size
-from bayesterra.study.model_errors import described as errors_described
+from bayesterra.study.groups import Pooling
+from bayesterra.study.model_errors import Discrepancy, Ripple, Size
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.schema import Reference
-from bayesterra.study.study import Study
 from bayesterra.study.units import text
+
+if TYPE_CHECKING:
+    from bayesterra.study.study import Study
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -46,20 +47,69 @@ def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> 
     source : how they were made.
     """
     title = f"{study.title}, simulated" if study.title else "simulated"
-    head = {"title": title, "soil": study.soil}
-    data = {"kind": "simulated", "source": source}
-    return (
-        "\n".join(_lines(study, head, data, {"truth": Reference(source=source, values=dict(truth))})) + "\n"
-    )
+    truth_table = {"truth": _reference(Reference(source=source, values=dict(truth)))}
+    return _file({"title": title, "soil": study.soil}, ("simulated", source), tables(study), truth_table)
 
 
 def write_study(study: Study, folder: Path) -> None:
     """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
+    stated = {"published": study.published, "truth": study.truth}
+    references = {name: _reference(reference) for name, reference in stated.items() if reference is not None}
     head = {"title": study.title, "soil": study.soil, "date": study.date}
-    data = {"kind": study.kind, "source": study.source}
-    references = {"published": study.published, "truth": study.truth}
-    write_text(folder / "study.toml", "\n".join(_lines(study, head, data, references)) + "\n")
+    text = _file(head, (study.kind, study.source), tables(study), references)
+    write_text(folder / "study.toml", text)
     write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))
+
+
+def tables(study: Study) -> dict[str, Any]:
+    """Keys and tables of a study file in full, as plain values with units, without texts and references.
+
+    The one plain form of a study: written as TOML, hashed as its fingerprint, compared when a run goes on.
+    """
+    loads = study.load_range and [text(load, "N") for load in study.load_range]
+    entries, errors = study.prior.entries, study.errors
+    priors = {name: _prior(name, entries[name]) for name in PRIOR_PARAMETERS if name in entries}
+    content: dict[str, Any] = {
+        "model": study.model.name,
+        "drive": study.drive,
+        "load_range": loads,
+        "wheels": {name: _wheel(wheel) for name, wheel in study.wheels.items()},
+        "model_options": _model_options(study),
+        "noise": {name: _noise(noise) for name, noise in study.noise.items()},
+        "discrepancy": {name: _discrepancy(curve) for name, curve in errors.discrepancy.items()},
+        "ripple": {name: _ripple(ripple) for name, ripple in errors.ripple.items()},
+        "slip": errors.slip and {"sd": _size(errors.slip.size, "")},
+        "priors": priors,
+        "priors.correlation": dict(study.prior.correlation),
+        "pooling": study.pooling and _pooling(study.pooling),
+        "least_squares": _least_squares(study),
+        "sampling": asdict(study.sampling),
+    }
+    return {name: value for name, value in content.items() if value}
+
+
+def fingerprint(study: Study) -> dict[str, str]:
+    """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
+    content = {name: value for name, value in _sourceless(tables(study)).items() if name != "sampling"}
+    named = (field.name for field in fields(Observations) if field.name not in ("notes", "labels"))
+    rows = {name: getattr(study.observations, name) for name in named}
+    rows |= {name: list(column) for name, column in study.observations.labels.items()}
+    return {"study": _digest(content), "data": _digest(rows)}
+
+
+def _digest(content: Any) -> str:
+    return sha256(json.dumps(content, sort_keys=True, default=_jsonable).encode()).hexdigest()
+
+
+def _jsonable(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else dict(value)
+
+
+def _sourceless(content: Any) -> Any:
+    """Plain values without the texts on where laws are from."""
+    if isinstance(content, Mapping):
+        return {key: _sourceless(value) for key, value in content.items() if key != "source"}
+    return content
 
 
 def _rows(rows: Observations) -> pd.DataFrame:
@@ -75,34 +125,27 @@ def _rows(rows: Observations) -> pd.DataFrame:
     return pd.DataFrame({**columns, "use": rows.use.astype(int)})
 
 
-def _lines(
-    study: Study,
+def _file(
     head: Mapping[str, object],
-    data: Mapping[str, object],
-    references: Mapping[str, Reference | None],
-) -> Iterator[str]:
-    yield from assignments({**head, "model": study.model.name, "drive": study.drive})
-    if study.load_range is not None:
-        yield from assignments({"load_range": [text(load, "N") for load in study.load_range]})
-    table = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
-    yield from toml_table("data", {**table, **data})
-    for name, wheel in study.wheels.items():
-        yield from toml_table(f"wheels.{_key(name)}", _wheel(wheel))
-    yield from toml_table("model_options", _model_options(study))
-    yield from toml_table("noise", {name: _noise(noise) for name, noise in study.noise.items()})
-    yield from _errors(study.errors)
-    entries = study.prior.entries
-    priors = {name: entries[name] for name in PRIOR_PARAMETERS if name in entries}
-    yield from toml_table("priors", {name: _prior(name, entry) for name, entry in priors.items()})
-    yield from toml_table("priors.correlation", study.prior.correlation)
-    if study.pooling is not None:
-        yield from toml_table("pooling", _pooling(study.pooling))
-    yield from toml_table("least_squares", _least_squares(study))
-    for name, reference in references.items():
-        if reference is not None:
-            values = {n: _value(n, v) for n, v in reference.values.items()}
-            yield from toml_table(name, {"source": reference.source, **values})
-    yield from toml_table("sampling", asdict(study.sampling))
+    origin: tuple[str, str],
+    content: Mapping[str, Any],
+    references: Mapping[str, Any],
+) -> str:
+    """Text of a study file; ``origin``: kind and source of the measurements."""
+    data = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
+    data |= dict(zip(("kind", "source"), origin, strict=True))
+    keys = {name: value for name, value in content.items() if not isinstance(value, Mapping)}
+    named = {name: value for name, value in content.items() if name not in {*keys, "wheels", "sampling"}}
+    wheels = {f"wheels.{_key(name)}": wheel for name, wheel in content["wheels"].items()}
+    sections = {"data": data, **wheels, **named, **references, "sampling": content["sampling"]}
+    lines = [*assignments({**head, **keys})]
+    for name, section in sections.items():
+        lines += toml_table(name, section)
+    return "\n".join(lines) + "\n"
+
+
+def _reference(reference: Reference) -> dict[str, object]:
+    return {"source": reference.source, **{name: _value(name, v) for name, v in reference.values.items()}}
 
 
 def _model_options(study: Study) -> dict[str, object]:
@@ -148,15 +191,6 @@ def _noise(noise: Noise) -> object:
         return {"fraction": noise.fraction, "floor": text(noise.floor, dimension), **tails}
     sd = text(noise.sd or 0.0, dimension)
     return {"sd": sd, **tails} if tails else sd
-
-
-def _errors(errors: ModelErrors) -> Iterator[str]:
-    """The tables of discrepancy, ripple and slip errors, as far as there are any."""
-    curves = {name: _discrepancy(curve) for name, curve in errors.discrepancy.items()}
-    yield from toml_table("discrepancy", curves)
-    yield from toml_table("ripple", {name: _ripple(ripple) for name, ripple in errors.ripple.items()})
-    if errors.slip is not None:
-        yield from toml_table("slip", {"sd": _size(errors.slip.size, "")})
 
 
 def _discrepancy(curve: Discrepancy) -> dict[str, object]:
@@ -235,18 +269,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
     """
     return {
         "seed": seed,
-        "model": study.model.name,
-        **_options("model_options", asdict(study.model)),
-        "drive": study.drive,
-        "load_range": study.load_range,
-        **asdict(study.sampling),
-        **dict(_wheels(study)),
-        **{f"noise of {name}": _without_source(noise) for name, noise in study.noise.items()},
-        **{f"prior of {name}": _without_source(entry) for name, entry in study.prior.entries.items()},
-        **{f"prior correlation of {pair}": value for pair, value in study.prior.correlation.items()},
-        **({"discrepancy, ripple and slip errors": errors_described(study.errors)} if study.errors else {}),
-        **({"pooling": described(study.pooling)} if study.pooling is not None else {}),
-        **_options("least_squares", asdict(study.least_squares)),
+        **dict(_settings(_sourceless(tables(study)))),
         "{} rows of measurements": len(study.observations),
         **dict(_readings(study.observations)),
         "bayesterra": version("bayesterra"),
@@ -268,23 +291,25 @@ def source_digest() -> str:
     return digest.hexdigest()
 
 
-def _options(table: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    return {f"[{table}] {key} {{}}": value for key, value in options.items()}
+_PHRASES = {
+    "sampling": "{}",
+    "noise": "noise of {}",
+    "priors": "prior of {}",
+    "priors.correlation": "prior correlation of {}",
+}
+"""What settings of a table are called; those of others by ``[table] key``."""
 
 
-def _wheels(study: Study) -> Iterator[tuple[str, Any]]:
-    for name, wheel in study.wheels.items():
-        for key, value in asdict(wheel).items():
-            length = key in ("radius", "width", "lug_height")
-            yield f"{key} {{}} of wheel {name}", text(value, "m") if length else value
-
-
-def _without_source(content: Any) -> Any:
-    """A law, a noise or a fixed value without the text that it may carry."""
-    if not hasattr(content, "__dataclass_fields__"):
-        return content
-    items = {key: value for key, value in vars(content).items() if key in content.__dataclass_fields__}
-    return {key: _without_source(value) for key, value in items.items() if key != "source"}
+def _settings(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for table, values in content.items():
+        if table == "wheels":
+            for name, wheel in values.items():
+                yield from ((f"{key} {{}} of wheel {name}", value) for key, value in wheel.items())
+        elif isinstance(values, Mapping):
+            phrase = _PHRASES.get(table, f"[{table}] {{}} {{{{}}}}")
+            yield from ((phrase.format(key), value) for key, value in values.items())
+        else:
+            yield table, values
 
 
 def _readings(rows: Observations) -> Iterator[tuple[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -147,18 +147,3 @@ def _population(name: str, value: object, *, bare: bool) -> Population:
 
 def _law(name: str, value: Any, dimension: str, *, bare: bool) -> Law:
     return value if isinstance(value, Law) else law(name, table(value, name), dimension, bare=bare)
-
-
-def described(pooling: Pooling) -> dict[str, object]:
-    """The roles and laws as plain values, whatever text the laws carry."""
-
-    def plain(prior_law: Law | None) -> object:
-        return prior_law and {key: value for key, value in asdict(prior_law).items() if key != "source"}
-
-    populations = {n: [plain(p.mean), plain(p.spread)] for n, p in pooling.hierarchical.items()}
-    return {
-        "by": pooling.by,
-        "shared": list(pooling.shared),
-        "separate": list(pooling.separate),
-        "hierarchical": populations,
-    }

@@ -9,7 +9,7 @@ of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -263,16 +263,3 @@ def _known(content: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Non
     for key in content:
         if key not in keys:
             raise StudyError(f"{where}unknown key '{key}'{did_you_mean(key, keys)}")
-
-
-def described(errors: ModelErrors) -> list[dict[str, object]]:
-    """All as plain values, whatever text the laws carry."""
-    contents = []
-    for error in errors:
-        content = {"kind": type(error).__name__, **asdict(error)}
-        held = error.size.law
-        content["size"] = error.size.sd if held is None else {
-            key: value for key, value in asdict(held).items() if key != "source"
-        }  # fmt: skip
-        contents.append(content)
-    return contents

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import asdict, dataclass, fields, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +15,12 @@ from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import check_kind, checked_path, errors_in
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.study import assembly, schema
-from bayesterra.study.groups import Pooling, described
+from bayesterra.study.canonical import fingerprint
+from bayesterra.study.groups import Pooling
 from bayesterra.study.model_errors import ModelErrors, check_groups
-from bayesterra.study.model_errors import described as errors_described
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
-from bayesterra.study.priors import Entry, Prior
+from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
 
 if TYPE_CHECKING:
@@ -153,24 +151,7 @@ class Study:
     @property
     def fingerprint(self) -> dict[str, str]:
         """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
-        content = {
-            "model": [self.model.name, asdict(self.model)],
-            "drive": self.drive,
-            "load_range": self.load_range,
-            "wheels": {name: asdict(wheel) for name, wheel in self.wheels.items()},
-            "noise": [{**asdict(noise), "law": _plain(noise.law)} for noise in self.noise.values()],
-            "prior": {n: _plain(e) for n, e in self.prior.entries.items()},
-            "least_squares": asdict(self.least_squares),
-            **({"correlation": self.prior.correlation} if self.prior.correlation else {}),
-        }
-        if self.errors:
-            content["errors"] = errors_described(self.errors)
-        if self.pooling is not None:
-            content["pooling"] = described(self.pooling)
-        named = (f.name for f in fields(Observations) if f.name not in ("notes", "labels"))
-        rows = {name: getattr(self.observations, name) for name in named}
-        rows |= {name: list(column) for name, column in self.observations.labels.items()}
-        return {"study": _digest(content), "data": _digest(rows)}
+        return fingerprint(self)
 
 
 def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None) -> Study:
@@ -265,18 +246,3 @@ def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
     return [
         f"groups by {pooling.by}: {groups}; 'run' pools them, other commands let all share every parameter"
     ]
-
-
-def _plain(entry: Entry | None) -> Any:
-    """A prior entry without the text that it may carry."""
-    if entry is None or isinstance(entry, int | float):
-        return entry
-    return {key: value for key, value in asdict(entry).items() if key != "source"}
-
-
-def _digest(content: Any) -> str:
-    return sha256(json.dumps(content, sort_keys=True, default=_jsonable).encode()).hexdigest()
-
-
-def _jsonable(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else dict(value)
