@@ -31,7 +31,7 @@ from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.tables import csv_text
 from bayesterra.runtime.tasks import STORE_FILE, task_folder
-from bayesterra.study.canonical import write_study
+from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.result import PACKAGES
 from bayesterra.study.study import Study
 
@@ -268,7 +268,7 @@ def _made_with(job: CalibrationRequest) -> dict[str, Any]:
     origin = origin_of(job.study, job.seed, job.fit)
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
-    return {**origin.pop("versions"), **origin, **digests}
+    return {"plain form {} of studies": FORM, **origin.pop("versions"), **origin, **digests}
 
 
 def _status(progress: Progress) -> dict[str, object]:

@@ -31,6 +31,7 @@ from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.runtime.tasks import task_folder
+from bayesterra.study.canonical import FORM
 from bayesterra.study.result import PACKAGES, Result
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import wheel_named
@@ -146,6 +147,7 @@ class DesignRequest:
             "source": self.situation.source,
             "python": platform.python_version(),
             **{name: version(name) for name in PACKAGES},
+            "plain form {} of studies": FORM,
             "study": prints["study"],
             "table of measurements": prints["data"],
             "set of draws": sha256(np.ascontiguousarray(self.situation.draws).tobytes()).hexdigest(),

@@ -27,7 +27,7 @@ from bayesterra.runtime.folders import make_folder, whole_folder, write_text
 from bayesterra.runtime.ownership import SEGMENT
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import csv_text
-from bayesterra.study.canonical import write_study
+from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import Result
 from bayesterra.study.study import STUDY_FILE, Study, load_study
@@ -187,7 +187,7 @@ class Stream:
 
     def _identity(self) -> dict[str, Any]:
         """Identity of the study and the rows that the particles belong to."""
-        return {"study": self.study.fingerprint["study"], "rows": self.rows.digest}
+        return {"form": FORM, "study": self.study.fingerprint["study"], "rows": self.rows.digest}
 
     def _record(self) -> dict[str, Any]:
         return {
@@ -405,11 +405,12 @@ def read_state(folder: Path, identity: Identity) -> State:
     ------
     ResultError : it is missing or damaged, or belongs to another study or other rows.
     """
-    try:
-        segment = Checkpoints(folder / STATE, digest(identity)).load(STATE)
-    except ResultError as error:
-        text = f"'{folder}' is damaged: its particles belong to another study or other rows"
-        raise ResultError(text) from error
+    with damage(ResultError, folder / STATE / BEGUN):
+        begun: dict[str, Any] = read_json(folder / STATE / BEGUN)["identity"]
+        compared = ("study", "rows") if begun.get("form") == identity["form"] else ("rows",)
+        if any(begun[name] != identity[name] for name in compared):
+            raise ResultError(f"'{folder}' is damaged: its particles belong to another study or other rows")
+    segment = Checkpoints(folder / STATE, digest(begun)).load(STATE)
     if segment is None:
         raise ResultError(f"'{folder}' is damaged: the particles cannot be read ({STATE}/{STATE}{SEGMENT})")
     with damage(ResultError, folder):

@@ -88,6 +88,10 @@ def tables(study: Study) -> dict[str, Any]:
     return {name: value for name, value in content.items() if value}
 
 
+FORM = 2
+"""Number of that form: fingerprints of studies in another one do not compare."""
+
+
 def fingerprint(study: Study) -> dict[str, str]:
     """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
     content = {name: value for name, value in _sourceless(tables(study)).items() if name != "sampling"}

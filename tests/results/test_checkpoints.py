@@ -164,7 +164,7 @@ def test_differences_of_studies_are_named(study: Study, tmp_path: Path) -> None:
     for line, new, message in (
         ('model = "M1"', 'model = "M3"', "with model M1, not M3"),
         ("target_ess = 400", "target_ess = 500", "with target_ess 400, not 500"),
-        ('sinkage = "1 mm"', 'sinkage = "2 mm"', "with another noise of sinkage"),
+        ('sinkage = "1 mm"', 'sinkage = "2 mm"', "with noise of sinkage 1 mm, not 2 mm"),
         ('width = "165 mm"', 'width = "166 mm"', "with width 165 mm of wheel Wh32, not 166 mm"),
         ("transition_slips = [0.1, 0.5]", "transition_slips = [0.1, 0.4]",
          "with [model_options] transition_slips [0.1, 0.5], not [0.1, 0.4]"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from copy import deepcopy
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from bayesterra.follow.particles import weighted_quantiles
 from bayesterra.follow.rows import Rows
 from bayesterra.follow.stream import State
 from bayesterra.likelihood.posterior import likelihood_of
-from bayesterra.runtime.checkpoints import pack
+from bayesterra.runtime.checkpoints import digest, pack
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import Result
 
@@ -191,3 +193,22 @@ def test_beginning_anew_uses_the_rows_since_the_change_only(streamed: bt.Stream)
     assert anew.add(**GIVEN).row == 25
     with pytest.raises(bt.StudyError, match=r"'since' must be one of the rows 1 to 24 \(got 40\)"):
         streamed.restarted(40)
+
+
+def test_a_stream_of_an_earlier_plain_form_is_read(streamed: bt.Stream, tmp_path: Path) -> None:
+    """Its fingerprint of the study cannot be compared; its rows are."""
+    streamed.save(tmp_path / "stream")
+    begun = tmp_path / "stream" / "state" / "begun.json"
+    content = json.loads(begun.read_text())
+    identity = {"study": "of another form", "rows": content["identity"]["rows"]}
+    begun.write_text(json.dumps({"run": digest(identity), "identity": identity}))
+    segment = tmp_path / "stream" / "state" / "state.segment"
+    body = (
+        segment.read_bytes().partition(b"\n")[2].replace(content["run"].encode(), digest(identity).encode())
+    )
+    segment.write_bytes(sha256(body).hexdigest().encode() + b"\n" + body)
+    (tmp_path / "stream" / "SHA256SUMS").unlink()
+    assert np.array_equal(bt.load_stream(tmp_path / "stream").cloud.x, streamed.cloud.x)
+    begun.write_text(json.dumps({"run": digest(identity), "identity": {**identity, "rows": "others"}}))
+    with pytest.raises(bt.ResultError, match="its particles belong to another study or other rows"):
+        bt.load_stream(tmp_path / "stream")
