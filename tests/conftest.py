@@ -13,6 +13,9 @@ from bayesterra.models import warm_up
 from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
 
+pytest_plugins = ["tests.support.one_wheel", "tests.support.folder", "tests.support.followed"]
+"""Fixtures of several rooms."""
+
 STUDIES = Path(__file__).parent.parent / "studies"
 HIT = STUDIES / "hit-wh32"
 

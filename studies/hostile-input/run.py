@@ -20,7 +20,7 @@ FOUND = Path("fuzz-findings").resolve()
 
 def searched(target: str) -> dict[str, str]:
     """Search one target; figures of the search."""
-    command = [sys.executable, "-m", "tests.hostile.fuzz", target, "--seconds", str(SECONDS)]
+    command = [sys.executable, "-m", "tests.files.fuzz", target, "--seconds", str(SECONDS)]
     subprocess.run([*command, "--out", str(FOUND)], cwd=HERE.parents[1], check=False)
     found = json.loads((FOUND / target / "figures.json").read_text(encoding="utf-8"))
     counts = {"inputs": found["inputs"], "seconds": found["seconds"], "failures": len(found["failures"])}

@@ -17,7 +17,7 @@ from bayesterra.identifiability.page import print_identified
 from bayesterra.study.canonical import write_study
 
 from .conftest import VARIANTS, trial
-from .test_identified import TABLES
+from .test_identify import TABLES
 
 Captured = pytest.CaptureFixture[str]
 FILES = {MARK, "SHA256SUMS", "report.html", *(f"{name}.csv" for name in TABLES)}

@@ -20,7 +20,7 @@ from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 
 from .gaussian import STANDARD, gaussian
-from .test_dependence import COHESION, FREE, FRICTION, SHEAR
+from .test_joint_dependence import COHESION, FREE, FRICTION, SHEAR
 
 MakeStudy = Callable[..., Study]
 ROLES: dict[str, dict[str, Any]] = {
