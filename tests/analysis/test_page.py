@@ -13,13 +13,14 @@ from markupsafe import escape
 
 from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.outputs_page import driving
+from bayesterra.analysis.outputs_page import driving, posterior_section
 from bayesterra.analysis.page import Page, data_section, page, warning
 from bayesterra.analysis.run import RunResult
 from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
 from bayesterra.report import blocks, symbols
 from bayesterra.report.blocks import Gallery, Table, render
+from bayesterra.report.numbers import interval, resolution
 from bayesterra.study.page import _lanes
 from bayesterra.study.result import Result, summary_rows
 
@@ -274,7 +275,7 @@ def test_lists_read_as_sentences_and_stay_escaped() -> None:
 
 def _numbers(html: str) -> Iterator[float]:
     for text in re.findall(r'class="number"[^>]*>(−?\d[\d\u202f.]*)<', html):
-        yield float(text.replace("\u202f", "").replace("−", "-"))
+        yield _number(text)
 
 
 def test_medians_of_the_strip_are_those_of_the_summary(html: str, small_result: Result) -> None:
@@ -285,3 +286,24 @@ def test_medians_of_the_strip_are_those_of_the_summary(html: str, small_result: 
     for name in small_result.names:
         low, high = rows[name].hdi
         assert np.min(np.abs(np.array(shown) - rows[name].median)) < 0.051 * (high - low)
+
+
+def test_every_number_of_the_posterior_table_is_that_of_the_summary(small_result: Result) -> None:
+    """Each in its own column: medians and means of a skew posterior differ by more than they are rounded."""
+    table = next(block for block in posterior_section(small_result).blocks if isinstance(block, Table))
+    told_apart = 0
+    for cells, (name, row) in zip(table.rows, summary_rows(small_result).items(), strict=True):
+        shown = dict(zip(table.header[3:], map(str, cells[3:]), strict=True))
+        step = resolution(*row.hdi)
+        for column in ("mode", "median", "mean"):
+            assert _number(shown[column]) == pytest.approx(getattr(row, column), abs=0.51 * step), name
+        assert shown["90 % HDI"] == interval(*row.hdi)
+        assert _number(shown["sd"]) == pytest.approx(row.sd, rel=0.06)
+        for column, value in (("prior mean", row.prior_mean), ("prior sd", row.prior_sd)):
+            assert _number(shown[column]) == pytest.approx(value, abs=0.06 * row.prior_sd), name
+        told_apart += len({shown["mode"], shown["median"], shown["mean"]}) == 3
+    assert told_apart >= 3
+
+
+def _number(text: str) -> float:
+    return float(text.replace("\u202f", "").replace("−", "-"))

@@ -11,6 +11,7 @@ from scipy.stats import kstest
 
 from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
+from bayesterra.checking import predictive_checks as predictive_checks_module
 from bayesterra.checking.predictive import predict_rows
 from bayesterra.checking.predictive_checks import ALARM, PredictiveChecks, predictive_checks, prior_checks
 from bayesterra.checking.replicates import ReplicateOptions
@@ -221,3 +222,18 @@ def test_prior_checks_are_exact(two: Study) -> None:
     assert np.mean([one.conflict for one in found]) < 0.03
     for i in range(len(found[0].checks)):
         assert kstest([one.checks[i].p for one in found], "uniform").pvalue > 1e-3
+
+
+def test_no_p_is_below_what_so_many_draws_can_show(two: Study) -> None:
+    """Readings that no draw comes near: (1 + 0) / (1 + n), twice that from both sides, never 0."""
+    density = posterior(two)
+    rows = predict_rows(two, density, draw_cut_prior(density, 400, default_rng(1)).x, default_rng(2))
+    pull = two.observations.values["drawbar_pull"]
+    answered = np.isfinite(rows.readings[:, :, rows.channels.index("drawbar_pull")]).all(axis=1).sum()
+    checks = prior_checks(two.with_data({"drawbar_pull": pull + 1e5}), rows)
+    assert min(check.p for check in checks.checks) == pytest.approx(2 / (1 + answered))
+    judges = predictive_checks_module._judges(density, default_rng(3))
+    number = sum(len(judge.statistics) for judge in judges)
+    made = default_rng(4).uniform(0.2, 0.8, (99, number))
+    compared = predictive_checks_module._compared(judges, np.full(number, 1e-9), made, (1.0, 1.0))
+    assert (compared.overall, min(check.calibrated for check in compared.checks)) == (0.01, 0.01)

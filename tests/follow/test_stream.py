@@ -17,6 +17,7 @@ from bayesterra.follow.particles import weighted_quantiles
 from bayesterra.follow.rows import Rows
 from bayesterra.follow.stream import State
 from bayesterra.likelihood.posterior import likelihood_of
+from bayesterra.parameters import PARAMETERS
 from bayesterra.runtime.checkpoints import digest, pack
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import Result
@@ -47,6 +48,9 @@ def test_an_update_says_what_was_expected_and_what_is_known(streamed: bt.Stream)
     low, high = weighted_quantiles(drawn[:, 1:2], before.weights, (0.05, 0.95))[:, 0]
     assert [table[key]["drawbar_pull"] for key in ("q05", "q95")] == pytest.approx([low, high], abs=0.4)
     assert update.summary.equals(stream.summary)
+    scale = np.array([PARAMETERS[name].scale for name in stream.names])
+    quantiles = weighted_quantiles(stream.cloud.x, stream.cloud.weights, (0.05, 0.5, 0.95)) / scale
+    np.testing.assert_allclose(update.summary[["q05", "median", "q95"]].to_numpy().T, quantiles)
     assert list(update.summary.columns) == ["parameter", "unit", "median", "q05", "q95"]
     assert update.summary.set_index("parameter").loc["phi", "unit"] == "deg"
 
