@@ -266,7 +266,7 @@ def design_into(
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
                 store.add({task: as_content(estimate) for task, estimate in estimates.items()})
                 stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
-                status.note(stage, done, progress.seconds_left, steps=progress.done)
+                status.note(stage, done, progress.seconds_left, steps=progress.judged)
                 show(progress)
                 watch(progress)
 

@@ -54,7 +54,7 @@ def test_an_interrupted_design_goes_on_where_it_was(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         design_into(bt.load_study(HIT), out, quiet=True, watch=stop_at(5), **WISHES)
     status = json.loads((tmp_path / "out.part" / "status.json").read_text())
-    assert (status["stage"], status["steps"]) == ("judging for drive 2", 2)
+    assert (status["stage"], status["steps"]) == ("judging for drive 1", 5)
     table = bt.read_tasks(out)
     assert list(table["task"]) == [0, 1, 2, 3, 4]
     assert np.shape(table["replicates"][0]) == (21, 3)
