@@ -23,7 +23,6 @@ ONLY_IN = {
     "h5netcdf": {"runtime/netcdf.py"},
     "h5py": {"runtime/netcdf.py"},
     "pint": {"study/units.py"},
-    "sqlite3": {"runtime/tasks.py"},
     "distributed": {"runtime/dask.py"},
     "dask": {"runtime/dask.py"},
     "cloudpickle": {"runtime/dask.py"},

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import fields, replace
-from math import isfinite
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -18,11 +17,11 @@ from bayesterra.errors import BayesterraError, ResultError, StudyError, check_ki
 from bayesterra.pooling.run import PooledResult, run_pooled
 from bayesterra.report.failures import with_failures
 from bayesterra.runtime.checkpoints import Checkpoints, digest
-from bayesterra.runtime.folders import check_free, clear_up, part_of, saved_segments, whole_folder, write_text
+from bayesterra.runtime.folders import check_free, clear_up, part_of, whole_folder, write_text
 from bayesterra.runtime.netcdf import is_result
-from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.ownership import WORK, unfinished
 from bayesterra.runtime.reading import UNREADABLE, check_sums, read_json, reason
-from bayesterra.runtime.tasks import STATUS_FILE, Status
+from bayesterra.runtime.status import job_folder
 from bayesterra.sampling.sampler import Progress
 from bayesterra.study.canonical import identity
 from bayesterra.study.result import Result
@@ -178,15 +177,15 @@ def run_study(
     if resume and not overwrite and (done := _finished(study, out, seed)):
         return done
     check_free(out, overwrite=overwrite)
-    with whole_folder(out, overwrite=overwrite, resume=resume) as part:
+    with job_folder(out, overwrite=overwrite, resume=resume) as (part, status):
         checkpoints = Checkpoints.opened(part / WORK, identity(study, seed))
-        resumed = bool(saved_segments(part))
+        resumed = bool(unfinished(part)[1])
         for sentence in checkpoints.notes if not quiet else ():
             note(sentence)
-        with progress_bar(show=not quiet and sys.stderr.isatty()) as show, Status(part) as status:
+        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
 
             def update(progress: Progress) -> None:
-                status.note(_status(progress), now=not progress.step)
+                progress.note_in(status)
                 show(progress)
 
             update(Progress("drawing from the prior", 0.0))
@@ -198,7 +197,6 @@ def run_study(
                     result = cast(RunResult, PooledRun.of(run_pooled(study, **how)))
             update(Progress("writing the report", 1.0))
             result = result._write(part)
-        (part / STATUS_FILE).unlink()
     return result
 
 
@@ -223,7 +221,7 @@ def _no_crosscheck(asked: bool) -> None:
 
 def _finished(study: Study, out: Path, seed: int) -> RunResult | None:
     """The result that a run left which ended after all; None where there is none, or another one."""
-    if not (out / "run.json").is_file() or saved_segments(part_of(out)):
+    if not (out / "run.json").is_file() or unfinished(part_of(out))[1]:
         return None
     try:
         result = load_result(out)
@@ -253,20 +251,6 @@ def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool =
         write_result(result, part)
         write_text(part / "report.html", text)
     return result
-
-
-def _status(progress: Progress) -> dict[str, object]:
-    """Content of ``status.json``, as a poller sees it."""
-    diagnosis = progress.diagnosis
-    convergence = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
-    numbers = {"done": progress.done, "seconds_left": progress.seconds_left, **convergence}
-    finite = {
-        name: value if value is not None and isfinite(value) else None for name, value in numbers.items()
-    }
-    steps = progress.steps if diagnosis is None else diagnosis.steps
-    counted = {} if steps is None else {"steps": steps}
-    step = {"step": progress.step} if progress.step else {}
-    return {"stage": progress.stage, **step, **counted, **finite}
 
 
 def opened(path: Path) -> Study | Result:

@@ -24,13 +24,14 @@ from bayesterra.checking.ranks import CONVERGED, DRAWS, Calibration
 from bayesterra.checking.replications import Fit, Outcome, Replication, ShortRuns, quantity_names
 from bayesterra.errors import ResultError, StudyError, check_kind, check_number, check_seed
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, in_process
 from bayesterra.runtime.folders import check_free, whole_folder, write_text
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.reading import damage
+from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import csv_text
-from bayesterra.runtime.tasks import STORE_FILE, task_folder
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.result import PACKAGES
 from bayesterra.study.study import Study
@@ -141,6 +142,7 @@ def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]
 
 MARK = "calibration.json"
 """File by which folders of this kind are known."""
+TASKS = "replications"
 
 
 class CalibrationResult(Calibration):
@@ -240,19 +242,19 @@ def calibrate_study(
 
     check_free(out, overwrite=overwrite, mark=MARK)
     check(job.study, job.n)
-    opened = task_folder(
-        out, _made_with(job), mark=MARK, tasks="replications", resume=resume, overwrite=overwrite
-    )
-    with opened as (part, store, status):
+    folder = job_folder(out, mark=MARK, kind=TASKS, resume=resume, overwrite=overwrite)
+    with folder as (part, status):
+        store = Checkpoints.opened(part / WORK, _made_with(job), TASKS)
         with calibration_bar(show=not quiet) as show:
 
             def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
                 store.add({outcome.task: asdict(outcome) for outcome in outcomes})
-                status.note(_status(progress))
+                done = progress.done / progress.of
+                status.note("calibrating", done, progress.seconds_left, steps=progress.done)
                 show(progress)
                 watch(progress)
 
-            with damage(ResultError, part / WORK / STORE_FILE):
+            with damage(ResultError, part / WORK):
                 finished = [Outcome.from_record(content) for content in store.tasks().values()]
             made = calibration_of(
                 job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
@@ -269,19 +271,6 @@ def _made_with(job: CalibrationRequest) -> dict[str, Any]:
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
     return {"plain form {} of studies": FORM, **origin.pop("versions"), **origin, **digests}
-
-
-def _status(progress: Progress) -> dict[str, object]:
-    """Content of ``status.json`` for a poller."""
-    return {
-        "stage": "calibrating",
-        "done": progress.done / progress.of,
-        "steps": progress.done,
-        "replications": progress.done,
-        "of": progress.of,
-        "not_converged": progress.unsettled,
-        "seconds_left": progress.seconds_left,
-    }
 
 
 def _finite(value: Any) -> Any:

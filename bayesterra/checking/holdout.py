@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import platform
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from importlib.metadata import version
@@ -29,6 +30,7 @@ from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.runtime.engines import Engine, in_process
 from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
 from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import csv_text
 from bayesterra.study.canonical import write_study
 from bayesterra.study.result import PACKAGES, Result
@@ -110,7 +112,7 @@ def holdout_of(
     seed: int = 1,
     engine: Engine | None = None,
     fit: Fit | None = None,
-    report: Callable[[str], None] = lambda part: None,
+    report: Callable[[int, int, float | None], None] = lambda done, of, seconds_left: None,
 ) -> Holdout:
     """Leave every level out once; see the package's docstring.
 
@@ -120,7 +122,7 @@ def holdout_of(
     seed : same seed, same scores, whatever the engine.
     engine : computes the refits; by default this process.
     fit : samples a posterior; by default the sampler of every run, until there are 1000 effective draws.
-    report : told what is at work.
+    report : told how many of how many levels are done, and the seconds left at the pace so far.
 
     Raises
     ------
@@ -131,11 +133,12 @@ def holdout_of(
     folds = levels(study, by, tolerance)
     task = LeaveOneOut(study, folds, seed, fit or REFITS)
     done: dict[int, Outcome] = {}
-    report(f"leaving out {len(folds)} levels, one at a time")
-    for number, outcome in completed(task, range(len(folds)), engine or in_process()):
+    n, started = len(folds), time.perf_counter()
+    report(0, n, None)
+    for number, outcome in completed(task, range(n), engine or in_process()):
         done[number] = outcome
-        report(f"leaving out {len(folds)} levels: {len(done)} done")
-    outcomes = tuple(done[number] for number in range(len(folds)))
+        report(len(done), n, (time.perf_counter() - started) / len(done) * (n - len(done)))
+    outcomes = tuple(done[number] for number in range(n))
     return Holdout(study, folds, outcomes, _record(study, by, tolerance, seed, fit or REFITS))
 
 
@@ -175,19 +178,22 @@ class HoldoutResult(Holdout):
         ------
         ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
         """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
+            self._write(part)
+        return Path(folder) / "report.html"
+
+    def _write(self, part: Path) -> None:
         from bayesterra.checking.holdout_page import bands_png, holdout_html, left_out_png
 
         tables = {"scores": self.table, "summary": self.summary, "skills": self.skills, "refits": self.refits}
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            for name, table in tables.items():
-                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
-            write_bytes(part / "holdout.png", left_out_png(self.table))
-            write_bytes(part / "bands.png", bands_png(self))
-            text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
-            write_text(part / MARK, text + "\n")
-            write_text(part / "report.html", holdout_html(self))
-            write_study(self.study, part)
-        return Path(folder) / "report.html"
+        for name, table in tables.items():
+            write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
+        write_bytes(part / "holdout.png", left_out_png(self.table))
+        write_bytes(part / "bands.png", bands_png(self))
+        text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
+        write_text(part / MARK, text + "\n")
+        write_text(part / "report.html", holdout_html(self))
+        write_study(self.study, part)
 
 
 def _finite(value: Any) -> Any:
@@ -236,9 +242,14 @@ def leave_out(
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
     holdout = holdout_of(
-        study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit, report=progress
-    )
+        study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit,
+        report=lambda done, of, _: progress(_at_work(done, of)),
+    )  # fmt: skip
     return HoldoutResult.of(holdout)
+
+
+def _at_work(done: int, of: int) -> str:
+    return f"leaving out {of} levels: {done} done"
 
 
 def leave_out_into(
@@ -246,7 +257,7 @@ def leave_out_into(
 ) -> HoldoutResult:
     """Leave levels of the study at a path, or of the one in a result folder, out into a new folder.
 
-    ``asked``: keywords of :func:`leave_out`.
+    ``asked``: keywords of :func:`holdout_of`.
 
     Raises
     ------
@@ -257,7 +268,13 @@ def leave_out_into(
 
     study = load_study(path)
     check_free(out, overwrite=overwrite, mark=MARK)
-    with stages(show=not quiet) as show:
-        result = leave_out(study, progress=show, **asked)
-    result.save(out, overwrite=overwrite)
+    with job_folder(out, mark=MARK, overwrite=overwrite) as (part, status):
+        with stages(show=not quiet) as show:
+
+            def update(done: int, of: int, seconds_left: float | None) -> None:
+                status.note("leaving out", done / of, seconds_left, steps=done)
+                show(_at_work(done, of))
+
+            result = HoldoutResult.of(holdout_of(study, report=update, **asked))
+        result._write(part)
     return result

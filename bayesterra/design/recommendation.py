@@ -27,10 +27,12 @@ from bayesterra.design.gain import Estimate
 from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
+from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.ownership import WORK
+from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import csv_text
-from bayesterra.runtime.tasks import task_folder
 from bayesterra.study.canonical import FORM
 from bayesterra.study.result import PACKAGES, Result
 from bayesterra.study.study import Study
@@ -38,6 +40,7 @@ from bayesterra.study.wheels import wheel_named
 
 MARK = "design.json"
 """File by which folders of this kind are known."""
+TASKS = "candidates"
 DRAWS = 2000
 """Draws, at most, that candidates are judged by: all pairs of them are looked at."""
 MOST = 12
@@ -257,15 +260,15 @@ def design_into(
     if isinstance(study_or_result, Result) and not study_or_result.converged:
         note("the sampling of this result has not converged: gains from its draws may be wrong")
     question = design_request(study_or_result, **wishes)
-    opened = task_folder(
-        out, question.origin, mark=MARK, tasks="candidates", resume=resume, overwrite=overwrite
-    )
-    with opened as (part, store, status):
+    folder = job_folder(out, mark=MARK, kind=TASKS, resume=resume, overwrite=overwrite)
+    with folder as (part, status):
+        store = Checkpoints.opened(part / WORK, question.origin, TASKS)
         with design_bar(show=not quiet) as show:
 
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
                 store.add({task: as_content(estimate) for task, estimate in estimates.items()})
-                status.note(_status(progress))
+                stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
+                status.note(stage, done, progress.seconds_left, steps=progress.judged)
                 show(progress)
                 watch(progress)
 
@@ -273,16 +276,3 @@ def design_into(
             made = question.answered(engine, update, finished)
         made._write(part)
     return made
-
-
-def _status(progress: Progress) -> dict[str, object]:
-    """Content of ``status.json``, as a poller sees it."""
-    return {
-        "stage": f"judging for drive {progress.drive}",
-        "done": progress.done / progress.of,
-        "steps": progress.done,
-        "candidates": progress.done,
-        "of": progress.of,
-        "judged": progress.judged,
-        "seconds_left": progress.seconds_left,
-    }

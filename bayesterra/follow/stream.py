@@ -22,9 +22,9 @@ from bayesterra.follow.particles import Levels, Particles, learn, log_likelihood
 from bayesterra.follow.rows import References, Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
-from bayesterra.runtime.checkpoints import BEGUN, Checkpoints, Identity, digest, pack, unpack
+from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
 from bayesterra.runtime.folders import make_folder, whole_folder, write_text
-from bayesterra.runtime.ownership import SEGMENT
+from bayesterra.runtime.ownership import BEGUN, SEGMENT
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import csv_text
 from bayesterra.study.canonical import FORM, write_study

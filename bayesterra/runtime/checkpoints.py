@@ -1,13 +1,15 @@
-"""Checkpoints of a run: closed segments of arrays on disk, and the store that a sampler goes on from.
+"""Finished work on disk, piece by piece: segments of arrays of a run, tasks of a job that is made of them.
 
-A segment is one file: a line with the SHA-256 of all that follows, a line of JSON that says which segment of
-which run it is, and NumPy arrays (npz). It is written under another name, flushed and renamed, so a file with
-the name of a segment is complete. Nothing that is read can run code.
+A piece is one file: a line with the SHA-256 of all that follows, a line of JSON that says which piece of
+which work it is, and NumPy arrays (npz), or a task as JSON. It is written under another name, flushed and
+renamed, so a file with the name of a piece is complete, and others may read while work goes on. A damaged one
+is as good as none: it is made again, and takes its place. Nothing that is read can run code.
 """
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
@@ -16,6 +18,7 @@ from math import prod
 from pathlib import Path
 from types import NoneType
 from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from weakref import finalize
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
@@ -24,59 +27,60 @@ from numpy.typing import NDArray
 
 from bayesterra.errors import ResultError
 from bayesterra.runtime.folders import to_disk, write_bytes, write_text
-from bayesterra.runtime.ownership import SEGMENT
+from bayesterra.runtime.ownership import BEGUN, RUN, SEGMENT, TASK, Lock
 from bayesterra.runtime.reading import MOST_SEGMENT, UNREADABLE, parsed_json, read_bytes, read_json
 
-BEGUN = "begun.json"
 SHOWN = 40
 """Longest value, in characters, that a message shows."""
 
 Identity = Mapping[str, Any]
-"""All that a run depends on: JSON values by what they are called, ``{}`` where the value stands in it."""
+"""All that work depends on: JSON values by what they are called, ``{}`` where the value stands in it."""
 
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """Segments of one run in a folder that no other process writes to.
+    """Finished pieces of one work in a folder that no other process writes to.
 
     Attributes
     ----------
     folder : where they are.
-    run : digest of all that the run depends on; segments of another run are refused.
+    run : digest of all that the work depends on; pieces of another work are refused.
     notes : what was found on opening; one sentence each.
     """
 
     folder: Path
     run: str
     notes: tuple[str, ...] = ()
+    _is_there: Callable[[], bool] = lambda: True
 
     @classmethod
-    def opened(cls, folder: Path, identity: Identity) -> Checkpoints:
-        """Begin a run in an existing folder, or go on with the one that was begun there.
+    def opened(cls, folder: Path, identity: Identity, kind: str = RUN) -> Checkpoints:
+        """Begin work in an existing folder, or go on with the one that was begun there.
 
-        Damaged segments are removed, as if they had never been written.
+        Damaged pieces are removed, as if they had never been written. ``kind`` is that of the work: a run, or
+        what its tasks are called.
 
         Raises
         ------
-        ResultError : the run was begun with something else; the message says with what. Or something else
-            than a file is in the place of one.
+        ResultError : the work was begun with something else; the message says with what. Or something else
+            than a file is in the place of one, or the folder cannot be written.
         """
         _refuse_what_is_no_file(folder)
         present = json.loads(json.dumps(identity))
-        begun = _begun(folder)
+        begun = identity_in(folder)
         if begun is not None and begun != present:
             raise _refusal(folder, difference(begun, present))
-        checkpoints = cls(folder, _digest(present))
-        damaged = checkpoints._without_damage()
+        damaged = cls(folder, _digest(present))._without_damage()
+        handle = os.open(folder, os.O_RDONLY)  # while it is open, no other folder gets its number
+        opened = cls(folder, _digest(present), (*damaged, *_resumed(folder)), Lock(handle, folder))
+        finalize(opened, os.close, handle)
         if begun is None:
-            record = {"run": _digest(present), "identity": present}
+            record = {"run": _digest(present), "kind": kind, "identity": present}
             write_text(folder / BEGUN, json.dumps(record, ensure_ascii=False, indent=1) + "\n")
-        saved = len(list(folder.glob("*" + SEGMENT)))
-        resumed = (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
-        return cls(folder, checkpoints.run, (*damaged, *resumed))
+        return opened
 
     def holds(self, name: str) -> bool:
-        """True where a segment was saved."""
+        """True where a piece was saved."""
         return self._path(name).exists()
 
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
@@ -84,38 +88,89 @@ class Checkpoints:
 
         Raises
         ------
-        ResultError : it belongs to another run.
+        ResultError : it belongs to another work.
         """
-        if not self.holds(name):
-            return None
-        try:
-            about, arrays = _read(self._path(name))
-        except (*UNREADABLE, BadZipFile):
-            return None
-        if about != {"run": self.run, "segment": name}:
-            raise _refusal(self.folder, "was begun with another study, seed or version")
-        return arrays
+        loaded: dict[str, NDArray[Any]] | None = self._load(name, _arrays)
+        return loaded
 
     def save(self, name: str, segment: Mapping[str, NDArray[Any]]) -> None:
-        """Write a segment, whole or not at all; safe from several threads for segments of different names."""
+        """Write a segment, whole or not at all; safe from several threads for segments of different names.
+
+        Raises
+        ------
+        ResultError : it cannot be written, or the folder has gone from under this program.
+        """
         arrays = BytesIO()
         np.savez(arrays, **dict[str, Any](segment))
-        about = json.dumps({"run": self.run, "segment": name}).encode()
-        content = b"\n".join([about, arrays.getbuffer()])
-        write_bytes(self._path(name), sha256(content).hexdigest().encode() + b"\n" + content)
-        to_disk(self.folder)
+        self._write({name: arrays.getbuffer()})
+
+    def tasks(self) -> dict[int, dict[str, Any]]:
+        """All finished tasks by number; a damaged one has not been done."""
+        numbers = {int(name.removeprefix(TASK)): name for name in _names(self.folder) if _is_task(name)}
+        contents = {number: self._load(numbers[number], _table) for number in sorted(numbers)}
+        return {number: content for number, content in contents.items() if content is not None}
+
+    def add(self, finished: Mapping[int, Mapping[str, Any]]) -> None:
+        """Save finished tasks by number, each whole or not at all; they are on the disk when this returns.
+
+        Raises
+        ------
+        ResultError : see :meth:`save`.
+        """
+        self._write({f"{TASK}{number}": json.dumps(content).encode() for number, content in finished.items()})
 
     def _path(self, name: str) -> Path:
         return self.folder / (name + SEGMENT)
 
+    def _load(self, name: str, read: Callable[[bytes], Any]) -> Any:
+        """Content of a piece; None where it is missing or damaged."""
+        try:
+            about, content = _read(self._path(name))
+            loaded = read(content)
+        except (*UNREADABLE, BadZipFile):
+            return None
+        if about != {"run": self.run, "segment": name}:
+            raise _refusal(self.folder, "was begun with another study, seed or version")
+        return loaded
+
+    def _write(self, contents: Mapping[str, bytes | memoryview]) -> None:
+        self._check_there()
+        try:
+            for name, content in contents.items():
+                about = json.dumps({"run": self.run, "segment": name}).encode()
+                whole = b"\n".join([about, content])
+                write_bytes(self._path(name), sha256(whole).hexdigest().encode() + b"\n" + whole)
+            to_disk(self.folder)
+        except OSError as error:
+            self._check_there()
+            raise ResultError(f"'{self.folder}' cannot be written: {error.strerror or error}") from error
+        self._check_there()
+
+    def _check_there(self) -> None:
+        if not self._is_there():
+            raise ResultError(f"'{self.folder}' was removed or replaced while work was being saved in it")
+
     def _without_damage(self) -> list[str]:
-        """Remove damaged segments; a sentence on each."""
+        """Remove damaged pieces; a sentence on each."""
         notes = []
-        for path in sorted(self.folder.glob("*" + SEGMENT)):
-            if self.load(path.name.removesuffix(SEGMENT)) is None:
-                path.unlink()
-                notes.append(f"the saved segment '{path.name}' is damaged and is made again")
+        for name in _names(self.folder):
+            if self._load(name, _table if _is_task(name) else _arrays) is None:
+                self._path(name).unlink()
+                notes.append(f"the saved segment '{name}{SEGMENT}' is damaged and is made again")
         return notes
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(path.name.removesuffix(SEGMENT) for path in folder.glob("*" + SEGMENT))
+
+
+def _is_task(name: str) -> bool:
+    return name.startswith(TASK) and name.removeprefix(TASK).isdecimal()
+
+
+def _resumed(folder: Path) -> tuple[str, ...]:
+    saved = len(_names(folder))
+    return (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
 
 
 def _refuse_what_is_no_file(folder: Path) -> None:
@@ -125,30 +180,41 @@ def _refuse_what_is_no_file(folder: Path) -> None:
             raise ResultError(f"'{path}' is not a file: move it away")
 
 
-def _read(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """Record of a segment, and its arrays; ValueError where it is damaged."""
-    checksum, _, content = read_bytes(path, MOST_SEGMENT).partition(b"\n")
-    if sha256(content).hexdigest().encode() != checksum:
+def _read(path: Path) -> tuple[Any, bytes]:
+    """Record of a piece, and its content; ValueError where it is damaged."""
+    checksum, _, whole = read_bytes(path, MOST_SEGMENT).partition(b"\n")
+    if sha256(whole).hexdigest().encode() != checksum:
         raise ValueError("damaged")
-    about, _, arrays = content.partition(b"\n")
-    _check_sizes(arrays)
-    with np.load(BytesIO(arrays), allow_pickle=False) as stored:
-        return parsed_json(about.decode()), dict(stored)
+    about, _, content = whole.partition(b"\n")
+    return parsed_json(about.decode()), content
 
 
-def _check_sizes(arrays: bytes) -> None:
-    """ValueError where arrays are packed, or declared larger than they are: ours are neither."""
+def _table(content: bytes) -> dict[str, Any]:
+    """A task; ValueError where it is none."""
+    table = parsed_json(content.decode())
+    if not isinstance(table, dict):
+        raise ValueError("damaged")
+    return table
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """Arrays of a segment; ValueError where they are packed, or declared larger than they are.
+
+    Ours are neither.
+    """
     headers = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
-    with ZipFile(BytesIO(arrays)) as packed:
+    with ZipFile(BytesIO(content)) as packed:
         for entry in packed.infolist():
             with packed.open(entry) as member:
                 shape, _, kind = headers[read_magic(member)](member)
-            if entry.compress_type != ZIP_STORED or prod(shape) * kind.itemsize > len(arrays):
+            if entry.compress_type != ZIP_STORED or prod(shape) * kind.itemsize > len(content):
                 raise ValueError("damaged")
+    with np.load(BytesIO(content), allow_pickle=False) as stored:
+        return dict(stored)
 
 
-def _begun(folder: Path) -> Any:
-    """Identity with which a run was begun; None where that cannot be read, and its segments must tell."""
+def identity_in(folder: Path) -> Any:
+    """Identity with which work was begun; None where that cannot be read, and its pieces must tell."""
     try:
         record = read_json(folder / BEGUN)
         return record["identity"] if record["run"] == _digest(record["identity"]) else None

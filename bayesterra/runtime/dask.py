@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, TypeVar
 
 from bayesterra.errors import EngineError
-from bayesterra.runtime.engines import Closing, Engine, WorkerDied, packed
+from bayesterra.runtime.engines import Engine
 
-N = TypeVar("N")
 T = TypeVar("T")
 
 TIMEOUT = 10.0
@@ -28,15 +27,12 @@ ALIKE = ("bayesterra", "numpy", "scipy", "numba", "emcee")
 """Packages that must have one version everywhere, or results may differ."""
 
 
-class DaskCluster(Closing):
-    """Workers of a Dask scheduler; see :class:`bayesterra.runtime.engines.Engine`.
+class DaskCluster(Engine):
+    """Workers of a Dask scheduler: the executor of its client.
 
     The scheduler runs a task again elsewhere when its worker dies, up to its ``allowed-failures``. It and its
     workers are not ended with this engine.
     """
-
-    elsewhere = True
-    starting = False
 
     def __init__(self, address: str, timeout: float) -> None:
         self._address, self._client = address, _connected(address, timeout)
@@ -62,8 +58,21 @@ class DaskCluster(Closing):
 
     @property
     def workers(self) -> int:
-        """Threads of all workers at the moment; one where there are none, who may come."""
-        return max(self._present(), 1)
+        """Threads of all workers at the moment; one where there are none, who may come within ``ABSENCE``.
+
+        EngineError where the scheduler is gone, or none have come.
+        """
+        if self._client.status != "running":
+            raise _gone(self._address)
+        now = time.monotonic()
+        if threads := self._present():
+            self._seen = now
+        elif now > self._seen + ABSENCE:
+            raise EngineError(
+                f"the Dask scheduler at '{self._address}' has had no worker for {ABSENCE:.0f} s; finished"
+                " tasks are kept"
+            )
+        return max(threads, 1)
 
     def _present(self) -> int:
         now = time.monotonic()
@@ -73,44 +82,30 @@ class DaskCluster(Closing):
             self._asked = now
         return self._threads
 
-    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """Pickle the task once, functions of a script by what they do."""
+    def dumps(self, task: object) -> bytes:
+        """A pickle of the task, functions of a script by what they do."""
         from cloudpickle import dumps
 
-        return packed(task, dumps)
+        content: bytes = dumps(task)
+        return content
 
-    def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Hand a function to the scheduler."""
         with _reaching(self._address):
-            future: Future[T] = self._executor.submit(function, *arguments)
+            future: Future[T] = self._executor.submit(function, *arguments, **keywords)
         return future
 
-    def value(self, future: Future[T]) -> T:
-        """The result of a future."""
+    def meaning(self, error: Exception) -> Exception:
+        """What the error of a future means."""
         from distributed import KilledWorker
 
-        try:
-            return future.result()
-        except KilledWorker:
-            raise WorkerDied(at_work=True, final=True) from None
-        except CancelledError:
-            raise _gone(self._address) from None
-        except ModuleNotFoundError as error:
-            raise EngineError(f"a worker of '{self._address}' lacks what the task needs: {error}") from error
-
-    def check(self) -> None:
-        """Make sure that the scheduler is there and, within ``ABSENCE``, some worker."""
-        if self._client.status != "running":
-            raise _gone(self._address)
-        self._asked = 0.0
-        now = time.monotonic()
-        if self._present():
-            self._seen = now
-        elif now > self._seen + ABSENCE:
-            raise EngineError(
-                f"the Dask scheduler at '{self._address}' has had no worker for {ABSENCE:.0f} s; finished"
-                " tasks are kept"
-            )
+        if isinstance(error, KilledWorker):
+            return BrokenExecutor(str(error))
+        if isinstance(error, CancelledError):
+            return _gone(self._address)
+        if isinstance(error, ModuleNotFoundError):
+            return EngineError(f"a worker of '{self._address}' lacks what the task needs: {error}")
+        return error
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster; what it was asked for and has not begun is cancelled."""

@@ -1,4 +1,4 @@
-"""Engines that compute independent tasks: this process, or a pool of processes on this machine.
+"""Engines that compute independent tasks: executors in this process, or in a pool of processes here.
 
 A task is a function of a number that returns the same whatever computes it; so results do not depend on the
 engine. :func:`bayesterra.runtime.parallel.completed` runs a task for many numbers on any :class:`Engine`.
@@ -11,101 +11,45 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache, lru_cache
-from hashlib import sha256
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import connection, get_context, parent_process, resource_tracker
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 from bayesterra.errors import EngineError
 
-N = TypeVar("N")
 T = TypeVar("T")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """Environment variables that hold libraries to some threads."""
+ATTEMPTS = 3
+"""Workers that may die at one task before it is given up."""
 
 
-class WorkerDied(Exception):  # noqa: N818  (it says what happened; whether it is an error is decided later)
-    """A worker ended before its task did.
+class Engine(Executor):
+    """An executor of ``concurrent.futures`` that says how many functions it computes at a time.
 
-    Attributes
-    ----------
-    at_work : whether the worker was at this very task; others only waited for it.
-    final : whether the engine has tried often enough itself.
-    """
-
-    def __init__(self, *, at_work: bool, final: bool = False) -> None:
-        super().__init__("a worker died")
-        self.at_work, self.final = at_work, final
-
-
-class Engine(Protocol):
-    """Computes functions, much as a ``concurrent.futures.Executor`` does; a context that ends its workers.
-
-    Attributes
-    ----------
-    workers : how many functions it computes at a time, at the moment.
-    elsewhere : whether other processes compute; functions and their results are then pickled.
-    starting : whether its workers have still to be started, which takes some seconds.
+    As a context it ends its workers: in order, or at once after an error or Ctrl-C.
     """
 
     @property
-    def workers(self) -> int: ...  # noqa: D102
+    def starting(self) -> bool:
+        """True where its workers have still to be started, which takes some seconds."""
+        return False
 
     @property
-    def elsewhere(self) -> bool: ...  # noqa: D102
+    def workers(self) -> int:
+        """How many functions it computes at a time, at the moment; EngineError where nobody is left."""
+        return 1
 
-    @property
-    def starting(self) -> bool: ...  # noqa: D102
+    def dumps(self, task: object) -> bytes:
+        """A task as it is handed to workers."""
+        return pickle.dumps(task)
 
-    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """The task as it is best handed over many times; see :func:`packed`."""
-
-    def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
-        """Begin to compute ``function(*arguments)``."""
-
-    def value(self, future: Future[T]) -> T:
-        """The value of a future that has ended; raises what the function raised.
-
-        Futures are asked in the order in which they were submitted.
-
-        Raises
-        ------
-        WorkerDied : it holds nothing, and may be submitted again.
-        EngineError : it holds nothing, and there is nobody to submit it to.
-        """
-
-    def check(self) -> None:
-        """Make sure that somebody is there to compute; called when nothing has ended for a while.
-
-        Raises
-        ------
-        EngineError : nobody is.
-        """
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers that were started here; with ``cancel_futures`` at once, whatever they are at."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-
-class Closing:
-    """An engine's end as a context: in order, or at once after an error or Ctrl-C."""
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """See :class:`Engine`."""
-
-    def __enter__(self) -> Self:
-        return self
+    def meaning(self, error: Exception) -> Exception:
+        """The error of a future as the package says it; BrokenExecutor where every worker died."""
+        return error
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -113,46 +57,32 @@ class Closing:
         self.shutdown(wait=kind is None, cancel_futures=kind is not None)
 
 
-@dataclass(frozen=True)
-class Packed:
-    """A pickled task that a worker unpacks once, however many numbers it is called with.
-
-    Attributes
-    ----------
-    key : by which a worker knows it again.
-    content : the pickle.
-    """
-
-    key: str
-    content: bytes = field(compare=False, repr=False)
-
-    def __call__(self, number: Any) -> Any:
-        """Run the task in a worker, on one thread."""
-        task = _unpacked(self)
-        hold_to_one_thread()
-        return task(number)
-
-
-def packed(task: Callable[[N], T], dumps: Callable[[Any], bytes] = pickle.dumps) -> Callable[[N], T]:
-    """Pickle a task once.
+def packed(task: object, engine: Engine) -> bytes:
+    """A task to be handed over many times, pickled once.
 
     Raises
     ------
     EngineError : it cannot be pickled.
     """
     try:
-        content = dumps(task)
+        return engine.dumps(task)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise EngineError(
             f"the task cannot be handed to other processes ({error}): functions must stand in a module,"
             " not inside another function"
         ) from error
-    return Packed(sha256(content).hexdigest(), content)
+
+
+def run_packed(content: bytes, number: Any) -> Any:
+    """Run a packed task in a worker, on one thread."""
+    task = _unpacked(content)
+    hold_to_one_thread()
+    return task(number)
 
 
 @lru_cache(maxsize=2)
-def _unpacked(parcel: Packed) -> Callable[[Any], Any]:
-    task: Callable[[Any], Any] = pickle.loads(parcel.content)  # noqa: S301  (our own, from the main process)
+def _unpacked(content: bytes) -> Callable[[Any], Any]:
+    task: Callable[[Any], Any] = pickle.loads(content)  # noqa: S301  (our own, from the main process)
     return task
 
 
@@ -174,102 +104,82 @@ def usable_processors() -> int:
     return os.cpu_count() or 1
 
 
-class InProcess(Closing):
-    """Computes every function at once, here; see :class:`bayesterra.runtime.engines.Engine`."""
+class InProcess(Engine):
+    """Computes every function at once, here."""
 
-    workers = 1
-    elsewhere = False
-    starting = False
-
-    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """The task itself."""
-        return task
-
-    def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Compute a function; its errors are raised here."""
         future: Future[T] = Future()
-        future.set_result(function(*arguments))
+        future.set_result(function(*arguments, **keywords))
         return future
 
-    def value(self, future: Future[T]) -> T:
-        """The result of a future."""
-        return future.result()
 
-    def check(self) -> None:
-        """Somebody is always there."""
-
-
-class LocalPool(Closing):
+class LocalPool(Engine):
     """Processes of this machine, each an executor of its own: when one dies, the others work on.
 
+    A thread waits for each; it begins another process where its own has died, and repeats what that held.
     They start with the first function, one for each that is not waited for, and leave Ctrl-C to this process.
     """
 
-    elsewhere = True
-
     def __init__(self, workers: int) -> None:
-        self._executors: list[ProcessPoolExecutor | None] = [None] * workers
-        self._open = [0] * workers
-        self._homes: dict[Future[Any], tuple[int, ProcessPoolExecutor]] = {}
-        self._dead: set[ProcessPoolExecutor] = set()
+        self._workers, self._ended = workers, False
+        self._lanes = ThreadPoolExecutor(workers, "worker", initializer=_keep_from_interrupts)
+        self._own, self._lock = threading.local(), threading.Lock()
+        self._begun = list[ProcessPoolExecutor]()
 
     @property
     def workers(self) -> int:
         """Number of processes."""
-        return len(self._executors)
+        return self._workers
 
     @property
     def starting(self) -> bool:
         """True where no process was started yet."""
-        return not any(self._executors)
+        return not self._begun
 
-    def packed(self, task: Callable[[N], T]) -> Callable[[N], T]:
-        """Pickle the task once; see :func:`bayesterra.runtime.engines.packed`."""
-        return packed(task)
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
+        """Hand a function to the next process that has nothing to do.
 
-    def submit(self, function: Callable[..., T], /, *arguments: Any) -> Future[T]:
-        """Hand a function to the process that has least to do."""
-        place = self._open.index(min(self._open))
-        executor = self._executors[place] or self._begun(place)
-        with _undisturbed():
+        The future raises BrokenExecutor where ``ATTEMPTS`` processes died at it.
+        """
+        return self._lanes.submit(self._computed, function, arguments, keywords)
+
+    def _computed(self, function: Callable[..., T], arguments: tuple[Any, ...], keywords: Any) -> T:
+        attempts = 0
+        while True:
             try:
-                future = executor.submit(function, *arguments)
-            except BrokenProcessPool:  # it died while it waited: nobody's fault
-                executor = self._begun(place)
-                future = executor.submit(function, *arguments)
-        self._homes[future] = place, executor
-        self._open[place] += 1
-        return future
+                future = self._submitted(function, arguments, keywords)
+            except BrokenExecutor:  # it died while it waited: nobody's fault
+                self._own.process = None
+                continue
+            try:
+                return future.result()
+            except BrokenExecutor:
+                self._own.process, attempts = None, attempts + 1
+                if attempts == ATTEMPTS:
+                    raise
 
-    def _begun(self, place: int) -> ProcessPoolExecutor:
-        made = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_start)
-        self._executors[place] = made
-        return made
-
-    def value(self, future: Future[T]) -> T:
-        """The result of a future; the first in a dead process is the one that it was at."""
-        place, executor = self._homes.pop(future)
-        self._open[place] -= 1
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            if self._executors[place] is executor:
-                self._executors[place] = None
-            at_work = executor not in self._dead
-            self._dead.add(executor)
-            raise WorkerDied(at_work=at_work) from None
-
-    def check(self) -> None:
-        """Processes are started as they are needed."""
+    def _submitted(self, function: Callable[..., T], arguments: tuple[Any, ...], keywords: Any) -> Future[T]:
+        """Hand a function to this thread's process, which starts with the first."""
+        with self._lock:
+            if self._ended:
+                raise RuntimeError("the pool has ended")
+            process: ProcessPoolExecutor | None = getattr(self._own, "process", None)
+            if process is None:
+                process = self._own.process = ProcessPoolExecutor(1, get_context("spawn"), initializer=_start)
+                self._begun.append(process)
+            return process.submit(function, *arguments, **keywords)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes; with ``cancel_futures`` at once."""
-        for executor in filter(None, self._executors):
+        """End all processes; with ``cancel_futures`` at once, whatever they are at."""
+        self._lanes.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
+        with self._lock:
+            self._ended = cancel_futures or wait
+        for executor in self._begun if self._ended else ():
             processes = list((executor._processes or {}).values())
-            executor.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
+            executor.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
             for process in processes if cancel_futures else ():
                 process.terminate()  # from Python 3.14 on: executor.terminate_workers()
-        self._executors = [None] * len(self._executors)
 
 
 def in_process() -> Engine:
@@ -294,6 +204,13 @@ def local_pool(workers: int | None = None) -> Engine:
     return LocalPool(number)
 
 
+def _keep_from_interrupts() -> None:
+    """Leave Ctrl-C to the main thread; a process that starts here inherits that until it can ignore it."""
+    if hasattr(signal, "pthread_sigmask"):
+        resource_tracker.ensure_running()  # which lets interrupts through as it starts
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
 def _start() -> None:
     """In a new worker: leave Ctrl-C to the main process, end with it however it ends, and use one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -307,16 +224,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         connection.wait([parent.sentinel])
         os._exit(1)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Keep Ctrl-C waiting: a process that starts now inherits that, and is silent until it can ignore it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -6,7 +6,7 @@ import ctypes
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -16,7 +16,7 @@ from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.runtime.ownership import (
     MADE,
     REPLACES,
-    SEGMENT,
+    RUN,
     TASKS,
     WORK,
     begin_mark,
@@ -26,6 +26,7 @@ from bayesterra.runtime.ownership import (
     own_names,
     remove_ours,
     strangers,
+    unfinished,
 )
 from bayesterra.runtime.reading import MEGABYTE, SUMS, read_text, sums_of
 
@@ -105,11 +106,6 @@ def part_of(folder: Path) -> Path:
     return place.parent / (place.name + ".part")
 
 
-def saved_segments(part: Path) -> str:
-    """Work that would be lost with ``part``, in words; empty if nothing."""
-    return "an unfinished run" if any((part / WORK).glob("*" + SEGMENT)) else ""
-
-
 @contextmanager
 def whole_folder(
     folder: Path,
@@ -118,16 +114,16 @@ def whole_folder(
     resume: bool = False,
     mark: str = "run.json",
     sums: bool = True,
-    unfinished: Callable[[Path], str] = saved_segments,
+    kind: str = RUN,
 ) -> Iterator[Path]:
     """Work in ``<folder>.part``; on success it takes the name of ``folder``, with checksums of its files.
 
     A program that is interrupted or killed leaves ``<folder>.part``; an error of the package or of the disk
-    leaves it only where it holds something ``unfinished``. With ``overwrite`` an old folder keeps its name
-    until the new one is complete, and an unfinished one makes room; with ``resume`` it keeps what was saved.
-    Without ``sums`` there are no checksums: for folders whose files are there to be edited. A link is kept,
-    and all this is done to the folder that it leads to. Files in ``<folder>.part`` are to be written with
-    :func:`write_text` or :func:`write_bytes`, which keep account of them.
+    leaves it only where some work of it was saved. With ``overwrite`` an old folder keeps its name
+    until the new one is complete, and an unfinished one makes room; with ``resume`` it keeps what was saved,
+    if that is of this ``kind``. Without ``sums`` there are no checksums: for folders whose files are there to
+    be edited. A link is kept, and all this is done to the folder that it leads to. Files in ``<folder>.part``
+    are to be written with :func:`write_text` or :func:`write_bytes`, which keep account of them.
 
     Raises
     ------
@@ -143,7 +139,7 @@ def whole_folder(
         try:
             _recover(place)
             check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
-            _check_unfinished(part, unfinished, overwrite=overwrite, resume=resume)
+            _check_unfinished(part, kind, overwrite=overwrite, resume=resume)
         except ResultError:
             if fresh:
                 _discard(part, place)
@@ -159,7 +155,7 @@ def whole_folder(
             _swap(part, place)
             tidy(place)
         except (OSError, BayesterraError) as error:
-            if ours() and not unfinished(part):
+            if ours() and not unfinished(part)[1]:
                 _give_up(part, place)
             if isinstance(error, BayesterraError):
                 raise
@@ -184,19 +180,17 @@ def _begin(part: Path, place: Path) -> bool:
     return True
 
 
-def _check_unfinished(
-    part: Path, unfinished: Callable[[Path], str], *, overwrite: bool, resume: bool
-) -> None:
+def _check_unfinished(part: Path, kind: str, *, overwrite: bool, resume: bool) -> None:
     """ResultError where something was saved, and what to do with it was not said or cannot be done."""
-    if (saved := unfinished(part)) and not (overwrite or resume):
-        raise ResultError(f"'{part}' holds {saved}: add --resume to go on, or --overwrite to begin anew")
-    of_tasks = "finished tasks" if (part / WORK / TASKS).exists() else ""
-    other = of_tasks if unfinished is saved_segments else saved_segments(part)
-    if other and (resume or not overwrite):
+    there, saved = unfinished(part)
+    if saved and there not in (kind, "") and (resume or not overwrite):
+        whose = "an older version" if there == TASKS else "another command"
         raise ResultError(
-            f"'{part}' holds {other} of another command: go on with that, give another folder with --out,"
+            f"'{part}' holds {saved} of {whose}: go on with that, give another folder with --out,"
             " or begin anew with --overwrite alone"
         )
+    if saved and not (overwrite or resume):
+        raise ResultError(f"'{part}' holds {saved}: add --resume to go on, or --overwrite to begin anew")
 
 
 def tidy(place: Path) -> None:

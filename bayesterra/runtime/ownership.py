@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from bayesterra.errors import ResultError
-from bayesterra.runtime.reading import MEGABYTE, SUMS, listed, read_bytes
+from bayesterra.runtime.reading import MEGABYTE, SUMS, listed, read_bytes, read_json
 
 
 class Lock:
@@ -97,17 +97,20 @@ def _is_at(handle: int, path: Path) -> bool:
 
 WORK = "checkpoint"
 """Folder in ``<folder>.part`` for what only serves the making: the lock, and what to resume from."""
-SEGMENT = ".segment"
-"""Ending of files that would be a loss (see :mod:`bayesterra.runtime.checkpoints`)."""
+BEGUN, SEGMENT, TASK = "begun.json", ".segment", "task-"
+"""What the work was begun with; ending of files that would be a loss, and beginning of those that are tasks
+(see :mod:`bayesterra.runtime.checkpoints`)."""
+RUN = "run"
+"""Kind of work that is no number of tasks."""
 TASKS = "tasks.sqlite"
-"""File of finished tasks in ``WORK`` (see :mod:`bayesterra.runtime.tasks`)."""
+"""File in which earlier versions kept finished tasks."""
 MADE, REPLACES = "made.txt", "replaces.txt"
 """The mark in ``WORK``; and, while an old folder is being replaced, which one that is."""
 
 _HEAD = "bayesterra makes the folder above this one, and has written there:\n"
 _TEMPORARY = re.compile(r"\.new\d*$")
 _AT_WORK = re.compile(
-    rf"(lock|begun\.json|{re.escape(MADE)}|{re.escape(REPLACES)}|.*{re.escape(SEGMENT)}"
+    rf"(lock|{re.escape(BEGUN)}|{re.escape(MADE)}|{re.escape(REPLACES)}|.*{re.escape(SEGMENT)}"
     rf"|{re.escape(TASKS)}(-wal|-shm|-journal)?)(\.new\d*)?"
 )
 _NOBODYS = {".DS_Store"}
@@ -159,9 +162,29 @@ def is_work(work: Path) -> bool:
     """True where a folder named ``checkpoint`` is the package's; earlier versions left no mark in it."""
     if work.is_symlink() or not work.is_dir():
         return False
-    older = (work / "begun.json", work / TASKS, *work.glob("*" + SEGMENT))
+    older = (work / BEGUN, work / TASKS, *work.glob("*" + SEGMENT))
     begun = _is_file(work / MADE) and _HEAD.startswith(_text(work / MADE))  # killed as it was written
     return begun or _is_mark(work / MADE) or _is_lock(work / "lock") or any(map(_is_file, older))
+
+
+def kind_of(work: Path) -> str:
+    """Kind of the work that was begun in a folder ``checkpoint``; empty where that cannot be read."""
+    try:
+        return str(read_json(work / BEGUN).get("kind", RUN))
+    except (OSError, ValueError, AttributeError):
+        return ""
+
+
+def unfinished(part: Path) -> tuple[str, str]:
+    """Kind of the work that would be lost with ``<folder>.part``, and what is saved of it, in words."""
+    work = part / WORK
+    if (work / TASKS).exists():
+        return TASKS, "finished tasks"
+    names = [path.name for path in work.glob("*" + SEGMENT)]
+    tasks = sum(name.startswith(TASK) for name in names)
+    kind = kind_of(work) if names else ""
+    words = f"{tasks} finished {kind or 'tasks'}" if tasks else "an unfinished run" if names else ""
+    return kind, words
 
 
 def own_names(folder: Path, *, finished: bool) -> frozenset[str]:

@@ -4,30 +4,35 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from itertools import islice
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from bayesterra.errors import EngineError
 from bayesterra.runtime.dask import dask_cluster
-from bayesterra.runtime.engines import Engine, WorkerDied, in_process, local_pool, usable_processors
+from bayesterra.runtime.engines import (
+    Engine,
+    InProcess,
+    in_process,
+    local_pool,
+    packed,
+    run_packed,
+    usable_processors,
+)
 
 N = TypeVar("N", bound=Hashable)
 T = TypeVar("T")
 
-ATTEMPTS = 3
-"""Workers that may die at one task before it is given up."""
 AHEAD = 2
 """Tasks handed over per worker, the one at work included: an interrupted run has little to wait for."""
 PATIENCE = 4.0
 """Seconds for which short tasks are computed here, before workers are started for the rest: about what
 starting them costs."""
 GLANCE = 1.0
-"""Seconds without an outcome after which the engine is asked whether anybody is still there."""
+"""Seconds without an outcome after which the engine is asked again how many workers there are."""
 
 
 def chosen(workers: int | None, scheduler: str | None) -> Engine:
@@ -70,16 +75,16 @@ def ended(
 
     Raises
     ------
-    EngineError : workers died at one task ``ATTEMPTS`` times, or nobody is left to compute.
+    EngineError : every worker that took a task died, or nobody is left to compute.
     """
     todo = iter(numbers)
-    if not engine.elsewhere:
+    if isinstance(engine, InProcess):
         yield from _here(task, todo)
         return
-    packed = engine.packed(task)  # before anything is computed here that the task may keep
+    content = packed(task, engine)  # before anything is computed here that the task may keep
     if short and engine.starting:
         yield from _here(task, todo, PATIENCE)
-    yield from _elsewhere(packed, todo, engine)
+    yield from _elsewhere(content, todo, engine)
 
 
 def _here(
@@ -94,49 +99,40 @@ def _here(
                 return
 
 
-def _elsewhere(task: Callable[[N], T], todo: Iterator[N], engine: Engine) -> Iterator[list[tuple[N, T]]]:
-    """Keep the workers busy, and hand over what they send."""
-    waiting: dict[Future[T], N] = {}
-    deaths: Counter[N] = Counter()
+def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[list[tuple[N, Any]]]:
+    """Keep the workers busy, and hand over what they send; after an error also what they are still at."""
+    waiting: dict[Future[Any], N] = {}
+    failure: Exception | None = None
     try:
         while True:
-            for number in islice(todo, max(AHEAD * engine.workers - len(waiting), 0)):
-                waiting[engine.submit(task, number)] = number
+            wanted = 0 if failure else AHEAD * engine.workers - len(waiting)
+            for number in islice(todo, max(wanted, 0)):
+                waiting[engine.submit(run_packed, content, number)] = number
             if not waiting:
-                return
-            outcomes: list[tuple[N, T]] = []
-            failure: Exception | None = None
-            for future in _done(waiting, engine):
+                break
+            outcomes: list[tuple[N, Any]] = []
+            for future in wait(waiting, timeout=GLANCE, return_when=FIRST_COMPLETED).done:
                 number = waiting.pop(future)
                 try:
-                    outcomes.append((number, engine.value(future)))
-                except WorkerDied as death:
-                    deaths[number] += death.at_work
-                    if death.final or deaths[number] >= ATTEMPTS:
-                        failure = _given_up(number)
-                    else:
-                        waiting[engine.submit(task, number)] = number
+                    outcomes.append((number, future.result()))
                 except Exception as error:
-                    failure = error
+                    failure = failure or _meaning(error, number, engine)
             if outcomes:
-                yield outcomes  # what is there is handed over before anything is raised
-            if failure:
-                raise failure
+                yield outcomes
+            for future in list(waiting) if failure else ():
+                if future.cancel():
+                    del waiting[future]
     finally:
         for future in waiting:
             future.cancel()
+    if failure:
+        raise failure
 
 
-def _done(waiting: dict[Future[T], N], engine: Engine) -> list[Future[T]]:
-    """Wait until some have ended; in the order in which they were submitted."""
-    while True:
-        done = wait(waiting, timeout=GLANCE, return_when=FIRST_COMPLETED).done
-        if done:
-            return [future for future in waiting if future in done]
-        engine.check()
-
-
-def _given_up(number: object) -> EngineError:
+def _meaning(error: Exception, number: object, engine: Engine) -> Exception:
+    meaning = engine.meaning(error)
+    if not isinstance(meaning, BrokenExecutor):
+        return meaning
     return EngineError(
         f"task {number}: every worker that took it died (was memory short? does a script lack its"
         ' if __name__ == "__main__"?); finished tasks are kept'

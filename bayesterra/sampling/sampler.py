@@ -19,6 +19,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
+from bayesterra.runtime.status import Status
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.sampling.ensemble import Ensemble, EnsembleState, Segment
@@ -43,6 +44,13 @@ class Progress:
     seconds_left: float | None = None
     step: str = ""
     steps: int | None = None
+
+    def note_in(self, status: Status) -> None:
+        """Tell those who poll; steps of a stage at most twice a second."""
+        diagnosis = self.diagnosis
+        figures = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
+        steps = self.steps if diagnosis is None else diagnosis.steps
+        status.note(self.stage, self.done, self.seconds_left, steps=steps, now=not self.step, **figures)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from bayesterra.errors import check_kind, check_seed
 from bayesterra.report.failures import with_failures
 from bayesterra.runtime.folders import check_free, whole_folder, write_text
 from bayesterra.runtime.netcdf import write_tree
+from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
@@ -121,9 +122,16 @@ def soil_test_into(
 
     test = load_soil_test(file)
     check_free(out, overwrite=overwrite)
-    with whole_folder(out, overwrite=overwrite) as part:
+    with job_folder(out, overwrite=overwrite) as (part, status):
         with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
-            result = soil_test(test, seed=seed, progress=show)
+
+            def update(progress: Progress) -> None:
+                progress.note_in(status)
+                show(progress)
+
+            update(Progress("reading", 0.0))
+            result = soil_test(test, seed=seed, progress=update)
+            update(Progress("writing the report", 1.0))
         return result._write(part)
 
 

@@ -18,17 +18,16 @@ from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, one_
 from bayesterra.analysis.run import load_result, opened_for_design, opened_for_stream
 from bayesterra.errors import BayesterraError
 from bayesterra.follow.session import begin
-from bayesterra.runtime.checkpoints import pack
+from bayesterra.runtime.checkpoints import Checkpoints, pack
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.netcdf import read_drawn
 from bayesterra.runtime.ownership import WORK
-from bayesterra.runtime.tasks import TaskStore
 
 FLIPPED, CUT, EMPTIED = "one bit flipped", "cut short", "made empty"
 REMOVED, FOLDER, UNREADABLE = "removed", "a folder in its place", "not readable"
 KINDS = (FLIPPED, CUT, EMPTIED, REMOVED, FOLDER, UNREADABLE)
 NOBODY = 65534
-TASKS = 50
+TASKS = 10
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,7 @@ def _stream(folder: Path) -> str:
 
 def _store(folder: Path) -> str:
     """Tasks of a store: right where all that are there are."""
-    with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
-        found = store.tasks()
+    found = Checkpoints.opened(folder, {"seed": 1}, "tasks").tasks()
     wrong = [n for n, task in found.items() if task != {"number": n, "text": "x" * 300}]
     return f"wrong: {wrong}" if wrong else "right"
 
@@ -88,10 +86,10 @@ def reads(made: Path) -> dict[str, Read]:
     store = made / "store"
     shutil.rmtree(store, ignore_errors=True)
     store.mkdir()
-    with TaskStore(store / "tasks.sqlite", {"seed": 1}) as tasks:
-        for number in range(TASKS):
-            tasks.add({number: {"number": number, "text": "x" * 300}})
-    few, many = {FLIPPED: 12, CUT: 4}, {FLIPPED: 150, CUT: 50}
+    tasks = Checkpoints.opened(store, {"seed": 1}, "tasks")
+    for number in range(TASKS):
+        tasks.add({number: {"number": number, "text": "x" * 300}})
+    few, many = {FLIPPED: 12, CUT: 4}, {FLIPPED: 20, CUT: 10}
     return {
         "a result that is loaded": Read(made / "r1", _result, few),
         "a result whose posterior is a prior": Read(made / "r1", _prior, few),

@@ -26,13 +26,14 @@ def main(store: str, scheduler: str = "") -> None:
     """Do the tasks that a store lacks, and save each as it ends; a line per saved task."""
     import light
 
+    from bayesterra.runtime.checkpoints import Checkpoints
     from bayesterra.runtime.dask import dask_cluster
     from bayesterra.runtime.engines import local_pool
     from bayesterra.runtime.parallel import completed
-    from bayesterra.runtime.tasks import TaskStore
 
     engine = dask_cluster(scheduler) if scheduler else local_pool(2)
-    with TaskStore(Path(store), {"tasks": TASKS}) as tasks, engine:
+    tasks = Checkpoints.opened(Path(store), {"tasks": TASKS}, "tasks")
+    with engine:
         missing = sorted({*range(TASKS)} - {*tasks.tasks()})
         for number, found in completed(light.work, missing, engine):
             tasks.add({number: {"value": found}})

@@ -25,8 +25,8 @@ from trials import (
 
 from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.errors import ResultError
+from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import local_pool
-from bayesterra.runtime.tasks import TaskStore
 from bayesterra.study.study import load_study
 
 KILL, STOP, INTERRUPT = "kill -9", "SIGTERM", "SIGINT"
@@ -126,19 +126,18 @@ def _into(*arguments: object) -> Callable[[Path], int]:
 
 
 def _tasks(folder: Path) -> int:
-    with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
+    try:
+        store = Checkpoints.opened(folder, {"seed": 1}, "tasks")
         for number in sorted({*range(TASKS)} - {*store.tasks()}):
             time.sleep(0.002)
             store.add({number: {"number": number, "text": "x" * 300}})
+    except OSError as error:  # as ``whole_folder`` says it
+        raise ResultError(f"'{folder}' cannot be written: {error.strerror}") from error
     return 0
 
 
 def _kept_tasks(folder: Path) -> set[str]:
-    try:
-        with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
-            found = store.tasks()
-    except ResultError:  # then everything that was saved is lost
-        return set()
+    found = Checkpoints.opened(folder, {"seed": 1}, "tasks").tasks()
     return {f"task-{n}" for n, task in found.items() if task == {"number": n, "text": "x" * 300}}
 
 

@@ -25,7 +25,6 @@ from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.checking.ranks import Calibration
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints
-from bayesterra.runtime.tasks import TaskStore
 from bayesterra.study.study import load_study
 
 KINDS = {
@@ -118,18 +117,17 @@ def _kept_segments(folder: Path) -> set[str]:
 
 
 def _tasks(folder: Path) -> int:
-    with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
+    try:
+        store = Checkpoints.opened(folder, {"seed": 1}, "tasks")
         for number in {*range(TASKS)} - {*store.tasks()}:
             store.add({number: {"number": number, "text": "x" * 3000}})
+    except OSError as error:  # as ``whole_folder`` says it
+        raise ResultError(f"'{folder}' cannot be written: {error.strerror}") from error
     return 0
 
 
 def _kept_tasks(folder: Path) -> set[str]:
-    try:
-        with TaskStore(folder / "tasks.sqlite", {"seed": 1}) as store:
-            found = store.tasks()
-    except ResultError:  # then everything that was saved is lost
-        return set()
+    found = Checkpoints.opened(folder, {"seed": 1}, "tasks").tasks()
     return {f"task-{n}" for n, task in found.items() if task == {"number": n, "text": "x" * 3000}}
 
 

@@ -39,7 +39,7 @@ from bayesterra.report.failures import Failures
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import SEGMENT, WORK
-from bayesterra.runtime.tasks import STORE_FILE, TaskStore, read_tasks
+from bayesterra.runtime.tasks import read_tasks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 
@@ -217,18 +217,18 @@ def _outcome(work: Callable[[], int], before: Callable[[], None]) -> int:
 
 def tell_what_is_saved(told: int) -> None:
     """From now on note every segment and task once the call that saves it has returned."""
-    save, add = Checkpoints.save, TaskStore.add
+    save, add = Checkpoints.save, Checkpoints.add
 
     def told_save(self: Checkpoints, name: str, segment: Any) -> None:
         save(self, name, segment)
         os.write(told, f"{name}\n".encode())
 
-    def told_add(self: TaskStore, finished: Any) -> None:
+    def told_add(self: Checkpoints, finished: Any) -> None:
         add(self, finished)
         os.write(told, "".join(f"task-{task}\n" for task in finished).encode())
 
     type.__setattr__(Checkpoints, "save", told_save)
-    type.__setattr__(TaskStore, "add", told_add)
+    type.__setattr__(Checkpoints, "add", told_add)
 
 
 def living(leader: int) -> list[int]:
@@ -261,12 +261,11 @@ def kept_segments(out: Path) -> set[str] | None:
 
 def kept_replications(folder: Path) -> set[str] | None:
     """Replications that are saved, of a calibration into ``out`` of a folder; None where that has ended."""
-    store = part_of(folder / "out") / WORK / STORE_FILE
     if (folder / "out").exists():
         return None
     try:
-        return {f"task-{number}" for number in read_tasks(store)["task"]}
-    except ResultError:  # there is none yet, or no table in it
+        return {f"task-{number}" for number in read_tasks(part_of(folder / "out"))["task"]}
+    except ResultError:  # there is none yet
         return set()
 
 

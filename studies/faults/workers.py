@@ -16,7 +16,7 @@ from pathlib import Path
 import light
 from trials import RIGHT, Table, emptied, living, rng_of
 
-from bayesterra.runtime.tasks import TaskStore
+from bayesterra.runtime.checkpoints import Checkpoints
 
 POOL, DASK = "kill -9 of a pool worker", "kill -9 of a Dask worker"
 WHERE = "tasks into a store"
@@ -66,16 +66,15 @@ def trial(fault: str, number: str, folder: Path, cluster: tuple[str, list[int]] 
     """Kill up to three workers at random, then look; moment, outcome, detail."""
     rng = rng_of(fault, WHERE, number)
     at = sorted(rng.choice(light.TASKS - 5, size=int(rng.integers(1, 4)), replace=False) + 1)
-    store = folder / "tasks.sqlite"
-    process = begun(store, cluster[0] if cluster else "")
+    process = begun(folder, cluster[0] if cluster else "")
     parents, sign = (cluster[1], "spawn_main") if cluster else ([process.pid], "spawn_main")
     kills = struck(process, parents, sign, [int(one) for one in at])
     said = process.communicate()[1].splitlines()
     moment = f"{kills} kills, after {', '.join(map(str, at))} tasks"
     if process.returncode:
         return [moment, "no right end", said[-1] if said else ""]
-    with TaskStore(store, {"tasks": light.TASKS}) as tasks:
-        found = {task: content["value"] for task, content in tasks.tasks().items()}
+    store = Checkpoints.opened(folder, {"tasks": light.TASKS}, "tasks")
+    found = {task: content["value"] for task, content in store.tasks().items()}
     if found != {task: light.value(task) for task in range(light.TASKS)}:
         return [moment, "wrong", f"{len(found)} of {light.TASKS}"]
     end = time.monotonic() + 20

@@ -29,10 +29,12 @@ import bayesterra as bt
 from bayesterra.checking.calibration import CalibrationRequest, calibrate_study, calibration_of
 from bayesterra.checking.replications import Fitted
 from bayesterra.likelihood.posterior import draw_cut_prior
+from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.parallel import ended
-from bayesterra.runtime.tasks import STORE_FILE, finished_tasks, task_folder
+from bayesterra.runtime.status import job_folder
+from bayesterra.runtime.tasks import finished_tasks
 
 HERE = Path(__file__).parent
 WORKERS = 2
@@ -111,8 +113,8 @@ def resident() -> tuple[float, float]:
 
 
 def stored(part: Path) -> float:
-    """Size of a store with its log, MB."""
-    return sum(path.stat().st_size for path in (part / WORK).glob(f"{STORE_FILE}*")) / 1e6
+    """Size of the finished tasks, MB."""
+    return sum(path.stat().st_size for path in (part / WORK).glob("task-*")) / 1e6
 
 
 class Watch:
@@ -137,7 +139,7 @@ class Watch:
 
 def work(name: str, out: Path, n: int) -> None:
     """Do what is missing of a part, in this process and two others."""
-    watch, known = Watch(name, out), finished_tasks(part_of(out) / WORK / STORE_FILE)
+    watch, known = Watch(name, out), finished_tasks(part_of(out) / WORK)
     with bt.local_pool(WORKERS) as engine:
         if name == "m2":
             job = CalibrationRequest(study(), n, engine=engine, fit=WeighedPrior())
@@ -145,7 +147,8 @@ def work(name: str, out: Path, n: int) -> None:
                 job, out, resume=True, quiet=True, watch=lambda now: watch(now.done, now.done - known)
             )
             return
-        with task_folder(out, {"seed": 1}, mark="tasks.json", resume=True) as (part, store, _):
+        with job_folder(out, mark="tasks.json", kind="tasks", resume=True) as (part, _):
+            store = Checkpoints.opened(part / WORK, {"seed": 1}, "tasks")
             there = store.tasks()
             missing = [task for task in range(1, n + 1) if task not in there]
             done = n - len(missing)
@@ -162,7 +165,7 @@ def through_the_store(name: str, n: int) -> None:
     out = HERE / "unfinished" / name / "out"
     shutil.rmtree(out.parent, ignore_errors=True)
     out.parent.mkdir(parents=True)
-    store = part_of(out) / WORK / STORE_FILE
+    store = part_of(out) / WORK
     command = [sys.executable, __file__, "work", name, str(out), str(n)]
     first = subprocess.Popen(command, start_new_session=True)
     while finished_tasks(store) < n // 2:

@@ -2,10 +2,8 @@
 
 import json
 import shutil
-import sqlite3
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -16,7 +14,8 @@ from bayesterra.__main__ import main
 from bayesterra.checking.calibration import CalibrationRequest, CalibrationResult, Progress, calibrate_study
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
-from bayesterra.runtime.tasks import TaskStore, finished_tasks
+from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.tasks import finished_tasks
 
 from .conftest import MakeStudy, exact
 from .test_replications import troubled
@@ -46,9 +45,9 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: CalibrationRequest
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(12))
     assert not out.exists()
-    assert finished_tasks(part / "checkpoint" / "tasks.sqlite") == 12
+    assert finished_tasks(part / "checkpoint") == 12
     status = json.loads((part / "status.json").read_text())
-    assert (status["replications"], status["of"], status["done"]) == (12, 30, 0.4)
+    assert (status["stage"], status["steps"], status["done"]) == ("calibrating", 12, 0.4)
     with pytest.raises(
         ResultError, match=r"holds 12 finished replications: add --resume to go on, or --over"
     ):
@@ -70,12 +69,12 @@ def test_what_does_not_belong_together_is_not_resumed(
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         calibrate_study(job, out, quiet=True, watch=stop_at(3))
-    with pytest.raises(ResultError, match="was made with seed 5, not 6: give the same, or begin anew"):
+    with pytest.raises(ResultError, match="was begun with seed 5, not 6; add --overwrite in place of"):
         calibrate_study(CalibrationRequest(job.study, 30, seed=6, fit=exact), out, resume=True, quiet=True)
     other = CalibrationRequest(make_small("phi", noise={"drawbar_pull": 2.0}), 30, seed=5, fit=exact)
-    with pytest.raises(ResultError, match="was made with another study"):
+    with pytest.raises(ResultError, match="was begun with another study"):
         calibrate_study(other, out, resume=True, quiet=True)
-    assert finished_tasks(tmp_path / "out.part" / "checkpoint" / "tasks.sqlite") == 3
+    assert finished_tasks(tmp_path / "out.part" / "checkpoint") == 3
     assert len(calibrate_study(other, out, overwrite=True, quiet=True).table) == 30
 
 
@@ -118,53 +117,66 @@ def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: CalibrationReq
 
 
 def test_others_read_the_store_while_it_is_written(tmp_path: Path) -> None:
-    """A task is on the disk when ``add`` returns; a second connection sees it."""
-    with TaskStore(tmp_path / "tasks.sqlite", {"seed": 1}) as store:
-        store.add({1: {"task": 1, "ess": 10.5}})
-        assert finished_tasks(tmp_path / "tasks.sqlite") == 1
-        store.add({2: {"task": 2, "ess": float("nan")}})
-        assert list(store.tasks()) == [1, 2]
+    """A task is on the disk when ``add`` returns; a second reader sees it."""
+    store = Checkpoints.opened(tmp_path, {"seed": 1}, "replications")
+    store.add({1: {"task": 1, "ess": 10.5}})
+    assert finished_tasks(tmp_path) == 1
+    store.add({2: {"task": 2, "ess": float("nan")}, 10: {"task": 10}})
+    assert list(store.tasks()) == [1, 2, 10]
+    assert list(bt.read_tasks(tmp_path)["ess"])[:1] == [10.5]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
-def test_a_store_whose_file_has_gone_takes_nothing(tmp_path: Path) -> None:
-    """What is handed over after a removal, or after another file took the name, is not said to be saved."""
-    gone = r"tasks.sqlite' was removed or replaced while tasks were being saved in it"
-    path = tmp_path / "part" / "tasks.sqlite"
+@pytest.mark.skipif(sys.platform == "win32", reason="an open folder cannot be removed there")
+def test_a_store_whose_folder_has_gone_takes_nothing(tmp_path: Path) -> None:
+    """What is handed over after a removal, or after another folder took the name, is not said to be saved."""
+    gone = r"part' was removed or replaced while work was being saved in it"
+    path = tmp_path / "part"
+    path.mkdir()
+    store = Checkpoints.opened(path, {"seed": 1}, "replications")
+    store.add({1: {"rank": 0.5}})
+    shutil.rmtree(path)
+    with pytest.raises(ResultError, match=gone):
+        store.add({2: {"rank": 0.5}})
+    path.mkdir()
+    other = Checkpoints.opened(path, {"seed": 1}, "replications")
+    other.add({1: {"rank": 0.5}})
+    with pytest.raises(ResultError, match=gone):
+        store.add({3: {"rank": 0.5}})
+    assert list(other.tasks()) == [1]
+
+
+def test_a_store_of_an_older_version_is_an_error_not_a_loss(tmp_path: Path) -> None:
+    """Its file is named, and left as it is."""
+    path = tmp_path / "checkpoint" / "tasks.sqlite"
     path.parent.mkdir()
-    with TaskStore(path, {"seed": 1}) as store:
-        store.add({1: {"rank": 0.5}})
-        shutil.rmtree(path.parent)
-        with pytest.raises(ResultError, match=gone):
-            store.add({2: {"rank": 0.5}})
-        path.parent.mkdir()
-        with TaskStore(path, {"seed": 1}) as other:
-            other.add({1: {"rank": 0.5}})
-            with pytest.raises(ResultError, match=gone):
-                store.add({3: {"rank": 0.5}})
-            assert list(other.tasks()) == [1]
-
-
-def test_a_damaged_store_is_an_error_not_a_loss(tmp_path: Path) -> None:
-    """A file that is no database is named, and left as it is."""
-    path = tmp_path / "tasks.sqlite"
-    path.write_bytes(b"not a database, but long enough to be read as the head of one" * 20)
-    with pytest.raises(ResultError, match=r"tasks.sqlite' is damaged \(file is not a database\)"):
-        TaskStore(path, {"seed": 1})
-    assert path.stat().st_size > 0
-    assert finished_tasks(path) == 0
+    path.write_bytes(b"SQLite format 3")
+    for place in (tmp_path, path.parent):
+        with pytest.raises(ResultError, match=r"tasks\.sqlite' was written by an older version: read it"):
+            bt.read_tasks(place)
+    assert path.read_bytes() == b"SQLite format 3"
+    assert finished_tasks(path.parent) == 0
 
 
 def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
-    """A flipped digit and a renumbered task are as good as never saved."""
-    path = tmp_path / "tasks.sqlite"
-    with TaskStore(path, {"seed": 1}) as store:
-        store.add({task: {"rank": 0.123} for task in (1, 2, 3)})
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE tasks SET content = replace(content, '0.123', '0.723') WHERE task = 1")
-        connection.execute("UPDATE tasks SET task = 7 WHERE task = 2")
-    with TaskStore(path, {"seed": 1}) as store:
-        assert store.tasks() == {3: {"rank": 0.123}}
+    """A flipped digit, a renumbered task and what is no task are as good as never saved, and make room."""
+    store = Checkpoints.opened(tmp_path, {"seed": 1}, "replications")
+    store.add({task: {"rank": 0.123} for task in (1, 2, 3)})
+    path = tmp_path / "task-1.segment"
+    path.write_bytes(path.read_bytes().replace(b"0.123", b"0.723"))
+    (tmp_path / "task-2.segment").unlink()
+    assert store.tasks() == {3: {"rank": 0.123}}
+    store.add({1: {"rank": 0.5}})  # damaged while the store is open
+    assert store.tasks() == {1: {"rank": 0.5}, 3: {"rank": 0.123}}
+    path.write_bytes(path.read_bytes().replace(b"0.5", b"0.7"))
+    again = Checkpoints.opened(tmp_path, {"seed": 1}, "replications")
+    assert again.notes[0] == "the saved segment 'task-1.segment' is damaged and is made again"
+    again.add({1: {"rank": 0.25}})  # and while nobody has it open
+    assert Checkpoints.opened(tmp_path, {"seed": 1}, "replications").tasks() == {
+        1: {"rank": 0.25}, 3: {"rank": 0.123}
+    }  # fmt: skip
+    (tmp_path / "task-3.segment").rename(tmp_path / "task-7.segment")
+    with pytest.raises(ResultError, match="was begun with another study, seed or version"):
+        again.tasks()
 
 
 def test_a_kill_after_the_last_rename_costs_nothing(job: CalibrationRequest, tmp_path: Path) -> None:

@@ -54,16 +54,16 @@ def test_an_interrupted_design_goes_on_where_it_was(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         design_into(bt.load_study(HIT), out, quiet=True, watch=stop_at(5), **WISHES)
     status = json.loads((tmp_path / "out.part" / "status.json").read_text())
-    assert status["judged"] == 5
+    assert (status["stage"], status["steps"]) == ("judging for drive 1", 5)
     table = bt.read_tasks(out)
     assert list(table["task"]) == [0, 1, 2, 3, 4]
     assert np.shape(table["replicates"][0]) == (21, 3)
     assert table.attrs["made_with"]["number"] == 2
     with pytest.raises(ResultError, match="holds 5 finished candidates: add --resume to go on, or --overwr"):
         design_into(bt.load_study(HIT), out, quiet=True, **WISHES)
-    with pytest.raises(ResultError, match="was made with seed 1, not 2: give the same, or begin anew"):
+    with pytest.raises(ResultError, match="was begun with seed 1, not 2; add --overwrite in place of"):
         design_into(bt.load_study(HIT), out, quiet=True, resume=True, seed=2, **WISHES)
-    with pytest.raises(ResultError, match="was made with another list of candidates"):
+    with pytest.raises(ResultError, match="was begun with another list of candidates"):
         design_into(bt.load_study(HIT), out, quiet=True, resume=True, **WISHES | {"slips": [0.1, 0.3, 0.45]})
     design_into(
         bt.load_study(HIT), out, quiet=True, resume=True, watch=lambda now: seen.append(now.judged), **WISHES

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import sqlite3
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
@@ -36,11 +35,11 @@ from bayesterra.prediction.prediction import predict
 from bayesterra.prediction.rover import read_rover
 from bayesterra.report.terminal import PlainConsole
 from bayesterra.runtime import netcdf
-from bayesterra.runtime.checkpoints import Checkpoints, unpack
+from bayesterra.runtime.checkpoints import Checkpoints, digest, unpack
 from bayesterra.runtime.netcdf import read_tree
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.tables import csv_text, read_cells
-from bayesterra.runtime.tasks import TaskStore, finished_tasks
+from bayesterra.runtime.tasks import read_tasks
 from bayesterra.soiltests.run import _lines
 from bayesterra.soiltests.study import load_soil_test
 from bayesterra.study.canonical import write_study
@@ -58,7 +57,7 @@ RESULT_FILES = (
     "run.json", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv", "study.toml",
     "measurements.csv",
 )  # fmt: skip
-STORE_FILES = ("begun.json", "state.segment", "tasks.sqlite", "tasks", "stream.json", "updates.csv")
+STORE_FILES = ("begun.json", "state.segment", "task-1.segment", "tasks", "stream.json", "updates.csv")
 
 
 class FailureError(AssertionError):
@@ -241,7 +240,7 @@ def store(data: bytes) -> None:
     name, content = STORE_FILES[data[0] % len(STORE_FILES)], data[1:]
     with folder() as inner:
         if name == "tasks":
-            _write_tasks(inner / "tasks.sqlite", content)
+            _write_task(inner, content)
         elif name.endswith(".segment"):  # whoever writes one can reckon its checksum
             (inner / name).write_bytes(sha256(content).hexdigest().encode() + b"\n" + content)
         else:
@@ -252,11 +251,11 @@ def store(data: bytes) -> None:
             if segment is not None:
                 with _misfit():
                     unpack(State, segment)
-        finished_tasks(inner / "tasks.sqlite")
-        with allowed(), TaskStore(inner / "tasks.sqlite", {"seed": 1}) as opened:
             with _misfit():
-                [Outcome.from_record(one) for one in opened.tasks().values()]
-            opened.add({7: {"task": 7}})
+                [Outcome.from_record(one) for one in checkpoints.tasks().values()]
+            checkpoints.add({7: {"task": 7}})
+        with allowed():
+            read_tasks(inner)
         if name in ("stream.json", "updates.csv"):
             write_study(base().study, inner)
             with allowed():
@@ -270,14 +269,10 @@ def _misfit() -> Iterator[None]:
         yield
 
 
-def _write_tasks(path: Path, content: bytes) -> None:
-    """A sound file of tasks whose one task is the content."""
-    with sqlite3.connect(path) as connection:
-        connection.execute("CREATE TABLE origin (content TEXT NOT NULL)")
-        connection.execute("CREATE TABLE tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL)")
-        connection.execute("INSERT INTO origin VALUES (?)", (json.dumps({"seed": 1}),))
-        connection.execute("INSERT INTO tasks VALUES (1, ?)", (content,))
-    connection.close()
+def _write_task(inner: Path, content: bytes) -> None:
+    """A sound piece of work that is a task of that content."""
+    whole = json.dumps({"run": digest({"seed": 1}), "segment": "task-1"}).encode() + b"\n" + content
+    (inner / "task-1.segment").write_bytes(sha256(whole).hexdigest().encode() + b"\n" + whole)
 
 
 TARGETS: dict[str, Callable[[bytes], None]] = {

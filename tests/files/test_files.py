@@ -30,7 +30,6 @@ from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.netcdf import read_drawn
 from bayesterra.runtime.ownership import WORK
-from bayesterra.runtime.tasks import TaskStore, finished_tasks
 from bayesterra.soiltests.study import load_soil_test
 from bayesterra.study.observations import read_table
 from bayesterra.study.study import load_study
@@ -270,30 +269,6 @@ def test_segments_that_unpack_to_more_are_damaged(tmp_path: Path) -> None:
             assert Checkpoints(tmp_path, "x").load("s") is None
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "CREATE VIEW tasks AS WITH RECURSIVE n(task, content) AS"
-        " (SELECT 1, '{}' UNION ALL SELECT task + 1, '{}' FROM n) SELECT * FROM n",
-        "CREATE TABLE tasks (task INTEGER PRIMARY KEY, content TEXT NOT NULL);"
-        "CREATE TRIGGER t AFTER INSERT ON tasks BEGIN DELETE FROM tasks; END",
-        "CREATE TABLE tasks (task INTEGER PRIMARY KEY, content AS (hex(zeroblob(1000000000))))",
-    ],
-)
-def test_stores_that_act_are_refused(statement: str, tmp_path: Path) -> None:
-    """Views, triggers and reckoned columns in place of the table of tasks: nothing runs."""
-    import sqlite3
-
-    path = tmp_path / "tasks.sqlite"
-    with sqlite3.connect(path) as connection:
-        connection.executescript(statement)
-    connection.close()
-    with in_time(), in_memory(50 * MB):
-        assert finished_tasks(path) == 0
-        with pytest.raises(ResultError, match="that is not ours"):
-            TaskStore(path, {"seed": 1})
-
-
 def test_nothing_is_written_through_links(tmp_path: Path) -> None:
     """Links planted where a run will write lead it nowhere: what they point to stays as it is."""
     precious, out = tmp_path / "precious", tmp_path / "out"
@@ -332,17 +307,20 @@ def test_nothing_is_written_through_links(tmp_path: Path) -> None:
     assert not (out / "run.json").is_symlink()
 
 
-def test_finished_tasks_are_not_looked_for_through_links(tmp_path: Path) -> None:
-    """A store that is a link to a database elsewhere is not opened, let alone written to."""
-    other = tmp_path / "other.sqlite"
-    with TaskStore(other, {"seed": 2}) as store:
-        store.add({1: {}})
-    before = other.read_bytes()
-    (tmp_path / "tasks.sqlite").symlink_to(other)
-    assert finished_tasks(tmp_path / "tasks.sqlite") == 0
-    with pytest.raises(ResultError, match="is a link or no file"):
-        TaskStore(tmp_path / "tasks.sqlite", {"seed": 1})
-    assert other.read_bytes() == before
+def test_finished_tasks_are_not_written_through_links(tmp_path: Path) -> None:
+    """A task that is a link elsewhere gives way to one of ours; what it led to stays as it is."""
+    work, other = tmp_path / "work", tmp_path / "other"
+    for folder in (work, other):
+        folder.mkdir()
+    Checkpoints.opened(other, {"seed": 2}, "replications").add({1: {"rank": 0.5}})
+    before = (other / "task-1.segment").read_bytes()
+    store = Checkpoints.opened(work, {"seed": 1}, "replications")
+    (work / "task-1.segment").symlink_to(other / "task-1.segment")
+    with pytest.raises(ResultError, match="was begun with another study, seed or version"):
+        store.tasks()
+    store.add({1: {"rank": 0.25}})
+    assert store.tasks() == {1: {"rank": 0.25}}
+    assert (other / "task-1.segment").read_bytes() == before
 
 
 def test_absurd_inputs_on_the_command_line(base: targets.Base, tmp_path: Path) -> None:
@@ -400,7 +378,7 @@ def test_calibrations_of_others_are_refused(tmp_path: Path) -> None:
     part.mkdir(parents=True)
     from bayesterra.checking.calibration import _made_with
 
-    with TaskStore(part / "tasks.sqlite", _made_with(job)) as store:
-        store.add({1: {"task": 1, "status": "excellent", "ess": 1, "r_hat": 1, "seconds": 1}})
+    store = Checkpoints.opened(part, _made_with(job), "replications")
+    store.add({1: {"task": 1, "status": "excellent", "ess": 1, "r_hat": 1, "seconds": 1}})
     with pytest.raises(ResultError, match="is damaged: no outcome of a replication"):
         calibrate_study(job, tmp_path / "out", resume=True, quiet=True)

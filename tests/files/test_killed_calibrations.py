@@ -47,7 +47,7 @@ def wait_for(store: Path, tasks: int) -> None:
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_calibration_loses_nothing_that_was_saved(sign: signal.Signals, tmp_path: Path) -> None:
     """Stopped twice on its way, it ends with the ranks of an undisturbed run."""
-    out, store = tmp_path / "out", tmp_path / "out.part" / "checkpoint" / "tasks.sqlite"
+    out, store = tmp_path / "out", tmp_path / "out.part" / "checkpoint"
     for tasks in (7, 31):
         process = started(out)
         wait_for(store, tasks)

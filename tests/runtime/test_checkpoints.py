@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bayesterra.errors import ResultError
-from bayesterra.runtime.checkpoints import BEGUN, Checkpoints, difference
+from bayesterra.runtime.checkpoints import Checkpoints, difference
+from bayesterra.runtime.ownership import BEGUN
 from bayesterra.study.canonical import identity, source_digest, write_study
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study

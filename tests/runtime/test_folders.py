@@ -20,7 +20,7 @@ from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.folders import check_free, part_of, tidy, whole_folder, write_text
 from bayesterra.runtime.ownership import locked
 from bayesterra.runtime.reading import check_sums
-from bayesterra.runtime.tasks import Status
+from bayesterra.runtime.status import Status, job_folder
 
 
 def result_folder(path: Path) -> Path:
@@ -509,21 +509,33 @@ def test_a_place_where_nothing_can_be_made_is_said(tmp_path: Path) -> None:
 
 
 def test_what_another_command_saved_is_not_removed(tmp_path: Path) -> None:
-    """Finished tasks are not lost to a run of that name, nor segments to a calibration."""
+    """Finished tasks are not lost to a run of that name, nor segments to a calibration, nor what is older."""
     segment = killed(tmp_path / "out")
     before = everything(tmp_path)
     for resume in (False, True):
         with (
             pytest.raises(ResultError, match="holds an unfinished run of another command"),
-            whole_folder(tmp_path / "out", resume=resume, unfinished=lambda part: ""),
+            whole_folder(tmp_path / "out", resume=resume, kind="replications"),
         ):
             pass
-    segment.rename(segment.with_name("tasks.sqlite"))
+    assert everything(tmp_path) == before
+    begun = segment.with_name("begun.json")
+    begun.write_text(begun.read_text().replace('"run",', '"replications",'))
+    segment.rename(segment.with_name("task-1.segment"))
     before = everything(tmp_path)
     for resume in (False, True):
         with (
-            pytest.raises(ResultError, match="holds finished tasks of another command"),
+            pytest.raises(ResultError, match="holds 1 finished replications of another command"),
             whole_folder(tmp_path / "out", resume=resume),
+        ):
+            pass
+    assert everything(tmp_path) == before
+    segment.with_name("task-1.segment").rename(segment.with_name("tasks.sqlite"))
+    before = everything(tmp_path)
+    for kind in ("run", "replications"):
+        with (
+            pytest.raises(ResultError, match="holds finished tasks of an older version: go on with that,"),
+            whole_folder(tmp_path / "out", resume=True, kind=kind),
         ):
             pass
     assert everything(tmp_path) == before
@@ -568,19 +580,17 @@ def test_a_large_file_is_not_read_at_once(tmp_path: Path) -> None:
 def test_the_status_is_renewed_while_nothing_is_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The last stage and step stay with a newer time, every version is whole, and it ends with the work."""
-    monkeypatch.setattr("bayesterra.runtime.tasks.BEAT", 0.02)
+    """The last stage and steps stay with a newer time, every version is whole, and it ends with the work."""
+    monkeypatch.setattr("bayesterra.runtime.status.BEAT", 0.02)
     seen = list[dict[str, object]]()
     before = threading.active_count()
     with Status(tmp_path) as status:
-        status.note({"stage": "adapting", "step": "temperature 0.1"}, now=True)
+        status.note("adapting", 0.0, steps=3, now=True)
         for _ in range(200):
             seen.append(json.loads((tmp_path / "status.json").read_text(encoding="utf-8")))
             time.sleep(0.002)
     assert threading.active_count() == before
-    assert {(one["stage"], one["step"], one["pid"]) for one in seen} == {
-        ("adapting", "temperature 0.1", os.getpid())
-    }
+    assert {(one["stage"], one["steps"], one["pid"]) for one in seen} == {("adapting", 3, os.getpid())}
     times = [str(one["time"]) for one in seen]
     assert times == sorted(times)
     assert len(set(times)) >= 4
@@ -589,7 +599,28 @@ def test_the_status_is_renewed_while_nothing_is_noted(
 def test_what_is_noted_from_several_threads_is_never_torn(tmp_path: Path) -> None:
     """Notes and renewals take turns: the file is one of what was noted, and the last one stays."""
     with Status(tmp_path) as status, ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda i: status.note({"step": str(i)}, now=True), range(40)))
-        status.note({"step": "last"}, now=True)
-    assert json.loads((tmp_path / "status.json").read_text(encoding="utf-8"))["step"] == "last"
+        list(pool.map(lambda i: status.note(str(i), 0.0, now=True), range(40)))
+        status.note("last", 1.0, now=True)
+    assert json.loads((tmp_path / "status.json").read_text(encoding="utf-8"))["stage"] == "last"
     assert names(tmp_path) == {"status.json"}
+
+
+def test_a_status_has_the_keys_of_every_command(tmp_path: Path) -> None:
+    """What nobody knows is null or missing; the rate is that of the stage; the file goes with the work."""
+    with job_folder(tmp_path / "out") as (part, status):
+        seen = []
+        for done, steps in ((0.0, None), (0.0, 10), (0.5, 20)):
+            status.note("sampling", done, float("inf"), steps=steps, now=True)
+            seen.append(json.loads((part / "status.json").read_text(encoding="utf-8")))
+            time.sleep(0.02)
+        status.note("writing", 1.0, 2.0, steps=20, now=True, ess=100.0, r_hat=float("nan"))
+        last = json.loads((part / "status.json").read_text(encoding="utf-8"))
+        write_text(part / "run.json", "{}")
+    base = {"stage", "done", "seconds_left", "time", "pid"}
+    assert [set(one) - base for one in (*seen, last)] == [
+        set(), {"steps"}, {"steps", "rate"}, {"steps", "ess", "r_hat"}
+    ]  # fmt: skip
+    assert seen[2]["seconds_left"] is None
+    assert 0 < seen[2]["rate"] <= 10 / 0.02
+    assert (last["seconds_left"], last["ess"], last["r_hat"]) == (2.0, 100.0, None)
+    assert names(tmp_path / "out") == {"run.json", "SHA256SUMS"}
