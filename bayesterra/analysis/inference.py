@@ -148,7 +148,7 @@ class Analysis:
         failures, draws_of = self.failures, self.kept.flat
         rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
-        if self.study.drive == "both":
+        if self.study.drive.latent_load:
             before = failures.attempt(
                 "prior_predictive",
                 lambda: predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading)),

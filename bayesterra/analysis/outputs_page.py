@@ -227,15 +227,10 @@ def _bands(result: Result, wheel: str) -> Gallery:
         "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
         "noise included, and their median, at {}. A channel that was not measured shows the modelled "
         "values. {} About nine readings in ten should lie in the pale band."
-    ).format(wheel, GIVEN[result.study.drive], _lines(result))
+    ).format(wheel, result.study.drive.level, _lines(result))
     return Gallery("small", pictures, caption)
 
 
-GIVEN = {
-    "load": "the median load of the readings",
-    "both": "the median normal force of the readings",
-    "sinkage": "the measured sinkages, joined by straight lines",
-}
 LINES = {
     "IM1": "long dashes (vermilion)",
     "IM2": "dots (green)",

@@ -113,10 +113,8 @@ def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
     columns: dict[str, object] = {"wheel": rows.wheel} if len(study.wheels) > 1 else {}
     columns |= rows.labels
     columns["slip"] = rows.slip
-    if study.drive == "load":
-        columns |= _column("load", rows.load)
-    elif study.drive == "sinkage":
-        columns |= _column("sinkage", rows.values["sinkage"])
+    for name, values in study.drive.conditioned(rows).items():
+        columns |= _column(name, values)
     for name in (name for name in OUTCOMES if name in made):
         columns |= _column(name, made[name])
         if not np.isnan(rows.given_sd[name]).all():

@@ -241,12 +241,7 @@ def _measurements(study: Study) -> Table:
 def _columns(study: Study) -> dict[str, FloatArray]:
     """Columns of the table: what the drive conditions on, then the measured outcomes; SI."""
     rows = study.observations
-    conditions = {
-        "load": {"load": rows.load},
-        "sinkage": {"sinkage": rows.values.get("sinkage", rows.load)},
-        "both": {},
-    }
-    return {**conditions[study.drive], **{name: rows.values[name] for name in study.noise}}
+    return {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
 
 
 def _cell(value: float) -> str:

@@ -18,7 +18,6 @@ from bayesterra.checking.ranks import CONVERGED, FAILED, UNCONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import BayesterraError, StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
-from bayesterra.likelihood.forward import known_loads
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.parameters import CHANNELS
 from bayesterra.study.observations import Observations
@@ -322,23 +321,19 @@ def _bands(study: Study, curves: Any) -> list[Band]:
     return bands
 
 
-KNOWN = {"load": (), "both": ("normal_force",), "sinkage": ("sinkage",)}
-"""Channels of a left-out row that stay known, by drive, beside its slip: with ``both`` the normal force as it
-was read, with ``sinkage`` the sinkage. With ``load`` the load is known, which is no channel."""
 FEWEST = 20
 """Fewer draws with an answer than this are no law that could be scored."""
 
 
 def scored_channels(study: Study) -> tuple[str, ...]:
     """Channels that are predicted and scored."""
-    return tuple(name for name in study.noise if name not in KNOWN[study.drive])
+    return tuple(name for name in study.noise if name not in study.drive.kept)
 
 
 def conditions(study: Study) -> FloatArray:
     """Conditions of every row (m, k), known beforehand: slip, load (or sinkage), and the wheel (0 or 1)."""
     rows = study.observations
-    driven = rows.values["sinkage"] if study.drive == "sinkage" else known_loads(rows)
-    driven = np.nan_to_num(driven)  # never read: says nothing
+    driven = np.nan_to_num(study.drive.given(rows))  # never read: says nothing
     wheels = [np.array([name == own for own in rows.wheel], dtype=np.float64) for name in study.wheels]
     return np.column_stack([rows.slip, driven, *wheels[1:]])
 
@@ -410,5 +405,4 @@ def blinded(study: Study, left: BoolArray) -> Observations:
     """The rows in ``left`` (m,) without the readings that are to be predicted."""
     rows = study.observations.take(left)
     nothing = frozen(np.full(len(rows), np.nan))
-    kept = KNOWN[study.drive]
-    return replace(rows, values={n: v if n in kept else nothing for n, v in rows.values.items()})
+    return replace(rows, values={n: v if n in study.drive.kept else nothing for n, v in rows.values.items()})

@@ -233,13 +233,6 @@ def _bands_section(holdout: Holdout) -> Section:
     return Section("bands", "Fits without each level", (Gallery("whole", (picture,), caption),))
 
 
-KNOWN = {
-    "load": "slip, wheel and load",
-    "both": "slip, wheel and the reading of the normal force, from which each draw’s load is inferred",
-    "sinkage": "slip, wheel and sinkage",
-}
-
-
 def _method_section(holdout: Holdout) -> Section:
     text = Markup(
         "One level at a time is left out and the posterior of all other rows is sampled. Of a left-out row "
@@ -248,7 +241,7 @@ def _method_section(holdout: Holdout) -> Section:
         "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
         "same training rows and conditions and find the noise there themselves; the model is told the noise "
         "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best."
-    ).format(KNOWN[holdout.study.drive], ", ".join(baseline_names()))
+    ).format(holdout.study.drive.plan, ", ".join(baseline_names()))
     refits = tuple(
         (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
         for row in holdout.refits.to_dict("records")

@@ -249,7 +249,7 @@ class _Case:
 def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weighted]) -> Pits:
     """Probability below each reading, per channel; empty where the load is latent."""
     likelihood = posterior.likelihood
-    if likelihood.forward.drive == "both":
+    if likelihood.forward.drive.latent_load:
         return {}
     full = normal_scores(posterior, cases[0].x)
     table = np.empty((len(cases), len(likelihood.channels)))

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.forward import Forward, known_loads
+from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.models import Conditions
@@ -167,12 +167,13 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     mine = mine if mine.any() else observations.use
     slips = observations.slip[mine]
     slip = np.linspace(min(0.02, slips.min()), min(0.95, slips.max() + 0.05), GRID)
-    drive = "sinkage" if study.drive == "sinkage" else "load"
-    if drive == "load":
-        load = float(np.median(known_loads(observations)[mine]))
-        driven = np.full(GRID, study.middle_load if np.isnan(load) else load)
-    else:
+    if study.drive.by_sinkage:
         order = np.argsort(slips, kind="stable")
         slip = np.linspace(slips.min(), slips.max(), GRID)
         driven = np.interp(slip, slips[order], observations.values["sinkage"][mine][order])
-    return Forward(study.model, drive, Conditions.of(study.wheels[wheel], slip), driven, as_read=True)
+    else:
+        load = float(np.median(observations.known_loads[mine]))
+        driven = np.full(GRID, study.middle_load if np.isnan(load) else load)
+    return Forward(
+        study.model, study.drive.with_load, Conditions.of(study.wheels[wheel], slip), driven, as_read=True
+    )

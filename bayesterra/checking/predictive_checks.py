@@ -306,7 +306,7 @@ def prior_checks(study: Study, predictions: RowPredictions) -> PriorChecks:
     force are not judged, and the others only where ``predictions`` are made at loads that these tell
     (:func:`bayesterra.checking.predictive.predict_at_read_loads`).
     """
-    rows, checks, latent = study.observations, [], study.drive == "both"
+    rows, checks, latent = study.observations, [], study.drive.latent_load
     told = (
         ~np.isnan(rows.values[FORCE]) if latent and FORCE in rows.values else np.full(len(rows), not latent)
     )

@@ -100,7 +100,7 @@ class Modelled:
 
 def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArray | None:
     forward = posterior.likelihood.forward
-    if forward.drive != "both":
+    if not forward.drive.latent_load:
         return None
     loads = outcomes.values[:, :, forward.outcomes.index("normal_force")]
     moved = replace(forward, given=loads * (1 + LOAD_STEP))(posterior.prior.soil_values(x))

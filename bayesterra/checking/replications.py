@@ -19,6 +19,7 @@ from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
+from bayesterra.study.drive import Drive
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
@@ -103,18 +104,18 @@ AT_SLIP = "_at_largest_slip"
 """Ending of quantities that the model says of the row with the largest slip."""
 
 
-def predictive_names(drive: str) -> tuple[str, str]:
+def predictive_names(drive: Drive) -> tuple[str, str]:
     """The two predictive quantities of a drive.
 
-    With a latent load (``both``) no modelled force is defined for every soil, so they are those of the soil.
+    With a latent load no modelled force is defined for every soil, so they are those of the soil.
     """
-    if drive == "both":
+    if drive.latent_load:
         return "bearing_pressure", "shear_strength"
-    first = "sinkage" if drive == "load" else "normal_force"
-    return f"{first}{AT_SLIP}", f"drawbar_pull{AT_SLIP}"
+    first, second, _ = drive.outcomes
+    return first + AT_SLIP, second + AT_SLIP
 
 
-def quantity_names(names: tuple[str, ...], drive: str) -> tuple[str, ...]:
+def quantity_names(names: tuple[str, ...], drive: Drive) -> tuple[str, ...]:
     """All test quantities: free parameters, log likelihood, log prior, two predictive ones."""
     return (*names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive_names(drive))
 
@@ -129,7 +130,7 @@ def quantities(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
 def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
     forward, soil = posterior.likelihood.forward, posterior.prior.soil_values(x)
     names = predictive_names(forward.drive)
-    if forward.drive == "both":
+    if forward.drive.latent_load:
         plain = soil_at(soil, float(forward.conditions.width[0]))
         derived: tuple[Callable[[FloatArray], FloatArray], ...] = (bearing_pressure, shear_strength)
         return {name: function(plain) for name, function in zip(names, derived, strict=True)}

@@ -112,7 +112,7 @@ def prior_predictive(result: Result) -> Block:
         if checks.checks
         else "There is nothing to judge."
     )
-    if result.study.drive == "both" and all(check.channel != "normal_force" for check in checks.checks):
+    if result.study.drive.latent_load and all(check.channel != "normal_force" for check in checks.checks):
         word += (
             " Loads are taken as the normal force of each row tells them: the range of loads is one to"
             " integrate over and no belief, so the normal force itself and rows without one are not judged."

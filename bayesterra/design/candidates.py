@@ -11,13 +11,14 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.likelihood.derived import reference_load
-from bayesterra.likelihood.forward import Forward, Outcomes, known_loads, offset_of
+from bayesterra.likelihood.forward import Forward, Outcomes, offset_of
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.study.drive import Drive
 from bayesterra.study.noise import Noise
-from bayesterra.study.observations import DRIVE_OUTCOMES, Observations
+from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips
@@ -57,7 +58,7 @@ class Candidate:
 
     @property
     def where(self) -> str:
-        """The drive in a few words.
+        """What is driven, in a few words.
 
         >>> from bayesterra.models import Wheel
         >>> wheel = Wheel(radius=0.157, width=0.165)
@@ -146,7 +147,7 @@ def _loads(study: Study, wishes: CandidateOptions) -> list[float]:
     if wishes.loads:
         return [_load(load) for load in wishes.loads]
     rows = study.observations.used()
-    measured = known_loads(rows)[~np.isnan(known_loads(rows))]
+    measured = rows.known_loads[~np.isnan(rows.known_loads)]
     distinct = np.unique([float(f"{load:.3g}") for load in measured])
     if distinct.size > LOADS:
         distinct = np.quantile(measured, (0.0, 0.5, 1.0))
@@ -166,7 +167,7 @@ def _load(value: float | str) -> float:
 def _sensor(study: Study, text: str) -> Noise:
     """Noise of a new channel, from ``name`` or ``name=sd``."""
     name, equals, sd = (part.strip() for part in text.partition("="))
-    outcomes = DRIVE_OUTCOMES[study.drive]
+    outcomes = study.drive.outcomes
     if name not in outcomes:
         raise StudyError(f"unknown channel '{name}'{did_you_mean(name, outcomes)}")
     if name in study.noise:
@@ -187,8 +188,7 @@ def _ordered(noise: tuple[Noise, ...]) -> tuple[Noise, ...]:
 def _again(study: Study, noise: tuple[Noise, ...]) -> Candidate:
     """New sensors alone, on the study's rows driven again."""
     rows = study.observations.used()
-    load = known_loads(rows)
-    load = np.where(np.isnan(load), reference_load(study), load)
+    load = np.where(np.isnan(rows.known_loads), reference_load(study), rows.known_loads)
     return Candidate(rows.wheel, tuple(study.wheels[n] for n in rows.wheel), rows.slip, load, noise, True)
 
 
@@ -273,7 +273,7 @@ def _rows(candidate: Candidate) -> Iterator[Candidate]:
 
 def _row(situation: Situation, row: Candidate) -> Reading:
     soil = situation.study.prior.soil_values(situation.draws)
-    if situation.study.drive == "both":
+    if situation.study.drive.latent_load:
         return _with_latent_load(situation, row, soil)
     values = _modelled(situation.study, row, soil, row.load)
     mean, scale = _read(situation, row, row.noise, values)
@@ -283,11 +283,11 @@ def _row(situation: Situation, row: Candidate) -> Reading:
 def _modelled(study: Study, row: Candidate, soil: FloatArray, load: FloatArray) -> FloatArray:
     """Outcomes (n, 1, k) of the drive, as they are read but for noise."""
     conditions = Conditions.of(row.wheels, row.slip)
-    drive, conditioned = study.drive, load
-    if drive == "sinkage":
-        carried = Forward(study.model, "load", conditions, load)(soil).values[:, :, 0]
+    conditioned = load
+    if study.drive.by_sinkage:
+        carried = Forward(study.model, Drive.LOAD, conditions, load)(soil).values[:, :, 0]
         conditioned = np.nanmedian(carried + offset_of(soil), axis=0) if np.isfinite(carried).any() else load
-    outcomes = Forward(study.model, drive, conditions, frozen(conditioned), as_read=True)(soil)
+    outcomes = Forward(study.model, study.drive, conditions, frozen(conditioned), as_read=True)(soil)
     return np.where(outcomes.status[:, None, None] == 0, outcomes.values, np.nan)
 
 

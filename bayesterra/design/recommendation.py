@@ -139,8 +139,8 @@ class DesignRequest:
         """Facts that judged candidates of one design share, by names fit for a message."""
         study, prints = self.situation.study, self.situation.study.fingerprint
         candidates = [
-            (drive.wheel, drive.wheels, drive.slip.tolist(), drive.load.tolist(), drive.noise)
-            for drive in self.candidates
+            (row.wheel, row.wheels, row.slip.tolist(), row.load.tolist(), row.noise)
+            for row in self.candidates
         ]
         return {
             "seed": self.seed,
@@ -154,7 +154,7 @@ class DesignRequest:
             "study": prints["study"],
             "table of measurements": prints["data"],
             "set of draws": sha256(np.ascontiguousarray(self.situation.draws).tobytes()).hexdigest(),
-            "list of candidates": sha256(repr((candidates, study.drive)).encode()).hexdigest(),
+            "list of candidates": sha256(repr((candidates, str(study.drive))).encode()).hexdigest(),
         }
 
 

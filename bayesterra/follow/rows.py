@@ -81,10 +81,8 @@ def read_row(study: Study, table: pd.DataFrame, number: int, references: Referen
 
 
 def _check_noise(study: Study, row: Observations) -> None:
-    conditioned = "load" if study.drive == "load" else "sinkage" if study.drive == "sinkage" else ""
-    idle = {conditioned, "normal_force" if study.drive == "load" else ""}
     for name, values in row.values.items():
-        if name not in study.noise and name not in idle and not np.isnan(values[0]):
+        if name not in study.noise and name not in study.drive.idle and not np.isnan(values[0]):
             channels = ", ".join(study.noise)
             raise StudyError(
                 f"[noise] has no entry for the measured channel '{name}' (it has {channels}; row 1)"
@@ -114,8 +112,7 @@ class Rows:
     @classmethod
     def of(cls, study: Study) -> Rows:
         """An empty store for the rows of a study."""
-        held = ("sinkage",) if study.drive == "sinkage" else ()
-        return cls(tuple(study.wheels), (*(name for name in held if name not in study.noise), *study.noise))
+        return cls(tuple(study.wheels), (*(("sinkage",) if study.drive.by_sinkage else ()), *study.noise))
 
     def __len__(self) -> int:
         return self._length

@@ -79,7 +79,7 @@ class Stream:
         if false_alarms is not None and not 0 < false_alarms < 1:
             raise StudyError(f"'false_alarms' must lie between 0 and 1 (got {false_alarms:g})")
         self.study, self.seed, self.particles = study, seed, particles
-        self.false_alarms = None if study.drive == "both" else false_alarms
+        self.false_alarms = None if study.drive.latent_load else false_alarms
         self.references = References(slip_reference, sinkage_reference)
         self.offset = 0
         self.rows = Rows.of(study)

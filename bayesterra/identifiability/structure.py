@@ -264,7 +264,7 @@ def design_of(posterior: Posterior) -> Design:
     """The design of a study."""
     likelihood = posterior.likelihood
     forward, conditions = likelihood.forward, likelihood.forward.conditions
-    latent = forward.drive == "both"
+    latent = forward.drive.latent_load
     columns = [conditions.slip, conditions.radius, conditions.width, conditions.lug_height]
     columns.append(np.zeros(len(conditions.slip)) if latent else forward.given)
     _, first = np.unique(np.round(np.column_stack(columns), 9), axis=0, return_index=True)

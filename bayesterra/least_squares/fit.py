@@ -185,7 +185,7 @@ def _joint_notes(joint_fit: JointFit, drive: Forward, theta: FloatArray) -> tupl
 
 def _stand_ins(study: Study) -> tuple[str, ...]:
     """Notes on the values of quantities that least squares does not estimate."""
-    load = ("the measured normal force stands for the load",) if study.drive == "both" else ()
+    load = ("the measured normal force stands for the load",) if study.drive.latent_load else ()
     alone = ("IM1, IM2 and IM3 know no load effect",) if _has_load_effect(study) else ()
     return (*load, *_offset_note(study), *alone)
 

@@ -21,6 +21,7 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.models.geometry import entrance_angle, shear_start_radius
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.study.drive import Drive
 
 EVALUATIONS = 100
 """Evaluations per parameter of an inner fit, the limit of ``lsqcurvefit``. A fit whose θm/θ1 is clipped may
@@ -190,7 +191,7 @@ class ForceCurve:
 
 def integral_steps(readings: Readings, model: M1) -> list[Step]:
     """The three inner fits of IM1, in the order of Table 17."""
-    clipped = ClippedModel(Forward(model, "sinkage", readings.conditions, readings.sinkage))
+    clipped = ClippedModel(Forward(model, Drive.SINKAGE, readings.conditions, readings.sinkage))
 
     def step(group: str, channel: str) -> Step:
         measured = readings.forces[channel]

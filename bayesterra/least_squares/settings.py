@@ -267,12 +267,12 @@ def weighted_target(study: Study) -> Posterior:
     """
     density = posterior(study)
     whole = density.likelihood
-    rows, noise, drive = without_offset(whole.observations, study), whole.noise, study.drive
-    if drive == "both":
-        drive, noise = "load", [entry for entry in noise if entry.channel != "normal_force"]
+    rows, noise = without_offset(whole.observations, study), whole.noise
+    if study.drive.latent_load:
+        noise = [entry for entry in noise if entry.channel != "normal_force"]
         force = rows.values.get("normal_force", np.full(len(rows), np.nan))
         rows = replace(rows, load=force).take(force > 0)
     if not len(rows) or not noise:
         raise StudyError("joint: no row has both a measured normal force and an outcome")
-    forward = Forward.of(study.model, drive, rows, dict(study.wheels))
+    forward = Forward.of(study.model, study.drive.with_load, rows, dict(study.wheels))
     return replace(density, likelihood=Likelihood(forward, rows, tuple(noise)))

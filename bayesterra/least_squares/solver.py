@@ -229,8 +229,7 @@ class ClippedModel:
         """Exact derivatives (m, 3, 9 or 13) of the outcomes."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
-            model = part.model
-            step = model.response_jacobian_at if part.drive == "load" else model.jacobian_at
+            step = part.drive.slopes(part.model)
             derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, : row.shape[1]]
             return derivatives
 

@@ -11,6 +11,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward, soil_at
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
 from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
 
 REFERENCE_SINKAGE = 0.010
@@ -19,8 +20,8 @@ SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 
 @dataclass(frozen=True)
-class Drive:
-    """Responses of one wheel under one load over ``SLIP_GRID``, for n soils.
+class Response:
+    """Response of one wheel under one load over ``SLIP_GRID``, for n soils.
 
     Attributes
     ----------
@@ -40,23 +41,21 @@ def reference_load(study: Study) -> float:
 
     Else the middle of the latent loads' range; NaN where there is none.
     """
-    observations = study.observations.used()
-    force = observations.values.get("normal_force", observations.load)
-    loads = np.where(np.isnan(observations.load), force, observations.load)
+    loads = study.observations.used().carried
     return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else study.middle_load
 
 
-def drive(study: Study, soil: FloatArray) -> Drive:
+def drive(study: Study, soil: FloatArray) -> Response:
     """Drive the study's first wheel under its median load on soils (n, 9 or 12)."""
     return drive_wheel(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
 
 
-def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Drive:
+def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Response:
     """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 9 or 12)."""
     conditions = Conditions.of(wheel, SLIP_GRID)
-    forward = Forward(model, "load", conditions, np.full(len(SLIP_GRID), load))
+    forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
     z, pull, moment = forward(soil, every_row=True).values.transpose(2, 0, 1)
-    return Drive(load, z, pull, moment, tractive_efficiency(pull, moment, conditions))
+    return Response(load, z, pull, moment, tractive_efficiency(pull, moment, conditions))
 
 
 def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Conditions) -> FloatArray:

@@ -18,7 +18,8 @@ from bayesterra.parameters import (
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
 )
-from bayesterra.study.observations import DRIVE_OUTCOMES, Observations
+from bayesterra.study.drive import Drive
+from bayesterra.study.observations import Observations
 
 Codes = NDArray[np.int8]
 _SOILS = len(SOIL_PARAMETERS)
@@ -33,7 +34,7 @@ class Outcomes:
 
     Attributes
     ----------
-    values : (n, m, k) in the order of ``DRIVE_OUTCOMES``, NaN where the model has no answer.
+    values : (n, m, k) in the order of ``Drive.outcomes``, NaN where the model has no answer.
     status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
     """
 
@@ -78,38 +79,33 @@ class Forward:
     Parameters
     ----------
     model : one of the models with its options.
-    drive : ``load``, ``sinkage``, or ``both``, which is ``load`` with the normal force among the outcomes.
+    drive : what is given; ``both`` is ``load`` with the normal force among the outcomes.
     conditions : slip and wheel of every row.
     given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
     as_read : sinkages are readings, with the zero error of the instrument; else true ones.
     """
 
     model: WheelSoilModel
-    drive: str
+    drive: Drive
     conditions: Conditions
     given: FloatArray
     as_read: bool = False
 
     @classmethod
     def of(
-        cls, model: WheelSoilModel, drive: str, observations: Observations, wheels: dict[str, Wheel]
+        cls, model: WheelSoilModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]
     ) -> Forward:
         """Hold ``model`` at the rows of ``observations``, whose sinkages are readings.
 
-        With drive ``both`` the load is the one that a row knows best; see :func:`known_loads`.
+        With a latent load that is the one that a row knows best.
         """
         conditions = Conditions.of([wheels[name] for name in observations.wheel], observations.slip)
-        inputs = {
-            "load": observations.load,
-            "sinkage": observations.values.get("sinkage", observations.load),
-            "both": known_loads(observations),
-        }[drive]
-        return cls(model, drive, conditions, frozen(inputs), as_read=True)
+        return cls(model, drive, conditions, frozen(drive.given(observations)), as_read=True)
 
     @property
     def outcomes(self) -> tuple[str, ...]:
         """Names along the last axis of the outcomes."""
-        return DRIVE_OUTCOMES[self.drive]
+        return self.drive.outcomes
 
     def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
         """Model all rows for soil arrays (n, 9 or 12).
@@ -118,15 +114,15 @@ class Forward:
         with ``every_row`` each row that has an answer gets it.
         """
         offset = offset_of(soil) if self.as_read else 0.0
-        inputs = self.given - offset if self.drive == "sinkage" and self.as_read else self.given
+        inputs = self.given - offset if self.drive.by_sinkage and self.as_read else self.given
         values, status = self._answers(soil, inputs, every_row)
-        if self.drive != "sinkage":
+        if not self.drive.by_sinkage:
             values[:, :, 0] += offset
         return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
 
     def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
         """Answers of the model (n, m, 3), and its status (n, m)."""
-        run = self.model.forces_at if self.drive == "sinkage" else self.model.response_at
+        run = self.drive.answers(self.model)
         groups = list(by_wheel(soil, self.conditions))
         if len(groups) == 1:
             return run(groups[0][1], self.conditions, inputs, every_row=every_row)
@@ -138,8 +134,8 @@ class Forward:
         return values, status
 
     def _with_normal_force(self, values: FloatArray) -> FloatArray:
-        """In the drive ``both`` the load is what the normal force reads."""
-        if self.drive != "both":
+        """A latent load is what the normal force reads."""
+        if not self.drive.latent_load:
             return values
         force = np.where(np.isnan(values[:, :, 0]), np.nan, self.given)
         return np.insert(values, 1, force, axis=2)
@@ -162,11 +158,3 @@ def by_wheel(soil: FloatArray, conditions: Conditions) -> Iterator[tuple[BoolArr
 def take(conditions: Conditions, rows: BoolArray) -> Conditions:
     """The rows of ``conditions`` in ``rows`` (m,)."""
     return Conditions(**{field.name: getattr(conditions, field.name)[rows] for field in fields(conditions)})
-
-
-def known_loads(observations: Observations) -> FloatArray:
-    """Load (m,) of every row, N: as given, else the measured normal force, else the median of the others."""
-    force = observations.values.get("normal_force", observations.load)
-    loads = np.where(np.isnan(observations.load), force, observations.load)
-    middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
-    return np.where(np.isnan(loads), middle, loads)

@@ -1,11 +1,6 @@
 """Probability of the measurements given soil parameters and noise.
 
-The drive says what is conditioned on and what is an outcome:
-
-``load``      slip and load given; sinkage, drawbar pull and moment are outcomes (the testbed's causality).
-``sinkage``   slip and sinkage given; normal force, drawbar pull and moment are outcomes (the paper's way).
-``both``      slip given; the load is latent and all four readings are outcomes
-              (:mod:`bayesterra.likelihood.latent_load`).
+What is conditioned on and what is an outcome the drive says (:mod:`bayesterra.study.drive`).
 """
 
 from __future__ import annotations

@@ -30,12 +30,6 @@ EQUATIONS = {
     "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
 }
 """Equation numbers of Ding et al. 2015."""
-DRIVES = {
-    "load": "Slip and load are given; sinkage, drawbar pull and moment are outcomes.",
-    "sinkage": "Slip and sinkage are given; normal force, drawbar pull and moment are outcomes.",
-    "both": "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment "
-    "are outcomes.",
-}
 
 
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
@@ -52,9 +46,7 @@ def conditions(study: Study) -> tuple[Block, ...]:
 
 def _readings(study: Study) -> Table:
     rows = study.observations
-    conditioned = {"load": rows.load, **rows.values}
-    inputs = {name: conditioned[name] for name in (study.drive,) if name != "both"}
-    columns = {**inputs, **{name: rows.values[name] for name in study.noise}}
+    columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
     shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
     slips, body = column(rows.slip, 4), []
@@ -120,7 +112,7 @@ def _model(study: Study) -> Markup:
     )
     return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
                   "{} noise of the standard deviation in the last line of the table.").format(
-        study.model.name, EQUATIONS[study.model.name], options, DRIVES[study.drive], _law_of_noise(study)
+        study.model.name, EQUATIONS[study.model.name], options, study.drive.sentence, _law_of_noise(study)
     )  # fmt: skip
 
 

@@ -91,16 +91,16 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     by_load = np.zeros(shape)
     for rows, theta in by_wheel(soil, forward.conditions):
         part = take(forward.conditions, rows)
-        at = inputs[rows] - offset if forward.drive == "sinkage" else inputs[rows]
+        at = inputs[rows] - offset if forward.drive.by_sinkage else inputs[rows]
         values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
         slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
         by_load[:, rows] = local[..., -1]
-    if forward.drive == "sinkage":
+    if forward.drive.by_sinkage:
         slopes -= by_load[..., None] * shift
     else:
         values[:, :, 0] += offset
         slopes[:, :, 0] += shift
-    if forward.drive == "both":
+    if forward.drive.latent_load:
         return _with_normal_force(posterior, inputs, values, slopes, by_load)
     return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
 
@@ -122,7 +122,7 @@ def _by_soil_and_given(
     Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
     """
     model = forward.model
-    if forward.drive == "sinkage":
+    if forward.drive.by_sinkage:
         values, _ = model.forces_at(theta, conditions, inputs, every_row=True)
         return values, model.jacobian_at(theta, conditions, inputs)
     values, _ = model.response_at(theta, conditions, inputs, every_row=True)

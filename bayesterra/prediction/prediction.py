@@ -19,6 +19,7 @@ from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
 from bayesterra.stats.diagnostics import hdi
+from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, Result
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
@@ -214,7 +215,7 @@ def predict(
     at, carried = checked_slips(slip), _load(study, load)
     called, driven = chosen_wheel(study, wheel, name)
     draws, index = spread(result)
-    forward = Forward(study.model, "load", Conditions.of(driven, at), np.full(len(at), carried))
+    forward = Forward(study.model, Drive.LOAD, Conditions.of(driven, at), np.full(len(at), carried))
     soil = study.prior.soil_values(draws)
     blocks = [forward.row(i)(soil) for i in range(len(at))]
     rng = default_rng(seed)

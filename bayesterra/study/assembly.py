@@ -21,9 +21,10 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 from bayesterra.stats.laws import Law
+from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
-from bayesterra.study.observations import DRIVE_OUTCOMES, Observations, sifted
+from bayesterra.study.observations import Observations, sifted
 from bayesterra.study.priors import LOAD_EFFECT_SETS, PRIOR_SETS, Entry, Prior, Tie
 from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
 
@@ -167,14 +168,12 @@ def wheel_soil_model(
 
 
 def _mean_load(rows: Observations) -> float:
-    force = rows.values.get("normal_force", rows.load)
-    loads = np.where(np.isnan(rows.load), force, rows.load)
-    if np.isnan(loads).all():
+    if np.isnan(rows.carried).all():
         raise StudyError(
             f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no row"
             " has a load"
         )
-    return float(np.nanmean(loads))
+    return float(np.nanmean(rows.carried))
 
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
@@ -252,7 +251,7 @@ def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
 
 
 def conditioned(
-    observations: Observations, drive: str, *, expected: bool = False
+    observations: Observations, drive: Drive, *, expected: bool = False
 ) -> tuple[Observations, list[str]]:
     """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
 
@@ -262,19 +261,19 @@ def conditioned(
     """
     notes: list[str] = []
     has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
-    if drive == "load" and not has_load and has_force:
+    if not drive.reads_force and has_force and not has_load:
         observations = replace(observations, load=observations.values["normal_force"])
         notes.append("no load column: the measured normal force is the load")
-    elif drive == "load" and has_load and has_force:
-        notes.append("normal_force is not used, as the drive 'load' conditions on the load")
-    elif drive in ("sinkage", "both") and has_load and not has_force:
+    elif not drive.reads_force and has_force:
+        notes.append(f"normal_force is not used, as the drive '{drive}' conditions on the load")
+    elif drive.reads_force and has_load and not has_force:
         observations = _with_normal_force(observations)
         notes.append("no normal_force column: the load is the measured normal force")
-    elif drive == "both" and has_load:
-        notes.append("load is not used, as the drive 'both' infers it from the readings")
-    if drive != "both":
+    elif drive.latent_load and has_load:
+        notes.append(f"load is not used, as the drive '{drive}' infers it from the readings")
+    if not drive.latent_load:
         return _with_condition(observations, drive), notes
-    return observations if expected else _with_readings(observations), notes
+    return observations if expected else _with_readings(observations, drive), notes
 
 
 def _with_normal_force(observations: Observations) -> Observations:
@@ -283,24 +282,22 @@ def _with_normal_force(observations: Observations) -> Observations:
     return replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
 
 
-def _with_condition(observations: Observations, drive: str) -> Observations:
-    absent = np.full(len(observations), np.nan)
-    values = observations.load if drive == "load" else observations.values.get("sinkage", absent)
+def _with_condition(observations: Observations, drive: Drive) -> Observations:
+    ((channel, values),) = drive.conditioned(observations).items()
     if np.isnan(values).all():
-        needed = "'load [N]' or 'normal_force [N]'" if drive == "load" else "'sinkage [mm]'"
-        raise StudyError(f"the drive '{drive}' needs a column {needed} with values")
+        raise StudyError(f"the drive '{drive}' needs a column {drive.needed} with values")
     return sifted(
         observations,
-        [_condition_problem(drive, v, row) for v, row in zip(values, observations.rows, strict=True)],
+        [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)],
     )
 
 
-def _with_readings(observations: Observations) -> Observations:
+def _with_readings(observations: Observations, drive: Drive) -> Observations:
     """The rows, of which every one in use must say something on its load: sinkage, normal force or both."""
     none = np.full(len(observations), np.nan)
     sinkage, force = (observations.values.get(name, none) for name in ("sinkage", "normal_force"))
     silent = np.isnan(sinkage) & np.isnan(force)
-    rule = "with the drive 'both' every row needs 'sinkage' or 'normal_force'"
+    rule = f"with the drive '{drive}' every row needs {drive.needed}"
     problems = [f"{rule} (row {r})" if s else None for r, s in zip(observations.rows, silent, strict=True)]
     return sifted(observations, problems)
 
@@ -309,7 +306,7 @@ def load_range(
     observations: Observations,
     noise: Mapping[str, Noise],
     stated: tuple[float, float] | None,
-    drive: str,
+    drive: Drive,
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
 
@@ -317,7 +314,7 @@ def load_range(
     ------
     StudyError : no range is given and no normal force measured.
     """
-    if drive != "both":
+    if not drive.latent_load:
         idle = [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
         return None, idle
     if stated is not None:
@@ -325,7 +322,7 @@ def load_range(
     used = observations.used()
     force = used.values.get("normal_force", np.full(len(used), np.nan))
     if "normal_force" not in noise or np.isnan(force).all():
-        raise StudyError("the drive 'both' needs 'load_range' or readings of 'normal_force'")
+        raise StudyError(f"the drive '{drive}' needs 'load_range' or readings of 'normal_force'")
     margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
     low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
     high = float(np.nanmax(force + margin))
@@ -333,17 +330,18 @@ def load_range(
     return (low, high), [note]
 
 
-def _condition_problem(drive: str, value: float, row: int) -> str | None:
+def _condition_problem(channel: str, value: float, row: int) -> str | None:
     if value > 0:
         return None
-    rule = f"'{drive}' must be above 0 in every row, as the drive conditions on it"
+    rule = f"'{channel}' must be above 0 in every row, as the drive conditions on it"
     if np.isnan(value):
         return f"{rule} (empty in row {row})"
-    return f"{rule} (got {value:g} {'N' if drive == 'load' else 'm from the rim'}, row {row})"
+    unit = {"sinkage": "m from the rim"}.get(channel, CHANNELS[channel].dimension)
+    return f"{rule} (got {value:g} {unit}, row {row})"
 
 
 def outcome_noise(
-    observations: Observations, stated: Mapping[str, Noise], drive: str, *, expected: bool = False
+    observations: Observations, stated: Mapping[str, Noise], drive: Drive, *, expected: bool = False
 ) -> tuple[dict[str, Noise], list[str]]:
     """Noise of every outcome measured in a row in use, and notes on noise that is not used.
 
@@ -357,23 +355,22 @@ def outcome_noise(
     stated = _renamed(stated, drive)
     measured = [
         name
-        for name in DRIVE_OUTCOMES[drive]
+        for name in drive.outcomes
         if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in stated)
     ]
     if not measured:
         raise StudyError(_nothing_measured(drive, expected=expected))
     noise = {name: _channel_noise(name, stated.get(name), observations) for name in measured}
-    if drive != "sinkage" and "sinkage" in noise:
+    if "sinkage" in noise:
         _check_negative_sinkage(used, noise["sinkage"])
-    conditions = {"slip", drive, "load" if drive == "both" else "slip"}
-    conditions |= {"normal_force"} if drive == "load" else set()
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
-    notes = [f"noise of {n} is not used, as {reason[n in conditions]}" for n in stated if n not in noise]
+    idle = ("slip", *drive.idle)
+    notes = [f"noise of {n} is not used, as {reason[n in idle]}" for n in stated if n not in noise]
     return noise, notes
 
 
 def errors_of_outcomes(
-    errors: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: str
+    errors: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: Drive
 ) -> tuple[ModelErrors, list[str]]:
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
 
@@ -384,8 +381,8 @@ def errors_of_outcomes(
     if not errors:
         return errors, []
     table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
-    if drive == "both":
-        raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got 'both')")
+    if drive.latent_load:
+        raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got '{drive}')")
     heavy = next((name for name, channel_noise in noise.items() if np.isfinite(channel_noise.dof)), None)
     if heavy:
         raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
@@ -399,30 +396,28 @@ def errors_of_outcomes(
     return errors.of(tuple(noise)), notes + (_several_loads(rows, drive) if errors.discrepancy else [])
 
 
-def _several_loads(rows: Observations, drive: str) -> list[str]:
+def _several_loads(rows: Observations, drive: Drive) -> list[str]:
     """A note where one curve of discrepancy stands for several loads."""
     used = rows.used()
     for wheel in dict.fromkeys(used.wheel):
         loads = used.load[[name == wheel for name in used.wheel]]
-        if drive == "load" and np.ptp(loads) > 0.1 * np.mean(loads):
+        if not drive.by_sinkage and np.ptp(loads) > 0.1 * np.mean(loads):
             ends = f"{loads.min():.4g} to {loads.max():.4g} N"
             return [f"the discrepancy of {wheel} is one curve over slip for all of its loads, {ends}"]
     return []
 
 
-def _nothing_measured(drive: str, *, expected: bool) -> str:
-    outcomes = ", ".join(DRIVE_OUTCOMES[drive])
+def _nothing_measured(drive: Drive, *, expected: bool) -> str:
+    outcomes = ", ".join(drive.outcomes)
     if expected:
         return f"[noise] needs an entry for at least one of {outcomes}, which are yet to be measured"
     return f"the rows in use must hold at least one reading of {outcomes} (before that: run --prior-only)"
 
 
-def awaited(observations: Observations, noise: Mapping[str, Noise], drive: str) -> Observations:
+def awaited(observations: Observations, noise: Mapping[str, Noise], drive: Drive) -> Observations:
     """The same rows with an empty column for every outcome that has noise and no column."""
     empty = frozen(np.full(len(observations), np.nan))
-    missing = [
-        n for n in DRIVE_OUTCOMES[drive] if n in _renamed(noise, drive) and n not in observations.values
-    ]
+    missing = [n for n in drive.outcomes if n in _renamed(noise, drive) and n not in observations.values]
     return replace(
         observations,
         values={**observations.values, **dict.fromkeys(missing, empty)},
@@ -430,9 +425,9 @@ def awaited(observations: Observations, noise: Mapping[str, Noise], drive: str) 
     )
 
 
-def _renamed(stated: Mapping[str, Noise], drive: str) -> dict[str, Noise]:
+def _renamed(stated: Mapping[str, Noise], drive: Drive) -> dict[str, Noise]:
     """With drives ``sinkage`` and ``both``, noise of the load is that of the normal force it stands for."""
-    if drive != "load" and "load" in stated and "normal_force" not in stated:
+    if drive.reads_force and "load" in stated and "normal_force" not in stated:
         rest = {name: noise for name, noise in stated.items() if name != "load"}
         return {**rest, "normal_force": replace(stated["load"], channel="normal_force")}
     return dict(stated)

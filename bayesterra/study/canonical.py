@@ -71,7 +71,7 @@ def tables(study: Study) -> dict[str, Any]:
     priors = {name: _prior(name, entries[name]) for name in PRIOR_PARAMETERS if name in entries}
     content: dict[str, Any] = {
         "model": study.model.name,
-        "drive": study.drive,
+        "drive": str(study.drive),
         "load_range": loads,
         "wheels": {name: _wheel(wheel) for name, wheel in study.wheels.items()},
         "model_options": _model_options(study),

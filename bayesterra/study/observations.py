@@ -19,13 +19,6 @@ from bayesterra.runtime.tables import read_cells
 from bayesterra.study.noise import LEAST
 from bayesterra.study.units import column_header, factor
 
-DRIVE_OUTCOMES = {
-    "load": ("sinkage", "drawbar_pull", "resistance_moment"),
-    "sinkage": ("normal_force", "drawbar_pull", "resistance_moment"),
-    "both": ("sinkage", "normal_force", "drawbar_pull", "resistance_moment"),
-}
-"""Outcomes of each drive, in the order of :data:`bayesterra.parameters.OUTCOMES`."""
-
 SD_SUFFIX = "_sd"
 MOST_LOAD = 1e12
 """N, at most, of a load: beyond it sums and squares overflow."""
@@ -69,6 +62,19 @@ class Observations:
     def used(self) -> Observations:
         """Only the rows that take part in the fit."""
         return self.take(self.use)
+
+    @property
+    def carried(self) -> FloatArray:
+        """Load (m,) of every row, N: as given, else the measured normal force; NaN where there is neither."""
+        force = self.values.get("normal_force", self.load)
+        return np.where(np.isnan(self.load), force, self.load)
+
+    @property
+    def known_loads(self) -> FloatArray:
+        """The same, and the median of the others where there is neither."""
+        loads = self.carried
+        middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
+        return np.where(np.isnan(loads), middle, loads)
 
     def label(self, by: str) -> tuple[str, ...]:
         """Group of every row: its wheel, or what a column of ``LABELS`` says.

@@ -111,7 +111,7 @@ def conditions_dataset(study: Study) -> xr.Dataset:
         "use": (("row",), observations.use.astype(np.int8)),
         "wheel": (("row",), np.array(observations.wheel, dtype=object)),
     }
-    if study.drive == "sinkage":
+    if study.drive.by_sinkage:
         variables["sinkage"] = (("row",), observations.values["sinkage"])
     return labelled_dataset(variables).assign_coords(row=list(observations.rows))
 

@@ -16,6 +16,7 @@ from bayesterra.errors import check_kind, checked_path, errors_in
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.study import assembly, schema
 from bayesterra.study.canonical import fingerprint
+from bayesterra.study.drive import Drive
 from bayesterra.study.groups import Pooling
 from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
@@ -72,7 +73,7 @@ class Study:
     kind: str
     source: str
     model: WheelSoilModel
-    drive: str
+    drive: Drive
     load_range: tuple[float, float] | None
     pooling: Pooling | None
     wheels: Mapping[str, Wheel]
@@ -187,20 +188,19 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
 
 def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
+    drive = Drive(content.drive)
     soil = assembly.soil_prior(
         content.priors, content.model, constant_exponent=content.model_options.constant_exponent
     )
     wheels, wheel_notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"])
     with errors_in(content.data.file):
-        rows, row_notes = assembly.conditioned(
-            _rows(data, wheels, content.data), content.drive, expected=expected
-        )
-    rows = assembly.awaited(rows, content.noise, content.drive) if expected else rows
+        rows, row_notes = assembly.conditioned(_rows(data, wheels, content.data), drive, expected=expected)
+    rows = assembly.awaited(rows, content.noise, drive) if expected else rows
     model, model_notes = assembly.wheel_soil_model(content.model, content.model_options, rows)
-    noise, noise_notes = assembly.outcome_noise(rows, content.noise, content.drive, expected=expected)
+    noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
     errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
-    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, content.drive)
-    loads, load_notes = assembly.load_range(rows, noise, content.load_range, content.drive)
+    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
+    loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
     if pooling is not None:
@@ -209,7 +209,13 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     notes += load_notes
     return {
         **{name: getattr(content, name) for name in _KEPT},
-        **{"kind": content.data.kind, "source": content.data.source, "model": model, "wheels": wheels},
+        **{
+            "drive": drive,
+            "kind": content.data.kind,
+            "source": content.data.source,
+            "model": model,
+            "wheels": wheels,
+        },
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
@@ -217,7 +223,7 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     }
 
 
-_KEPT = ("title", "soil", "date", "drive", "least_squares", "published", "truth", "sampling")
+_KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampling")
 
 
 def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.DataTable) -> Observations:

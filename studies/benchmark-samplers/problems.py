@@ -103,7 +103,7 @@ class Problem:
             np.ascontiguousarray(likelihood.measured[:, order]),
             scale,
             *self.box,
-            forward.drive == "load",
+            not forward.drive.by_sinkage,
         )
 
     @cached_property

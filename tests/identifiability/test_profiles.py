@@ -18,6 +18,7 @@ from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
+from bayesterra.study.drive import Drive
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Prior
@@ -58,7 +59,7 @@ def toy_posterior(toy: Toy, laws: Mapping[str, Law], measured: FloatArray) -> Po
         given_sd={}, use=size > 0,
     )  # fmt: skip
     conditions = Conditions(0 * size, 0.15 * size, 0.15 * size, 0.01 * size, 0.15 * size)
-    forward = Forward(cast(WheelSoilModel, toy), "sinkage", conditions, 0.01 * size, as_read=True)
+    forward = Forward(cast(WheelSoilModel, toy), Drive.SINKAGE, conditions, 0.01 * size, as_read=True)
     held = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0, "c3": 0.0}
     prior = Prior({**held, **laws})
     return Posterior(prior, Likelihood(forward, observations, [Noise(name, sd=1.0) for name in FORCES]))

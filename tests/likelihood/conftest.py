@@ -12,6 +12,7 @@ from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.models import Conditions
+from bayesterra.study.drive import Drive
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -23,7 +24,7 @@ def log_integrand(
     forward, k = whole.forward.row(row), len(loads)
     names = ("slip", "radius", "width", "lug_height", "shearing_radius")
     many = Conditions(*(np.repeat(getattr(forward.conditions, name), k) for name in names))
-    held = Forward(forward.model, "both", many, loads, as_read=True)
+    held = Forward(forward.model, Drive.BOTH, many, loads, as_read=True)
     values = held(soil, every_row=True).values
     rows = whole.observations.take(np.arange(len(whole.observations)) == row)
     rows = replace(

@@ -16,6 +16,7 @@ from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
+from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.058, 0.06, 0.005, 24, 0.5)
@@ -205,7 +206,7 @@ def test_explained_outcomes_are_those_of_the_drawn_loads() -> None:
     known = np.isfinite(load)
     assert known.mean() > 0.9
     assert ((load[known] > low) & (load[known] < high)).all()
-    held = Forward(whole.forward.model, "load", whole.forward.conditions, load, as_read=True)
+    held = Forward(whole.forward.model, Drive.LOAD, whole.forward.conditions, load, as_read=True)
     np.testing.assert_allclose(held(soil, every_row=True).values, values[:, :, [0, 2, 3]], rtol=1e-9)
 
 
@@ -283,7 +284,7 @@ def test_outcomes_at_known_loads_are_the_load_drive_with_the_load_read() -> None
     """The forward model of the drive gives what the load drive gives, and the load as the normal force."""
     study = latent_study()
     _, whole, _, soil = settled(study, 5)
-    plain = replace(whole.forward, drive="load")(soil).values
+    plain = replace(whole.forward, drive=Drive.LOAD)(soil).values
     np.testing.assert_array_equal(whole.forward(soil).values[:, :, [0, 2, 3]], plain)
     assert isinstance(whole, Likelihood)
     assert whole.forward.given[3] == pytest.approx(24.0)  # no reading: the median of the others

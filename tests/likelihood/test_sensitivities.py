@@ -21,6 +21,7 @@ from bayesterra.likelihood.sensitivities import (
     without_load,
 )
 from bayesterra.models import MODELS, Soil, Wheel
+from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
 
 WIDE, NARROW = Wheel(0.15735, 0.165, 0.010, 30, 0.65), Wheel(0.135, 0.11, 0.015, 24, 0.75)
@@ -298,7 +299,7 @@ def test_without_a_load_that_is_known_nothing_is_lost() -> None:
     latent = make("M2", "both", {}, load_range=(79.9999999, 80.0000001))
     x = inner_points(latent, 2)
     with_force = fisher_information(latent, x)
-    forward = replace(latent.likelihood.forward, drive="load", given=known_inputs(latent.likelihood))
+    forward = replace(latent.likelihood.forward, drive=Drive.LOAD, given=known_inputs(latent.likelihood))
     rows = latent.likelihood
     plain = type(make("M2").likelihood)(
         forward, rows.observations, [n for n in rows.noise if n.channel != "normal_force"]

@@ -22,6 +22,7 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.posterior import INSIDE, Posterior
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
+from bayesterra.study.drive import Drive
 from sensitivity.groups import Setting
 from sensitivity.problems import Problem
 
@@ -145,12 +146,12 @@ def forward_at(posterior: Posterior, setting: Setting) -> Forward:
     """The study's model, load-driven, under another wheel or load or at other slips."""
     conditions = Conditions.of(setting.wheel, setting.slips)
     given = frozen(np.full(len(setting.slips), setting.load))
-    return Forward(posterior.likelihood.forward.model, "load", conditions, given)
+    return Forward(posterior.likelihood.forward.model, Drive.LOAD, conditions, given)
 
 
 def _chosen(rows: Forward) -> tuple[FloatArray, list[int]]:
     """Field units and columns of the outcomes that answer to the soil: in the drive ``both`` F_N does not."""
-    idle = "normal_force" if rows.drive == "both" else ""
+    idle = "normal_force" if rows.drive.latent_load else ""
     names = [name for name in rows.outcomes if name != idle]
     return np.array([CHANNELS[name].scale for name in names]), [rows.outcomes.index(name) for name in names]
 
@@ -159,7 +160,7 @@ def _outputs(rows: Forward) -> pd.DataFrame:
     """Outcome with its unit, slip, and what drives each row."""
     columns = _chosen(rows)[1]
     names = [f"{name} [{CHANNELS[name].unit}]" for name in np.array(rows.outcomes)[columns]]
-    drive = CHANNELS["sinkage" if rows.drive == "sinkage" else "load"]
+    drive = CHANNELS["sinkage" if rows.drive.by_sinkage else "load"]
     return pd.DataFrame(
         {
             "row": np.repeat(np.arange(len(rows.given)) + 1, len(names)),
