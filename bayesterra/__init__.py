@@ -16,14 +16,16 @@ if TYPE_CHECKING:
 
     from bayesterra.analysis.comparison import compare
     from bayesterra.analysis.prior_only import run_prior
-    from bayesterra.analysis.run import RunResult, load_result, run
+    from bayesterra.analysis.run import load_result, run
     from bayesterra.analysis.simulation import simulate
-    from bayesterra.checking.calibration import CalibrationResult, calibrate
-    from bayesterra.checking.holdout import HoldoutResult, leave_out
-    from bayesterra.design.recommendation import Recommendation, recommend
+    from bayesterra.checking.calibration import calibrate
+    from bayesterra.checking.holdout import Holdout, leave_out
+    from bayesterra.checking.ranks import Calibration
+    from bayesterra.design.choosing import Design
+    from bayesterra.design.recommendation import recommend
     from bayesterra.errors import BayesterraError, EngineError, ResultError, StudyError, SupportError
     from bayesterra.follow.stream import Stream, load_stream
-    from bayesterra.identifiability.identify import IdentifyResult, foresee, identify
+    from bayesterra.identifiability.identify import Identified, foresee, identify
     from bayesterra.least_squares.fit import fit
     from bayesterra.least_squares.results import Fit
     from bayesterra.likelihood.posterior import Posterior, posterior
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from bayesterra.stats.laws import Law
     from bayesterra.study.noise import Noise
     from bayesterra.study.priors import Prior
+    from bayesterra.study.result import Result
     from bayesterra.study.study import Study, load_study
 
 _HOMES = {
@@ -47,21 +50,16 @@ _HOMES = {
     "analysis.run": (
         "load_result",
         "run",
-        "RunResult",
     ),
     "analysis.simulation": ("simulate",),
-    "checking.calibration": (
-        "calibrate",
-        "CalibrationResult",
-    ),
+    "checking.calibration": ("calibrate",),
     "checking.holdout": (
-        "HoldoutResult",
+        "Holdout",
         "leave_out",
     ),
-    "design.recommendation": (
-        "recommend",
-        "Recommendation",
-    ),
+    "checking.ranks": ("Calibration",),
+    "design.choosing": ("Design",),
+    "design.recommendation": ("recommend",),
     "errors": (
         "BayesterraError",
         "EngineError",
@@ -76,7 +74,7 @@ _HOMES = {
     "identifiability.identify": (
         "foresee",
         "identify",
-        "IdentifyResult",
+        "Identified",
     ),
     "least_squares.fit": ("fit",),
     "least_squares.results": ("Fit",),
@@ -103,6 +101,7 @@ _HOMES = {
     "stats.laws": ("Law",),
     "study.noise": ("Noise",),
     "study.priors": ("Prior",),
+    "study.result": ("Result",),
     "study.study": (
         "load_study",
         "Study",
@@ -112,20 +111,20 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "BayesterraError",
-    "CalibrationResult",
+    "Calibration",
+    "Design",
     "Engine",
     "EngineError",
     "Fit",
-    "HoldoutResult",
-    "IdentifyResult",
+    "Holdout",
+    "Identified",
     "Law",
     "Noise",
     "Posterior",
     "Prior",
-    "Recommendation",
+    "Result",
     "ResultError",
     "Rover",
-    "RunResult",
     "Soil",
     "Stream",
     "Study",

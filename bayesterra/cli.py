@@ -16,7 +16,7 @@ import typer
 from bayesterra.errors import printable
 
 if TYPE_CHECKING:
-    from bayesterra.study.result import Result
+    from bayesterra.study.result import AnalysisResult, Result
 
 
 app = typer.Typer(
@@ -71,6 +71,13 @@ def hushed(quiet: bool) -> bool:
     return quiet
 
 
+def show(result: AnalysisResult, folder: Path | None) -> None:
+    """Print a result in short, and where it is saved."""
+    from bayesterra.report import terminal
+
+    terminal.show(result.overview(), *([result.place(folder)] if folder else []))
+
+
 def beside(study: Path, what: str) -> Path:
     """Default folder for what is made from a study, in the working directory."""
     folder = study if study.is_dir() else study.parent
@@ -109,18 +116,13 @@ def run(
     # mistakes in the study are reported before the sampler's libraries are loaded
     loaded = load_study(study, prior_only=prior_only)
     from bayesterra.analysis.run import run_prior_study, run_study
-    from bayesterra.analysis.terminal import print_pooled, print_prior, print_result
 
     folder = out or beside(study, "result")
     if prior_only:
-        prior = run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite)
-        return print_prior(prior, folder / "report.html")
+        return show(run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite), folder)
     how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
     result = run_study(loaded, out=folder, seed=seed, **how)
-    if loaded.pooling is not None:
-        print_pooled(result.record, folder / "report.html")
-    else:
-        print_result(result, folder / "report.html")
+    show(result, folder)
     raise typer.Exit(0 if result.converged else 3)
 
 
@@ -238,7 +240,6 @@ def predict(
         _drive(loaded, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return
     from bayesterra.prediction import forecast
-    from bayesterra.prediction.page import print_forecast
 
     cases = forecast.forecast(
         loaded,
@@ -248,8 +249,8 @@ def predict(
         slip_reference=slip_reference,
     )
     folder = out or _default(result, "prediction")
-    forecast.predict_into(folder, cases, overwrite=overwrite)
-    print_forecast([at or curve for curve, at in cases], folder)
+    cases.save(folder, overwrite=overwrite)
+    show(cases, folder)
 
 
 def _default(result: Path, what: str) -> Path:
@@ -261,11 +262,10 @@ def _drive(
 ) -> None:
     """Drive a rover and write what comes of it."""
     from bayesterra.prediction import outlook
-    from bayesterra.prediction.page import print_outlook
 
     sheet = outlook.predict_rover(loaded, rover, slopes=outlook.slopes_of(slope), tows=outlook.tows_of(tow))
     sheet.save(folder, overwrite=overwrite)
-    print_outlook(sheet, folder)
+    show(sheet, folder)
 
 
 def check_options(
@@ -301,10 +301,8 @@ def compare(
 ) -> None:
     """Set results side by side: two models, two priors, two drives."""
     from bayesterra.analysis.comparison import compare_folders
-    from bayesterra.analysis.comparison_page import print_comparison
 
-    comparison = compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite)
-    print_comparison(comparison, out)
+    show(compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite), out)
 
 
 @app.command(short_help="Check the posteriors of a study against simulated truths.")
@@ -335,14 +333,13 @@ def calibrate(
 
     loaded = load_study(study)
     from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
-    from bayesterra.checking.calibration_page import print_calibration
     from bayesterra.runtime.parallel import chosen
 
     folder = out or beside(study, "calibration")
     with chosen(workers, scheduler) as engine:
         job = CalibrationRequest(loaded, number, seed, engine)
         calibration = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
-    print_calibration(calibration, folder / "report.html")
+    show(calibration, folder)
     raise typer.Exit(0 if calibration.calibrated else 3)
 
 
@@ -375,12 +372,12 @@ def identify(
             raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
         loaded = load_study(what, prior_only=True)
         from bayesterra.identifiability.identify import foresee
-        from bayesterra.identifiability.page import print_foreseen
+        from bayesterra.identifiability.page import foreseen_overview
+        from bayesterra.report import terminal
 
-        return print_foreseen(foresee(loaded, seed=seed))
+        return terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
     from bayesterra.analysis.run import opened
     from bayesterra.identifiability.identify import identify_into
-    from bayesterra.identifiability.page import print_identified
     from bayesterra.runtime.parallel import chosen
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
@@ -389,7 +386,7 @@ def identify(
         identifiability = identify_into(
             study_or_result, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet
         )
-    print_identified(identifiability, folder / "report.html")
+    show(identifiability, folder)
     raise typer.Exit(0 if identifiability.record["converged"] else 3)
 
 
@@ -442,7 +439,6 @@ def design(
 ) -> None:
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.analysis.run import opened_for_design
-    from bayesterra.design.page import print_design
     from bayesterra.design.recommendation import design_into
     from bayesterra.prediction.forecast import slips_of
     from bayesterra.runtime.parallel import chosen
@@ -461,7 +457,7 @@ def design(
             quiet=quiet,
             **asked,
         )
-    print_design(recommendation, folder)
+    show(recommendation, folder)
 
 
 @app.command(short_help="Predict rows that the fit has not seen, level by level.")
@@ -490,14 +486,13 @@ def holdout(
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.checking.holdout import leave_out_into
-    from bayesterra.checking.holdout_page import print_holdout
     from bayesterra.runtime.parallel import chosen
 
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
     with chosen(workers, scheduler) as engine:
         scores = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
-    print_holdout(scores, folder)
+    show(scores, folder)
     raise typer.Exit(0 if scores.converged else 3)
 
 
@@ -518,13 +513,12 @@ def soiltest(
     ] = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
-    from bayesterra.soiltests.page import print_soil_test
     from bayesterra.soiltests.run import soil_test_into
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")
     result = soil_test_into(file, folder, seed=seed, overwrite=overwrite, quiet=quiet)
-    print_soil_test(result, folder / "report.html")
+    show(result, folder)
     raise typer.Exit(0 if result.converged else 3)
 
 
@@ -576,7 +570,7 @@ def follow(
     """Update a posterior row by row as a rover drives, and say when the soil has changed."""
     from bayesterra.analysis.run import opened_for_stream
     from bayesterra.follow import session
-    from bayesterra.follow.page import print_end, print_row
+    from bayesterra.follow.page import print_row
 
     stream = session.follow(
         opened_for_stream(what),
@@ -591,4 +585,4 @@ def follow(
         slip_reference=slip_reference,
         sinkage_reference=sinkage_reference,
     )
-    print_end(stream, out)
+    show(stream, out)

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence, Sized
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bayesterra.analysis.run import load_single
 from bayesterra.checking.loo import CrossValidation, Difference, difference
-from bayesterra.errors import ResultError, StudyError, check_kind, checked_path
+from bayesterra.errors import ResultError, StudyError, checked_path
 from bayesterra.likelihood.derived import reference_load
 from bayesterra.models import Wheel
 from bayesterra.parameters import DERIVED, PARAMETERS
-from bayesterra.prediction.forecast import COMPARISON
 from bayesterra.prediction.prediction import Prediction, predict
-from bayesterra.runtime.folders import check_free, whole_folder, write_text
-from bayesterra.runtime.tables import csv_text
-from bayesterra.study.result import Result
+from bayesterra.runtime.folders import check_free
+from bayesterra.study.result import AnalysisResult, Result, check_single
 from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 MOST = 6
 BARE = 1.0
@@ -54,7 +55,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(AnalysisResult):
     """Several results, and what they say under the same conditions.
 
     Attributes
@@ -65,6 +66,12 @@ class Comparison:
     evidence : per result.
     loo : cross-validation per result, for those that hold it.
     """
+
+    MARK = "comparison.csv"
+    RECORD = None
+    PAGE = "comparison.html"
+    CALLED = "Page"
+    DIGITS = None
 
     results: Mapping[str, Result]
     curves: Mapping[str, Prediction]
@@ -182,6 +189,22 @@ class Comparison:
         strength = next(word for limit, word in STRENGTHS if abs(value) < limit)
         return f"{strength} evidence for {second if value > 0 else first}"
 
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Parameters, predictions and evidence."""
+        return {"comparison": self.parameters, "predictions": self.predictions, "evidence": self.evidences}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        from bayesterra.analysis.comparison_page import contrast_page
+
+        return contrast_page(self)
+
+    def overview(self) -> Overview:
+        """Medians and intervals side by side, and what the evidence says."""
+        from bayesterra.analysis.comparison_page import comparison_overview
+
+        return comparison_overview(self)
+
 
 def side_by_side(
     results: Mapping[str, Result],
@@ -272,42 +295,12 @@ def _unit(quantity: str) -> str:
     return (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
 
 
-class ComparisonPage(Comparison):
-    """A comparison that shows itself in a notebook and can be saved as a folder with its page."""
-
-    @classmethod
-    def of(cls, comparison: Comparison) -> Self:
-        """The same comparison, with a page to write."""
-        return cls(**{field.name: getattr(comparison, field.name) for field in fields(Comparison)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the page and the tables into a new folder; returns the path of the page.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        from bayesterra.analysis.comparison_page import comparison_html
-
-        with whole_folder(Path(folder), overwrite=overwrite, mark=COMPARISON) as part:
-            write_text(part / "comparison.html", comparison_html(self))
-            write_text(part / COMPARISON, csv_text(self.parameters))
-            write_text(part / "predictions.csv", csv_text(self.predictions))
-            write_text(part / "evidence.csv", csv_text(self.evidences))
-        return Path(folder) / "comparison.html"
-
-    def _repr_html_(self) -> str:
-        from bayesterra.analysis.comparison_page import comparison_table
-
-        return comparison_table(self)
-
-
 def compare(
     results: Mapping[str, Result] | Sequence[str | Path],
     *,
     load: float | str | None = None,
     wheel: str | Path | None = None,
-) -> ComparisonPage:
+) -> Comparison:
     """Set results side by side: parameters, predictions under one load, evidence.
 
     Parameters
@@ -323,14 +316,14 @@ def compare(
     """
     named = _named(results)
     chosen = None if wheel is None else _common_wheel(named, str(wheel))
-    return ComparisonPage.of(side_by_side(named, load=load, wheel=chosen))
+    return side_by_side(named, load=load, wheel=chosen)
 
 
 def _named(results: object) -> Mapping[str, Result]:
     """The results to compare by name, read where they are folders."""
     if isinstance(results, Mapping):
         for result in results.values():
-            check_kind("bt.compare", result, Result)
+            check_single("bt.compare", result, Result)
         return {str(name): result for name, result in results.items()}
     if not isinstance(results, list | tuple):
         got = repr(results) if isinstance(results, str) else type(results).__name__
@@ -361,10 +354,10 @@ def compare_folders(
     load: str | None = None,
     wheel: str | None = None,
     overwrite: bool = False,
-) -> ComparisonPage:
+) -> Comparison:
     """Compare result folders and write the page and its tables to ``out``; options as :func:`compare`."""
     check_count(folders)
-    check_free(out, overwrite=overwrite, mark=COMPARISON)
+    check_free(out, overwrite=overwrite, mark=Comparison.MARK)
     comparison = compare(folders, load=load, wheel=wheel)
     comparison.save(out, overwrite=overwrite)
     return comparison

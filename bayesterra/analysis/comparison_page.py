@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from markupsafe import Markup
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.analysis.comparison import BARE, MOVED, Comparison
 from bayesterra.analysis.contents_page import (
@@ -21,10 +16,9 @@ from bayesterra.analysis.contents_page import (
     repeat_section,
     signed,
 )
-from bayesterra.report.blocks import Verdict, VerdictPage, render, table
+from bayesterra.report.blocks import Overview, Table, Text, Verdict, VerdictPage
 from bayesterra.report.numbers import given, interval, resolution, rounded, with_error
-from bayesterra.report.symbols import listed, symbol, symbols, with_unit
-from bayesterra.report.terminal import PlainConsole
+from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.study.study import Study
 
 
@@ -46,6 +40,7 @@ def contrast_page(comparison: Comparison) -> VerdictPage:
             repeat_section(comparison),
         ),
         version=first.record["versions"]["bayesterra"],
+        template="contrast.html",
     )
 
 
@@ -148,46 +143,18 @@ def _moves(comparison: Comparison) -> Verdict:
     return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "fair", sentence)
 
 
-def print_comparison(comparison: Comparison, folder: Path, console: Console | None = None) -> None:
-    """Print medians and intervals side by side, what the evidence says, and the name of the page."""
-    console = console or PlainConsole()
-    console.print(_side_by_side(comparison))
-    for line in evidence_lines(comparison):
-        console.print(line, highlight=False)
-    console.print(f"Page: {folder / 'comparison.html'}", highlight=False, soft_wrap=True)
-
-
-def _side_by_side(comparison: Comparison) -> RichTable:
-    table = RichTable(box=SIMPLE_HEAD, padding=(0, 1))
-    table.add_column("median (90 % HDI)")
-    table.add_column("unit")
-    for name in comparison.names:
-        table.add_column(name, justify="right")
+def comparison_overview(comparison: Comparison) -> Overview:
+    """Median and 90 % HDI of every quantity in every result, and what the evidence says."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in comparison.parameters.to_dict("records"):
         step = resolution(row["hdi90_lo"], row["hdi90_hi"])
         ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
         key = (str(row["quantity"]).replace("_", " "), str(row["unit"]))
         cells.setdefault(key, {})[str(row["result"])] = f"{rounded(row['median'], step)} ({ends})"
-    for (quantity, unit), entries in cells.items():
-        table.add_row(quantity, unit, *(entries.get(name, "") for name in comparison.names))
-    return table
-
-
-def comparison_table(comparison: Comparison) -> str:
-    """Median and 90 % HDI of every quantity in every result, and what the evidence says."""
-    cells: dict[str, dict[str, str]] = {}
-    for row in comparison.parameters.to_dict("records"):
-        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
-        cells.setdefault(str(row["quantity"]), {})[str(row["result"])] = (
-            f"{rounded(row['median'], step)} ({ends})"
-        )
-    rows = [
-        (with_unit(name), *(entries.get(result_name, "") for result_name in comparison.names))
-        for name, entries in cells.items()
-    ]
-    return table("Median (90 % HDI)", ("", *comparison.names), rows, evidence_lines(comparison))
+    rows = [(*key, *(entries.get(name, "") for name in comparison.names)) for key, entries in cells.items()]
+    header = ("median (90 % HDI)", "unit", *comparison.names)
+    table = Table("", "ll" + "r" * len(comparison.names), header, tuple(rows))
+    return (table, *map(Text, evidence_lines(comparison)))
 
 
 def evidence_lines(comparison: Comparison) -> list[str]:
@@ -201,8 +168,3 @@ def evidence_lines(comparison: Comparison) -> list[str]:
         says = f": {row['elpd_word']}" if row["elpd_word"] and left_out else ""
         lines.append(f"{row['result']}: log evidence {value}{word}{left_out}{says}")
     return lines
-
-
-def comparison_html(comparison: Comparison) -> str:
-    """Several results side by side as a self-contained HTML page."""
-    return render(contrast_page(comparison), "contrast.html")

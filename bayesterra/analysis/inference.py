@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.analysis.draws import curves_dataset, draws_tree
+from bayesterra.analysis.result import RunResult
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import point_estimates
 from bayesterra.checking.point_estimates import PointEstimate, locate
@@ -43,7 +44,6 @@ from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import summary_table
 from bayesterra.study import result
-from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 MODE_DRAWS = 4000
@@ -57,7 +57,7 @@ def run(
     report: Callable[[Progress], None] = lambda progress: None,
     checkpoint_store: CheckpointStore | None = None,
     crosscheck: bool = False,
-) -> Result:
+) -> RunResult:
     """Sample the posterior of a study and set it beside the least-squares estimates.
 
     Parameters
@@ -71,7 +71,7 @@ def run(
 
     Returns
     -------
-    Result : also when the sampling did not converge; ``result.converged`` says so. And also when something
+    RunResult : also when the sampling did not converge; ``result.converged`` says so. And also when something
         that is computed from the draws fails: the entry ``failures`` of its record says what and why.
 
     Raises
@@ -138,7 +138,7 @@ class Analysis:
         rng: Generator,
         streams: tuple[SeedSequence, SeedSequence, SeedSequence],
         started: float,
-    ) -> Result:
+    ) -> RunResult:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 
         ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, and for
@@ -180,7 +180,7 @@ class Analysis:
             failures,
         )  # fmt: skip
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
-        return Result(
+        return RunResult(
             study=self.study,
             draws=draws,
             summary=summary,

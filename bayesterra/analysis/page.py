@@ -34,45 +34,34 @@ from bayesterra.report.blocks import (
     Table,
     Text,
     Verdict,
+    VerdictPage,
     missing,
-    render,
     said,
     section,
-    table,
     verdict,
 )
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.numbers import interval, moments, plain, resolution, rounded
-from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols, with_unit
+from bayesterra.report.numbers import moments, plain
+from bayesterra.report.symbols import angles, listed, symbol, symbols
 from bayesterra.study.page import StripRow
 from bayesterra.study.result import Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
 
-@dataclass(frozen=True)
-class Page:
-    """Everything that the template shows, in its order.
+@dataclass(frozen=True, kw_only=True)
+class Page(VerdictPage):
+    """Everything that the template shows, with strip, driving and findings on the first screen.
 
     Attributes
     ----------
-    facts : wheel, soil, model and date in one line; the kind of data stands apart in ``kind``.
-    warning : what to do about a model that does not fit or a sampling that has not converged, and what could
-        not be computed; else empty.
-    failures : what could not be made of this page.
+    kind : of the data; it stands apart from the facts.
     """
 
-    title: str
     kind: str
-    facts: tuple[str, ...]
-    warning: Markup
-    verdicts: tuple[Verdict, ...]
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
     driving: Driving
     findings: tuple[Finding, ...]
-    sections: tuple[Section, ...]
-    version: str
-    failures: Failures
 
 
 def page(result: Result) -> Page:
@@ -269,33 +258,3 @@ def _joined(study: Study) -> str:
 def _cut_moments(result: Result, name: str) -> tuple[str, str]:
     rows = summary_rows(result)
     return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
-
-
-def result_table(result: Result) -> str:
-    """Verdict on the sampling, then every parameter and derived quantity of a result."""
-    verdicts = identifiability_rows(result)
-    rows = []
-    for name, row in summary_rows(result).items():
-        step = resolution(*row.hdi)
-        word = verdicts[name].word if name in verdicts else ""
-        if word == "coupled":
-            partner = verdicts[name].coupled_with
-            word = f"{word} with {QUANTITIES[partner].symbol if partner else 'several'}"
-        values = (rounded(row.median, step), interval(*row.hdi), rounded(row.mode, step))
-        rows.append((with_unit(name), angles(QUANTITIES[name].description), *values, word))
-    verdict = sampling_verdict(result)
-    head = Markup("{}; {} {}: {}").format(
-        result.study.title or "Result", verdict.sign, verdict.word, verdict.sentence
-    )
-    return table(head, ("", "", "median", "90 % HDI", "mode", "from these data"), rows, left=(0, 1, 5))
-
-
-def html(result: Result) -> str:
-    """The report as a self-contained HTML page; the same result gives the same text."""
-    return render(page(result))
-
-
-def html_and_failures(result: Result) -> tuple[str, Failures]:
-    """The same, and those of its sections that could not be made."""
-    made = page(result)
-    return render(made), made.failures

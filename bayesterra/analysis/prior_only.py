@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -22,16 +22,20 @@ from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
-from bayesterra.study.result import conditions_dataset, parameter_dataset
+from bayesterra.study.record import PriorRecord
+from bayesterra.study.result import DrawnResult, conditions_dataset, parameter_dataset
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 DRAWS = 4000
 CURVE_DRAWS = 1000
 CREDIBLE = 0.9
 
 
-@dataclass(frozen=True)
-class PriorResult:
+@dataclass(frozen=True, kw_only=True)
+class PriorResult(DrawnResult):
     """Result of a study before its readings.
 
     Attributes
@@ -43,20 +47,25 @@ class PriorResult:
     record : versions, seed, fingerprints and shares of the prior by reason of the cut.
     """
 
+    TABLES = ("summary", "predictive")
+    RECORD = PriorRecord
+    GROUP = "prior"
+    WITH_STUDY = True
+
     study: Study
-    draws: xr.DataTree
-    summary: pd.DataFrame
     predictive: pd.DataFrame
-    record: dict[str, Any]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Free parameters."""
-        return self.study.prior.names
+    def page(self) -> VerdictPage:
+        """The report, with what could not be made of it."""
+        from bayesterra.analysis.prior_page import prior_page
 
-    def values(self) -> FloatArray:
-        """Draws of all parameters (n, d), SI, radians."""
-        return np.column_stack([self.draws["prior"][name].to_numpy().ravel() for name in self.names])
+        return prior_page(self)
+
+    def overview(self) -> Overview:
+        """What physics leaves of the prior."""
+        from bayesterra.analysis.prior_page import prior_overview
+
+        return prior_overview(self)
 
 
 def run_prior(study: Study, *, seed: int = 1) -> PriorResult:

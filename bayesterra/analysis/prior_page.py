@@ -18,6 +18,7 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import (
     Cell,
     Gallery,
+    Overview,
     Section,
     Table,
     Text,
@@ -25,7 +26,6 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
-    render,
     section,
     verdict,
 )
@@ -33,6 +33,7 @@ from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
+from bayesterra.report.terminal import failure_lines
 
 FAIR, POOR = 0.5, 0.05
 """Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""
@@ -71,6 +72,7 @@ def prior_page(result: PriorResult) -> VerdictPage:
         version=result.record["versions"]["bayesterra"],
         warning=missing(result.record, failures),
         failures=failures,
+        template="before.html",
     )
 
 
@@ -272,12 +274,16 @@ def prior_bands(
     return ax
 
 
-def prior_html(result: PriorResult) -> str:
-    """The report of a prior without readings as a self-contained HTML page."""
-    return prior_and_failures(result)[0]
-
-
-def prior_and_failures(result: PriorResult) -> tuple[str, Failures]:
-    """The same, and those of its sections that could not be made."""
-    made = prior_page(result)
-    return render(made, "before.html"), made.failures
+def prior_overview(result: PriorResult) -> Overview:
+    """What physics leaves of the prior, quantity by quantity."""
+    rows = []
+    for row in result.summary.to_dict("records"):
+        low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+        middle = rounded(row["prior_median"], resolution(low, high))
+        rows.append((row["parameter"], row["unit"], middle, interval(low, high)))
+    share = result.record["prior_support"]["shares"]["inside the support"]
+    return (
+        Table(result.study.title, "llrr", ("quantity", "unit", "prior median", "90 % HDI"), tuple(rows)),
+        Text(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it."),
+        *failure_lines(result.record),
+    )

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bayesterra.analysis.prior_only import PriorResult
 from bayesterra.analysis.simulation import Truth
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import Validation
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import UNSEEN
+from bayesterra.report.blocks import Overview, Text
+from bayesterra.report.blocks import Table as PlainTable
 from bayesterra.report.numbers import interval, probability, resolution, rounded
-from bayesterra.report.terminal import PlainConsole, print_failures
+from bayesterra.report.symbols import QUANTITIES
+from bayesterra.report.terminal import PlainConsole, failure_lines, verdict_line
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
@@ -31,72 +30,23 @@ from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_
 from bayesterra.study.study import Study
 
 
-def print_result(result: Result, report: Path) -> None:
-    """Print the verdict, the parameters and the name of the report."""
-    console = PlainConsole()
-    console.print(_table(result))
-    console.print(verdict_line(result.record), highlight=False, soft_wrap=True)
+def run_overview(result: Result) -> Overview:
+    """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
+    lines = [Text(verdict_line(result.record))]
     if misfit := misfit_line(result):
-        PlainConsole(stderr=True).print(misfit, highlight=False, soft_wrap=True)
+        lines.append(Text(misfit, "poor"))
     if crosscheck := result.record.get("crosscheck"):
-        console.print(
-            f"Cross-check by nested sampling: {crosscheck['verdict']} ({crosscheck['worst']}).",
-            highlight=False,
-        )
-    print_failures(console, result.record)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+        verdict = f"{crosscheck['verdict']} ({crosscheck['worst']})"
+        lines.append(Text(f"Cross-check by nested sampling: {verdict}."))
+    return (_parameters(result), *lines, *failure_lines(result.record))
 
 
-def print_pooled(record: Mapping[str, Any], report: Path) -> None:
-    """Print what a run with groups found: convergence, what is shared, and the name of the report."""
-    console, pooling = PlainConsole(), record["pooling"]
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("pooling", "log evidence", "elpd of rows", "elpd of groups"):
-        table.add_column(header, justify="left" if header == "pooling" else "right", no_wrap=True)
-    for row in pooling["degrees"]:
-        figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
-        table.add_row(row["pooling"], *(f"{figure:.1f}" for figure in figures))
-    console.print(table)
-    console.print(verdict_line(record), highlight=False, soft_wrap=True)
-    console.print(f"Evidence prefers: {pooling['preferred']}. {pooling['sentence']}", highlight=False)
-    if pooling.get("sentence_as_stated"):
-        console.print(
-            f"With the other parameters as this study has them: {pooling['sentence_as_stated']}",
-            highlight=False,
-        )
-    print_failures(console, record)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
-
-
-def print_prior(result: PriorResult, report: Path) -> None:
-    """Print what physics leaves of the prior, and the name of the report."""
-    console = PlainConsole()
-    table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("quantity", "unit", "prior median", "90 % HDI"):
-        table.add_column(header, justify="right" if header[-1] in "nI" else "left", no_wrap=True)
-    for row in result.summary.to_dict("records"):
-        low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
-        middle = rounded(row["prior_median"], resolution(low, high))
-        table.add_row(row["parameter"], row["unit"], middle, interval(low, high))
-    console.print(table)
-    share = result.record["prior_support"]["shares"]["inside the support"]
-    console.print(f"Prior only, no readings used: physics leaves {100 * share:.3g} % of it.", highlight=False)
-    print_failures(console, result.record)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
-
-
-def _table(result: Result) -> Table:
+def _parameters(result: Result) -> PlainTable:
+    """Parameters and their verdicts, then derived quantities."""
     words = {name: _verdict(row) for name, row in identifiability_rows(result).items()}
-    table = Table(title=result.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("parameter", "unit"):
-        table.add_column(header)
-    for header in ("mode", "median", "90 % HDI"):
-        table.add_column(header, justify="right", no_wrap=True)
-    table.add_column("verdict")
-    for row in result.summary.to_dict("records"):
-        if row["parameter"] in words:
-            table.add_row(*_cells(row), words[row["parameter"]])
-    return table
+    rows = [(*_cells(row), words.get(row["parameter"], "")) for row in result.summary.to_dict("records")]
+    header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
+    return PlainTable(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
 
 
 def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
@@ -104,7 +54,7 @@ def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     low, high = row["hdi90_lo"], row["hdi90_hi"]
     step = resolution(low, high)
     figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
-    return (PARAMETERS[row["parameter"]].symbol, row["unit"], *figures)
+    return (QUANTITIES[row["parameter"]].symbol, row["unit"], *figures)
 
 
 def _verdict(row: IdentifiabilityRow) -> str:
@@ -125,20 +75,6 @@ def misfit_line(result: Result) -> str:
         f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks)
     )
     return misfit_text(f"{misfits} (overall p {probability(checks.overall)})")
-
-
-def verdict_line(record: Mapping[str, Any]) -> str:
-    """One line: converged or not, with the figures behind the word."""
-    verdict = record["verdict"]
-    figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
-    if verdict["converged"]:
-        return f"Sampling converged: {figures}. {UNSEEN}"
-    failed = "; ".join(
-        f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
-        for check in verdict["checks"]
-        if not check["passed"]
-    )
-    return f"Sampling did NOT converge: {failed}. {figures}."
 
 
 def print_overview(study: Study, console: Console | None = None) -> None:

@@ -7,15 +7,13 @@ and parameters are ranked too, as parameters alone miss whole classes of error (
 
 from __future__ import annotations
 
-import json
 import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from math import isfinite
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pandas as pd
 from numpy.random import default_rng
@@ -26,13 +24,12 @@ from bayesterra.errors import ResultError, StudyError, check_kind, check_number,
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, in_process
-from bayesterra.runtime.folders import check_free, whole_folder, write_text
+from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.status import job_folder
-from bayesterra.runtime.tables import csv_text
-from bayesterra.study.canonical import FORM, write_study
+from bayesterra.study.canonical import FORM
 from bayesterra.study.result import PACKAGES
 from bayesterra.study.study import Study
 
@@ -140,37 +137,7 @@ def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]
     }
 
 
-MARK = "calibration.json"
-"""File by which folders of this kind are known."""
 TASKS = "replications"
-
-
-class CalibrationResult(Calibration):
-    """A calibration that can be saved as a folder with its report."""
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> Self:
-        """The same calibration, with a report to write."""
-        return cls(**{field.name: getattr(calibration, field.name) for field in fields(Calibration)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write report, ranks, record and study into a new folder; returns the path of the report.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            self._write(part)
-        return Path(folder) / "report.html"
-
-    def _write(self, part: Path) -> None:
-        from bayesterra.checking.calibration_page import calibration_html
-
-        write_text(part / "ranks.csv", csv_text(self.table, "%.6g"))
-        write_text(part / MARK, json.dumps(_finite(self.findings()), indent=1, ensure_ascii=False) + "\n")
-        write_text(part / "report.html", calibration_html(self))
-        write_study(self.study, part)
 
 
 def calibrate(
@@ -181,7 +148,7 @@ def calibrate(
     engine: Engine | None = None,
     fit: Fit | None = None,
     progress: Callable[[Progress], None] = lambda update: None,
-) -> CalibrationResult:
+) -> Calibration:
     """Simulate a study ``n`` times over and check that its posterior is right.
 
     Parameters
@@ -202,10 +169,9 @@ def calibrate(
     check_kind("bt.calibrate", study, Study)
     check_seed(seed)
     check_number("n", n)
-    calibration = calibration_of(
+    return calibration_of(
         study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
     )
-    return CalibrationResult.of(calibration)
 
 
 @dataclass(frozen=True)
@@ -227,7 +193,7 @@ def calibrate_study(
     overwrite: bool = False,
     quiet: bool = False,
     watch: Callable[[Progress], None] = lambda update: None,
-) -> CalibrationResult:
+) -> Calibration:
     """Calibrate into a folder, with a progress bar on a terminal and a status file to poll.
 
     Every finished replication is saved at once in ``<out>.part``. ``resume`` goes on from there, also to a
@@ -240,9 +206,9 @@ def calibrate_study(
     """
     from bayesterra.checking.calibration_page import calibration_bar
 
-    check_free(out, overwrite=overwrite, mark=MARK)
+    check_free(out, overwrite=overwrite, mark=Calibration.MARK)
     check(job.study, job.n)
-    folder = job_folder(out, mark=MARK, kind=TASKS, resume=resume, overwrite=overwrite)
+    folder = job_folder(out, mark=Calibration.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, _made_with(job), TASKS)
         with calibration_bar(show=not quiet) as show:
@@ -260,9 +226,7 @@ def calibrate_study(
                 job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
                 report=update,
             )  # fmt: skip
-        result = CalibrationResult.of(made)
-        result._write(part)
-    return result
+        return made.write(part)
 
 
 def _made_with(job: CalibrationRequest) -> dict[str, Any]:
@@ -271,12 +235,3 @@ def _made_with(job: CalibrationRequest) -> dict[str, Any]:
     names = {"study": "study", "data": "table of measurements"}
     digests = {names[name]: digest for name, digest in origin.pop("fingerprints").items()}
     return {"plain form {} of studies": FORM, **origin.pop("versions"), **origin, **digests}
-
-
-def _finite(value: Any) -> Any:
-    """A value that JSON can hold: NaN and infinities become null."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.checking.calibration import Progress as CalibrationProgress
 from bayesterra.checking.ranks import (
@@ -33,6 +29,7 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parame
 from bayesterra.report.blocks import (
     Cell,
     Gallery,
+    Overview,
     Picture,
     Section,
     Table,
@@ -40,12 +37,11 @@ from bayesterra.report.blocks import (
     Verdict,
     VerdictPage,
     drawing,
-    render,
 )
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
 from bayesterra.report.symbols import listed, symbol
-from bayesterra.report.terminal import PlainConsole, task_bar
+from bayesterra.report.terminal import task_bar
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
@@ -66,6 +62,7 @@ def calibration_page(calibration: Calibration) -> VerdictPage:
             _reproduce_section(calibration),
         ),
         version=calibration.record["versions"]["bayesterra"],
+        template="calibration.html",
     )
 
 
@@ -340,19 +337,15 @@ def _name(quantity: str) -> str:
     return f"${quantities[quantity.removesuffix(AT_SLIP)].latex}${ending}"
 
 
-def print_calibration(calibration: Calibration, report: Path, console: Console | None = None) -> None:
-    """Print the verdict with what stands behind it, and the name of the report."""
-    console = console or PlainConsole()
-    table = RichTable(title=calibration.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES)):
-        table.add_column(header, justify="left" if header == "quantity" else "right", no_wrap=True)
-    for row in calibration.tests.to_dict("records"):
-        table.add_row(*_ranked(row))
-    console.print(table)
-    console.print("shift and width in sd of a right posterior; truths inside central intervals in %")
-    for line in calibration_lines(calibration):
-        console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+def calibration_overview(calibration: Calibration) -> Overview:
+    """The ranks of every quantity, the verdict, and what stands behind it."""
+    header = ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES))
+    rows = tuple(_ranked(row) for row in calibration.tests.to_dict("records"))
+    lines = (
+        "shift and width in sd of a right posterior; truths inside central intervals in %",
+        *calibration_lines(calibration),
+    )
+    return (Table(calibration.study.title, "l" + "r" * (len(header) - 1), header, rows), *map(Text, lines))
 
 
 def _ranked(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
@@ -398,8 +391,3 @@ def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], N
             bar("calibrating", progress.done, progress.of, progress.seconds_left, remark)
 
         yield update
-
-
-def calibration_html(calibration: Calibration) -> str:
-    """The report of a calibration as a self-contained HTML page."""
-    return render(calibration_page(calibration), "calibration.html")

@@ -10,15 +10,13 @@ As it was made, such draws are set aside and the others predict; their share is 
 
 from __future__ import annotations
 
-import json
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.metadata import version
-from math import isfinite
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import pandas as pd
 
@@ -26,19 +24,37 @@ from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveO
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
-from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.errors import StudyError, check_seed
 from bayesterra.runtime.engines import Engine, in_process
-from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.records import Count, Record
 from bayesterra.runtime.status import job_folder
-from bayesterra.runtime.tables import csv_text
-from bayesterra.study.canonical import write_study
-from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study, load_study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
+
+
+class HoldoutRecord(Record):
+    """The content of ``holdout.json``."""
+
+    kind: Literal["holdout"]
+    by: str
+    tolerance: float | None = None
+    seed: Count
+    model: str
+    drive: str
+    data: str
+    fingerprints: dict[str, str]
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    converged: bool
 
 
 @dataclass(frozen=True)
-class Holdout:
+class Holdout(AnalysisResult):
     """Every level left out once.
 
     Attributes
@@ -48,6 +64,12 @@ class Holdout:
     outcomes : one per level.
     record : grouping, seed, settings, fingerprints and versions.
     """
+
+    MARK = "holdout.json"
+    RECORD = HoldoutRecord
+    WITH_STUDY = True
+    PLOT = "holdout.png"
+    CALLED = "Page"
 
     study: Study
     levels: tuple[Fold, ...]
@@ -102,6 +124,32 @@ class Holdout:
                 for fold, outcome in zip(self.levels, self.outcomes, strict=True)
             ]
         )
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Scores of every row, their means, skills beside the baselines, and the refits."""
+        return {"scores": self.table, "summary": self.summary, "skills": self.skills, "refits": self.refits}
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return {**self.record, "converged": self.converged}
+
+    def figures(self) -> dict[str, bytes]:
+        """Left-out rows with their predictions, and the bands without them."""
+        from bayesterra.checking.holdout_page import bands_png, left_out_png
+
+        return {self.PLOT: left_out_png(self.table), "bands.png": bands_png(self)}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        from bayesterra.checking.holdout_page import holdout_page
+
+        return holdout_page(self)
+
+    def overview(self) -> Overview:
+        """Coverage and mean scores of model and baselines."""
+        from bayesterra.checking.holdout_page import holdout_overview
+
+        return holdout_overview(self)
 
 
 def holdout_of(
@@ -159,52 +207,6 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
     }
 
 
-MARK = "holdout.json"
-"""File by which folders of this kind are known."""
-
-
-class HoldoutResult(Holdout):
-    """Left-out levels with their predictions, which can be saved as a folder with its page."""
-
-    @classmethod
-    def of(cls, holdout: Holdout) -> Self:
-        """The same, with a page to write."""
-        return cls(**{field.name: getattr(holdout, field.name) for field in fields(Holdout)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write page, plots, tables, record and study into a new folder; returns the path of the page.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            self._write(part)
-        return Path(folder) / "report.html"
-
-    def _write(self, part: Path) -> None:
-        from bayesterra.checking.holdout_page import bands_png, holdout_html, left_out_png
-
-        tables = {"scores": self.table, "summary": self.summary, "skills": self.skills, "refits": self.refits}
-        for name, table in tables.items():
-            write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
-        write_bytes(part / "holdout.png", left_out_png(self.table))
-        write_bytes(part / "bands.png", bands_png(self))
-        text = json.dumps(_finite({**self.record, "converged": self.converged}), indent=1)
-        write_text(part / MARK, text + "\n")
-        write_text(part / "report.html", holdout_html(self))
-        write_study(self.study, part)
-
-
-def _finite(value: Any) -> Any:
-    """A value that JSON can hold: NaN and infinities become null."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
 def leave_out(
     what: Study | Result,
     by: By = "slip",
@@ -214,7 +216,7 @@ def leave_out(
     engine: Engine | None = None,
     fit: Fit | None = None,
     progress: Callable[[str], None] = lambda part: None,
-) -> HoldoutResult:
+) -> Holdout:
     """Leave groups of rows out, one group at a time; fit the others; predict the group and score that.
 
     Of a left-out row its slip, wheel and load stay known, with the drive ``both`` its normal force as it was
@@ -238,14 +240,13 @@ def leave_out(
     ------
     StudyError : an unknown grouping, fewer than two groups, or nothing is free.
     """
-    check_kind("bt.leave_out", what, Study, Result)
+    check_single("bt.leave_out", what, Study, Result)
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
-    holdout = holdout_of(
+    return holdout_of(
         study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit,
         report=lambda done, of, _: progress(_at_work(done, of)),
     )  # fmt: skip
-    return HoldoutResult.of(holdout)
 
 
 def _at_work(done: int, of: int) -> str:
@@ -254,7 +255,7 @@ def _at_work(done: int, of: int) -> str:
 
 def leave_out_into(
     path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any
-) -> HoldoutResult:
+) -> Holdout:
     """Leave levels of the study at a path, or of the one in a result folder, out into a new folder.
 
     ``asked``: keywords of :func:`holdout_of`.
@@ -267,14 +268,14 @@ def leave_out_into(
     from bayesterra.report.terminal import stages
 
     study = load_study(path)
-    check_free(out, overwrite=overwrite, mark=MARK)
-    with job_folder(out, mark=MARK, overwrite=overwrite) as (part, status):
+    check_free(out, overwrite=overwrite, mark=Holdout.MARK)
+    with job_folder(out, mark=Holdout.MARK, overwrite=overwrite) as (part, status):
         with stages(show=not quiet) as show:
 
             def update(done: int, of: int, seconds_left: float | None) -> None:
                 status.note("leaving out", done / of, seconds_left, steps=done)
                 show(_at_work(done, of))
 
-            result = HoldoutResult.of(holdout_of(study, report=update, **asked))
-        result._write(part)
+            result = holdout_of(study, report=update, **asked)
+        result.write(part)
     return result

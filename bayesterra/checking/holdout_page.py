@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from importlib.metadata import version
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.folds import Band
@@ -27,13 +22,13 @@ from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import (
     Cell,
     Gallery,
+    Overview,
     Section,
     Table,
     Text,
     Verdict,
     VerdictPage,
     drawing,
-    render,
 )
 from bayesterra.report.figures import (
     DATA,
@@ -50,7 +45,6 @@ from bayesterra.report.figures import (
 )
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.symbols import listed, symbol, with_unit
-from bayesterra.report.terminal import PlainConsole
 
 WIDE = 2.0
 """Standard errors by which a coverage may miss its level before it is called off."""
@@ -59,7 +53,7 @@ MARKED = 0.05
 """Share of draws without an answer from which a row is named."""
 
 
-def holdout_page(holdout: Holdout, version: str) -> VerdictPage:
+def holdout_page(holdout: Holdout) -> VerdictPage:
     """Put the page together."""
     study, kind = holdout.study, holdout.study.kind
     rows = sum(int(fold.left.sum()) for fold in holdout.levels)
@@ -78,7 +72,8 @@ def holdout_page(holdout: Holdout, version: str) -> VerdictPage:
             _bands_section(holdout),
             _method_section(holdout),
         ),
-        version=version,
+        version=holdout.record["versions"]["bayesterra"],
+        template="holdout.html",
     )
 
 
@@ -423,34 +418,24 @@ def _png(figure: Figure, dpi: float) -> bytes:
     return buffer.getvalue()
 
 
-def print_holdout(holdout: Holdout, folder: Path, console: Console | None = None) -> None:
-    """Print coverage and mean scores of model and baselines, and where the files are."""
-    console = console or PlainConsole()
+def holdout_overview(holdout: Holdout) -> Overview:
+    """Coverage and mean scores of model and baselines."""
+    every = holdout.summary[holdout.summary["part"] == "all"] if len(holdout.table) else holdout.table
+    rows: list[tuple[str, ...]] = []
+    for channel in every["channel"].unique():
+        rows += [_scored(row) for row in every[every["channel"] == channel].to_dict("records")]
+        rows.append(())
+    lines = [
+        f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
+        for outcome in holdout.outcomes
+        if outcome.status != "converged"
+    ]
     title = f"{len(holdout.levels)} levels left out, one at a time"
-    table = RichTable(title=title, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %"):
-        table.add_column(header, justify="right" if header else "left", no_wrap=True)
-    rows = holdout.summary[holdout.summary["part"] == "all"] if len(holdout.table) else holdout.table
-    for channel in rows["channel"].unique():
-        for row in rows[rows["channel"] == channel].to_dict("records"):
-            table.add_row(*_scored(row))
-        table.add_section()
-    console.print(table)
-    for outcome in holdout.outcomes:
-        if outcome.status != "converged":
-            line = f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
-            console.print(line, highlight=False, soft_wrap=True)
-    console.print(
-        f"Page: {folder / 'report.html'}   Plot: {folder / 'holdout.png'}", highlight=False, soft_wrap=True
-    )
+    header = ("", "", "rows", "mean CRPS", "in 50 %", "in 90 %")
+    return (Table(title, "llrrrr", header, tuple(rows)), *map(Text, lines))
 
 
 def _scored(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     shares = (f"{number(100 * row[name], 0)} %" for name in ("covered50", "covered90"))
     score = f"{plain(row['crps'])} ± {plain(row['crps_se'], 2)} {row['unit']}"
     return (CHANNELS[row["channel"]].symbol, row["predictor"], str(row["rows"]), score, *shares)
-
-
-def holdout_html(holdout: Holdout) -> str:
-    """Levels left out and predicted, as a self-contained HTML page."""
-    return render(holdout_page(holdout, version("bayesterra")), "holdout.html")

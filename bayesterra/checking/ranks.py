@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,12 @@ from scipy.special import ndtri
 from scipy.stats import binom, chi2, ncx2, norm
 
 from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.runtime.records import Count, Record
+from bayesterra.study.result import AnalysisResult
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 DRAWS = 99
 """Draws that a true value is ranked among."""
@@ -177,8 +182,27 @@ COLUMNS = ("task", "status", "ess", "r_hat", "seconds", "note")
 """Columns of the table beside the ranks."""
 
 
+class CalibrationRecord(Record):
+    """The content of ``calibration.json``."""
+
+    seed: Count
+    model: str
+    drive: str
+    fingerprints: dict[str, str]
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    verdict: str
+    calibrated: bool
+    replications: Count
+    not_converged: Count
+    failed: Count
+    thresholds: dict[str, float]
+    tests: list[dict[str, Any]]
+    power: list[dict[str, Any]]
+
+
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(AnalysisResult):
     """Result of a simulation-based calibration (Talts et al. 2018, Modrák et al. 2023).
 
     Attributes
@@ -188,6 +212,10 @@ class Calibration:
         ``note``, and the normalised rank of every test quantity.
     record : seed, settings and versions.
     """
+
+    MARK = "calibration.json"
+    RECORD = CalibrationRecord
+    WITH_STUDY = True
 
     study: Study
     table: pd.DataFrame
@@ -279,8 +307,24 @@ class Calibration:
         """True where the verdict is ``calibrated``."""
         return self.verdict == CALIBRATED
 
-    def findings(self) -> dict[str, Any]:
-        """Content of ``calibration.json``: the verdict with every figure and threshold behind it."""
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The ranks."""
+        return {"ranks": self.table}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        from bayesterra.checking.calibration_page import calibration_page
+
+        return calibration_page(self)
+
+    def overview(self) -> Overview:
+        """The ranks of every quantity, the verdict, and what stands behind it."""
+        from bayesterra.checking.calibration_page import calibration_overview
+
+        return calibration_overview(self)
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file: the verdict with every figure and threshold behind it."""
         return {
             **self.record,
             "verdict": self.verdict,

@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
+from importlib.metadata import version
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,11 @@ from bayesterra.errors import StudyError
 from bayesterra.parameters import PARAMETERS
 from bayesterra.runtime.engines import Engine, in_process
 from bayesterra.runtime.parallel import ended
+from bayesterra.runtime.records import Count, Record
+from bayesterra.study.result import AnalysisResult
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 METHODS = {"mixture": estimate, "regression": normal_estimate}
 
@@ -219,8 +225,26 @@ class Ranking:
         return float(difference[0]), float(jackknife(difference))
 
 
+class DesignRecord(Record):
+    """The content of ``design.json``."""
+
+    kind: Literal["design"]
+    title: str
+    bayesterra: str
+    source: str
+    fingerprints: dict[str, str]
+    draws: Count
+    seed: Count
+    about: list[str]
+    by: str
+    candidates: Count
+    method: str
+    recommended: list[str]
+    channels: list[list[str]]
+
+
 @dataclass(frozen=True)
-class Design:
+class Design(AnalysisResult):
     """Choice of the next measurements.
 
     Attributes
@@ -235,6 +259,11 @@ class Design:
     before : standard deviations of the parameters of interest among the draws, SI.
     seed : of the readings that were drawn.
     """
+
+    MARK = "design.json"
+    RECORD = DesignRecord
+    PLOT = "design.png"
+    CALLED = "Page"
 
     situation: Situation
     about: tuple[str, ...]
@@ -304,6 +333,47 @@ class Design:
             columns[f"{column} after"] = float(judgement.values[2 + i] / parameter.scale)
             columns[f"{column} error"] = float(judgement.errors[2 + i] / parameter.scale)
         return columns
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """All candidates, and the drives that were chosen."""
+        return {"design": self.table, "plan": self.plan}
+
+    def figures(self) -> dict[str, bytes]:
+        """Gain over slip."""
+        from bayesterra.design.page import gain_over_slip_png
+
+        return {self.PLOT: gain_over_slip_png(self)}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        from bayesterra.design.page import design_page
+
+        return design_page(self)
+
+    def overview(self) -> Overview:
+        """The ranking with its Monte Carlo errors, and what is recommended."""
+        from bayesterra.design.page import design_overview
+
+        return design_overview(self)
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        study = self.situation.study
+        return {
+            "kind": "design",
+            "title": study.title,
+            "bayesterra": version("bayesterra"),
+            "source": self.situation.source,
+            "fingerprints": study.fingerprint,
+            "draws": len(self.situation.draws),
+            "seed": self.seed,
+            "about": list(self.about),
+            "by": self.by,
+            "candidates": len(self.candidates),
+            "method": self.ranking.method,
+            "recommended": [candidate.where for candidate in self.chosen],
+            "channels": [list(candidate.channels) for candidate in self.chosen],
+        }
 
 
 def described(candidate: Candidate) -> dict[str, object]:

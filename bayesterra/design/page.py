@@ -6,15 +6,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.design.candidates import Candidate
 from bayesterra.design.choosing import BIT, UNANSWERED, Design
@@ -25,24 +21,24 @@ from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import (
     Cell,
     Gallery,
+    Overview,
     Section,
     Table,
     Text,
     Verdict,
     VerdictPage,
     drawing,
-    render,
 )
 from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
-from bayesterra.report.terminal import PlainConsole, task_bar
+from bayesterra.report.terminal import task_bar
 
 SHOWN = 15
 """Rows of the ranking on the page; the table in the folder has all."""
 
 
-def design_page(design: Design, version: str) -> VerdictPage:
+def design_page(design: Design) -> VerdictPage:
     """Put the page together."""
     study = design.situation.study
     plan = (_plan_section(design),) if len(design.picks) > 1 else ()
@@ -58,7 +54,8 @@ def design_page(design: Design, version: str) -> VerdictPage:
         warning=_warning(design),
         verdicts=(_next(design), _promise(design), _certainty(design)),
         sections=(_ranking_section(design), *plan, _method_section(design)),
-        version=version,
+        version=version("bayesterra"),
+        template="design.html",
     )
 
 
@@ -312,30 +309,15 @@ PRINTED = 15
 """Candidates in the table on a terminal; design.csv has all."""
 
 
-def print_design(design: Design, folder: Path, console: Console | None = None) -> None:
-    """Print the ranking with its Monte Carlo errors, what is recommended, and where the files are."""
-    console = console or PlainConsole()
-    console.print(_ranking(design))
-    for line in design_lines(design):
-        console.print(line, highlight=False, soft_wrap=True)
-    console.print(
-        f"Page: {folder / 'report.html'}   Plot: {folder / 'design.png'}", highlight=False, soft_wrap=True
-    )
-
-
-def _ranking(design: Design) -> RichTable:
+def design_overview(design: Design) -> Overview:
+    """The ranking with its Monte Carlo errors, and what is recommended."""
     about = design.about[:3]
-    table = RichTable(
-        title=f"one more drive, about {', '.join(design.about)}", box=SIMPLE_HEAD, padding=(0, 1)
-    )
-    for header in ("", "drive", "channels"):
-        table.add_column(header)
     deviations = [f"sd {PARAMETERS[name].symbol} [{PARAMETERS[name].unit}]" for name in about]
-    for header in ("gain [bit]", "behind the best", *deviations):
-        table.add_column(header, justify="right", no_wrap=True)
-    for rank, index in enumerate(design.ranking.order[:PRINTED], start=1):
-        table.add_row(str(rank), *_candidate(design, index, len(about)))
-    return table
+    header = ("", "drive", "channels", "gain [bit]", "behind the best", *deviations)
+    ranked = enumerate(design.ranking.order[:PRINTED], start=1)
+    rows = tuple((str(rank), *_candidate(design, index, len(about))) for rank, index in ranked)
+    title = f"one more drive, about {', '.join(design.about)}"
+    return (Table(title, "lllrr" + "r" * len(about), header, rows), *map(Text, design_lines(design)))
 
 
 def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
@@ -385,8 +367,3 @@ def design_bar(*, show: bool) -> Iterator[Callable[[DesignProgress], None]]:
             bar(stage, progress.done, progress.of, progress.seconds_left, "")
 
         yield update
-
-
-def design_html(design: Design) -> str:
-    """Page of a design, as self-contained HTML."""
-    return render(design_page(design, version("bayesterra")), "design.html")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.random import default_rng
@@ -24,74 +23,24 @@ from bayesterra.design.candidates import (
 )
 from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
 from bayesterra.design.gain import Estimate
-from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
+from bayesterra.errors import StudyError, check_seed, did_you_mean
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine
-from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.status import job_folder
-from bayesterra.runtime.tables import csv_text
 from bayesterra.study.canonical import FORM
-from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.result import PACKAGES, Result, check_single
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import wheel_named
 
-MARK = "design.json"
-"""File by which folders of this kind are known."""
 TASKS = "candidates"
 DRAWS = 2000
 """Draws, at most, that candidates are judged by: all pairs of them are looked at."""
 MOST = 12
 """Rows, at most, to choose together."""
-
-
-class Recommendation(Design):
-    """A design that can be saved as a folder with its page."""
-
-    @classmethod
-    def of(cls, design: Design) -> Self:
-        """The same design, with a page to write."""
-        return cls(**{field.name: getattr(design, field.name) for field in fields(Design)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write page, plot, tables and a record into a new folder; returns the path of the page.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            self._write(part)
-        return Path(folder) / "report.html"
-
-    def _write(self, part: Path) -> None:
-        from bayesterra.design.page import design_html, gain_over_slip_png
-
-        write_text(part / "design.csv", csv_text(self.table, "%.6g"))
-        write_text(part / "plan.csv", csv_text(self.plan, "%.6g"))
-        write_bytes(part / "design.png", gain_over_slip_png(self))
-        write_text(part / "report.html", design_html(self))
-        write_text(part / MARK, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
-
-    def _record(self) -> dict[str, Any]:
-        study = self.situation.study
-        return {
-            "kind": "design",
-            "title": study.title,
-            "bayesterra": version("bayesterra"),
-            "source": self.situation.source,
-            "fingerprints": study.fingerprint,
-            "draws": len(self.situation.draws),
-            "seed": self.seed,
-            "about": list(self.about),
-            "by": self.by,
-            "candidates": len(self.candidates),
-            "method": self.ranking.method,
-            "recommended": [candidate.where for candidate in self.chosen],
-            "channels": [list(candidate.channels) for candidate in self.chosen],
-        }
 
 
 def situation_of(study_or_result: Result | Study, seed: int = 1) -> Situation:
@@ -126,13 +75,12 @@ class DesignRequest:
         engine: Engine | None,
         report: Report,
         finished: Mapping[int, Estimate] = MappingProxyType({}),
-    ) -> Recommendation:
+    ) -> Design:
         """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
-        design = choose(
+        return choose(
             self.situation, self.candidates, self.about, number=self.number, by=self.by, seed=self.seed,
             engine=engine, finished=finished, report=report,
         )  # fmt: skip
-        return Recommendation.of(design)
 
     @property
     def origin(self) -> dict[str, Any]:
@@ -196,7 +144,7 @@ def recommend(
     seed: int = 1,
     engine: Engine | None = None,
     progress: Callable[[Progress], None] = lambda update: None,
-) -> Recommendation:
+) -> Design:
     """Rank drives by the information that their readings are expected to give.
 
     Parameters
@@ -218,7 +166,7 @@ def recommend(
     ------
     StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
     """
-    check_kind("bt.recommend", known, Study, Result)
+    check_single("bt.recommend", known, Study, Result)
     check_seed(seed)
     question = design_request(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
@@ -241,7 +189,7 @@ def design_into(
     quiet: bool = False,
     watch: Callable[[Progress], None] = lambda update: None,
     **wishes: Any,
-) -> Recommendation:
+) -> Design:
     """Recommend the next drive for a result or a study, and write the folder ``out``.
 
     Every judged candidate is saved at once in ``<out>.part``; ``resume`` goes on from there. ``wishes``:
@@ -256,11 +204,11 @@ def design_into(
     from bayesterra.design.page import design_bar
     from bayesterra.report.terminal import note
 
-    check_free(out, overwrite=overwrite, mark=MARK)
+    check_free(out, overwrite=overwrite, mark=Design.MARK)
     if isinstance(study_or_result, Result) and not study_or_result.converged:
         note("the sampling of this result has not converged: gains from its draws may be wrong")
     question = design_request(study_or_result, **wishes)
-    folder = job_folder(out, mark=MARK, kind=TASKS, resume=resume, overwrite=overwrite)
+    folder = job_folder(out, mark=Design.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, question.origin, TASKS)
         with design_bar(show=not quiet) as show:
@@ -274,5 +222,5 @@ def design_into(
 
             finished = {task: from_content(content) for task, content in store.tasks().items()}
             made = question.answered(engine, update, finished)
-        made._write(part)
+        made.write(part)
     return made

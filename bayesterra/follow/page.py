@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,12 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from bayesterra.arrays import FloatArray
-from bayesterra.follow.session import FIGURE, FollowedStream, RowOutcome
+from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
+from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.report.terminal import PlainConsole, note
@@ -143,28 +141,25 @@ def _reading(reading: dict[object, object]) -> str:
     return f"{symbol} {rounded(observed, step)} {unit} {interval(low, high)}{outside}"
 
 
-def print_end(followed: FollowedStream, out: Path | None) -> None:
-    """Print the parameters, the evidence, the alarms and where the files are."""
-    console, stream = PlainConsole(), followed.stream
+def followed_overview(followed: FollowedStream) -> Overview:
+    """The parameters, the evidence, and whether the soil has changed."""
+    stream = followed.stream
     soil = f", soil {followed.soil} since row {stream.offset + 1}" if followed.soil > 1 else ""
-    table = Table(title=f"{stream.study.title or 'stream'}{soil}", box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("parameter", "unit", "median", "90 % interval"):
-        table.add_column(header, justify="left" if header in ("parameter", "unit") else "right", no_wrap=True)
+    rows = []
     for row in stream.summary.to_dict("records"):
         low, high = float(row["q05"]), float(row["q95"])
         middle = rounded(float(row["median"]), resolution(low, high))
-        table.add_row(PARAMETERS[row["parameter"]].symbol, row["unit"], middle, interval(low, high))
-    console.print(table)
+        rows.append((PARAMETERS[row["parameter"]].symbol, row["unit"], middle, interval(low, high)))
     left = f", {followed.left_out} left out" if followed.left_out else ""
-    evidence = f"log evidence {stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
-    console.print(f"{len(stream)} rows{left}; {evidence}.", highlight=False)
+    evidence = f"{stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
+    lines = [f"{len(stream)} rows{left}; log evidence {evidence}."]
     if stream.watch.rate is None:
-        console.print("Changes of soil were not looked for.", highlight=False)
+        lines.append("Changes of soil were not looked for.")
     elif not followed.alarms and stream.alarm is None:
-        console.print(
+        lines.append(
             f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
-            " over the prior).",
-            highlight=False,
+            " over the prior)."
         )
-    if out is not None:
-        console.print(f"Written: {out}   Plot: {out / FIGURE}", highlight=False, soft_wrap=True)
+    header = ("parameter", "unit", "median", "90 % interval")
+    title = f"{stream.study.title or 'stream'}{soil}"
+    return (Table(title, "llrr", header, tuple(rows)), *map(Text, lines))

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import pandas as pd
 
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
 from bayesterra.follow.rows import read_row
-from bayesterra.follow.stream import MARK, STATE, Stream, load_stream
+from bayesterra.follow.stream import STATE, Stream, StreamRecord, load_stream
 from bayesterra.follow.updates import Alarm, Update, cells
-from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
+from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
 from bayesterra.study import schema
 from bayesterra.study.observations import Observations
-from bayesterra.study.result import Result
+from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import STUDY_FILE, load_study
 
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview
+
 UPDATES = "updates.csv"
-FIGURE = "rows.png"
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class RowOutcome:
 
 
 @dataclass
-class FollowedStream:
+class FollowedStream(AnalysisResult):
     """A stream that is being followed.
 
     Attributes
@@ -49,6 +51,12 @@ class FollowedStream:
     alarms : all of them.
     left_out : number of rows that could not be used.
     """
+
+    MARK = Stream.MARK
+    RECORD = StreamRecord
+    PAGE = ""
+    PLOT = "rows.png"
+    CALLED = "Written"
 
     stream: Stream
     table: list[dict[str, object]] = field(default_factory=list)
@@ -90,16 +98,32 @@ class FollowedStream:
                 self.stream, self.soil = stream.restarted(anew), self.soil + 1
         return RowOutcome(number, row, update, begun_anew=anew)
 
-    def write(self, folder: Path) -> None:
-        """Write state, table and figure into an existing folder."""
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """The summary; the table of the rows has a format of its own."""
+        return self.stream.tables()
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return self.stream.to_record()
+
+    def write_inputs(self, part: Path) -> None:
+        """Write the state, and the table of the rows."""
+        self.stream.write_inputs(part)
+        write_text(part / UPDATES, csv_text(pd.DataFrame(self.table), "%.7g"))
+
+    def figures(self) -> dict[str, bytes]:
+        """Every parameter over the rows."""
         from bayesterra.follow.page import bands_over_rows_png
 
-        self.stream.write(folder)
-        updates = pd.DataFrame(self.table)
-        write_text(folder / UPDATES, csv_text(updates, "%.7g"))
-        study = self.stream.study
-        truth = dict(study.truth.values) if study.truth else None
-        write_bytes(folder / FIGURE, bands_over_rows_png(updates, truth))
+        truth = self.stream.study.truth
+        values = dict(truth.values) if truth else None
+        return {self.PLOT: bands_over_rows_png(pd.DataFrame(self.table), values)}
+
+    def overview(self) -> Overview:
+        """The parameters, the evidence, and whether the soil has changed."""
+        from bayesterra.follow.page import followed_overview
+
+        return followed_overview(self)
 
 
 def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> FollowedStream:
@@ -119,7 +143,7 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
     options = {name: value for name, value in settings.items() if value is not None}
     if isinstance(what, Result):
         return FollowedStream(Stream(what, **options))
-    if (what / MARK).exists() or (what / STATE).exists():
+    if (what / Stream.MARK).exists() or (what / STATE).exists():
         stream = load_stream(what)
         check_sums(what, UPDATES)
         return _gone_on(stream, what / UPDATES)
@@ -176,7 +200,7 @@ def follow(
     StudyError, ResultError : the study or the first row cannot be used, or ``out`` cannot be written.
     """
     if out is not None:
-        check_free(out, overwrite=overwrite, mark=MARK)
+        check_free(out, overwrite=overwrite, mark=Stream.MARK)
     with ExitStack() as stack:
         rows = rows_of(data, stack)
         first = next(rows, None)
@@ -190,8 +214,7 @@ def follow(
                 show(following.take(table, restart=restart))
         finally:
             if out is not None and following.table:
-                with whole_folder(out, overwrite=overwrite, mark=MARK) as part:
-                    following.write(part)
+                following.save(out, overwrite=overwrite)
     return following
 
 

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
+from bayesterra.errors import ResultError, StudyError, SupportError, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
 from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
 from bayesterra.follow.rows import References, Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
-from bayesterra.runtime.folders import make_folder, whole_folder, write_text
+from bayesterra.runtime.folders import make_folder
 from bayesterra.runtime.ownership import BEGUN, SEGMENT
 from bayesterra.runtime.reading import check_sums, damage, read_json
-from bayesterra.runtime.tables import csv_text
+from bayesterra.runtime.records import Count, Number, Record
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
-from bayesterra.study.result import Result
+from bayesterra.study.result import AnalysisResult, Result, check_single
 from bayesterra.study.study import STUDY_FILE, Study, load_study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview
 
 PARTICLES = 2000
 FEWEST = 100
@@ -40,7 +42,25 @@ BEFORE = 500
 """Draws of the prior that are kept, to know how much the rows have narrowed each coordinate."""
 
 
-class Stream:
+class StreamRecord(Record):
+    """The content of ``stream.json``."""
+
+    kind: Literal["stream"]
+    title: str
+    bayesterra: str
+    seed: Count
+    particles: Count
+    false_alarms: Number | None
+    slip_reference: str
+    sinkage_reference: str
+    offset: Count
+    rows: Count
+    log_evidence: Number | None
+    log_evidence_error: Number | None
+    alarm: str | None
+
+
+class Stream(AnalysisResult):
     """A posterior that learns row by row.
 
     Parameters
@@ -58,6 +78,11 @@ class Stream:
     StudyError : every parameter is fixed, or too few particles.
     """
 
+    MARK = "stream.json"
+    RECORD = StreamRecord
+    PAGE = ""
+    CALLED = "Written"
+
     def __init__(
         self,
         known: Study | Result,
@@ -68,7 +93,7 @@ class Stream:
         slip_reference: str = "shearing",
         sinkage_reference: str = "rim",
     ) -> None:
-        check_kind("bt.Stream", known, Study, Result)
+        check_single("bt.Stream", known, Study, Result)
         check_seed(seed)
         study = known.study if isinstance(known, Result) else known
         study.errors.refuse("following row by row")
@@ -156,22 +181,21 @@ class Stream:
         table = table_of({**(dict(content) if content is not None else {}), **values})
         return self.learn(read_row(self.study, table, number, self.references))
 
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the state into a new folder, whole or not at all; :func:`load_stream` goes on from there.
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The summary."""
+        return {"summary": self.summary}
 
-        Raises
-        ------
-        ResultError : there is no row yet; the folder exists (and ``overwrite`` is not given) or cannot be
-            written.
-        """
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            self.write(part)
-        return Path(folder)
+    def overview(self) -> Overview:
+        """The parameters, the evidence, and whether the soil has changed."""
+        from bayesterra.follow.page import followed_overview
+        from bayesterra.follow.session import FollowedStream
 
-    def write(self, folder: Path) -> None:
-        """Write the state into an existing folder: study and rows, particles, a record, the summary."""
+        return followed_overview(FollowedStream(self))
+
+    def write_inputs(self, part: Path) -> None:
+        """Write the state: study and rows, particles; :func:`load_stream` goes on from there."""
         if self._cloud is None:
-            raise ResultError(f"'{folder}' is not written: the stream has no row yet")
+            raise ResultError(f"'{part}' is not written: the stream has no row yet")
         state = State(
             self._cloud,
             self._before,
@@ -181,15 +205,14 @@ class Stream:
             self._variance,
             self.alarm,
         )
-        study = self.study.with_rows(self.rows.first())
-        write_state(folder, study, state, self._identity(), self._record())
-        write_text(folder / "summary.csv", csv_text(self.summary, "%.6g"))
+        write_state(part, self.study.with_rows(self.rows.first()), state, self._identity())
 
     def _identity(self) -> dict[str, Any]:
         """Identity of the study and the rows that the particles belong to."""
         return {"form": FORM, "study": self.study.fingerprint["study"], "rows": self.rows.digest}
 
-    def _record(self) -> dict[str, Any]:
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
         return {
             "kind": "stream",
             "title": self.study.title,
@@ -201,8 +224,8 @@ class Stream:
             "sinkage_reference": self.references.sinkage,
             "offset": self.offset,
             "rows": len(self),
-            "log_evidence": _finite(self.log_evidence),
-            "log_evidence_error": _finite(self.log_evidence_error),
+            "log_evidence": self.log_evidence,
+            "log_evidence_error": self.log_evidence_error,
             "alarm": self.alarm.sentence if self.alarm else None,
         }
 
@@ -342,12 +365,6 @@ def load_stream(folder: str | Path) -> Stream:
     return stream
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-MARK = "stream.json"
-"""File by which folders of this kind are known."""
 STATE = "state"
 
 
@@ -374,14 +391,11 @@ class State:
     alarm: Alarm | None
 
 
-def write_state(
-    folder: Path, study: Study, state: State, identity: Identity, record: Mapping[str, Any]
-) -> None:
-    """Write study, state and record into an existing folder."""
+def write_state(folder: Path, study: Study, state: State, identity: Identity) -> None:
+    """Write study and state into an existing folder."""
     write_study(study, folder)
     make_folder(folder / STATE, BEGUN)
     Checkpoints.opened(folder / STATE, identity).save(STATE, pack(state))
-    write_text(folder / MARK, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_record(folder: Path) -> dict[str, Any]:
@@ -391,11 +405,11 @@ def read_record(folder: Path) -> dict[str, Any]:
     ------
     ResultError : there is none, or it is damaged.
     """
-    if not (folder / MARK).is_file():
-        raise ResultError(f"'{folder}' is not the folder of a stream: it has no {MARK}")
-    check_sums(folder, MARK, STUDY_FILE, "measurements.csv")
-    with damage(ResultError, folder / MARK):
-        return dict(read_json(folder / MARK))
+    if not (folder / Stream.MARK).is_file():
+        raise ResultError(f"'{folder}' is not the folder of a stream: it has no {Stream.MARK}")
+    check_sums(folder, Stream.MARK, STUDY_FILE, "measurements.csv")
+    with damage(ResultError, folder / Stream.MARK):
+        return StreamRecord.read(folder / Stream.MARK)
 
 
 def read_state(folder: Path, identity: Identity) -> State:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,11 +19,14 @@ from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, in_a
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.runtime.engines import Engine
-from bayesterra.runtime.folders import check_free, whole_folder, write_text
-from bayesterra.runtime.tables import csv_text
+from bayesterra.runtime.folders import check_free
+from bayesterra.runtime.records import Count, Record
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
-from bayesterra.study.result import PACKAGES, Result
+from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
 ENDS = ("lower_95", "lower_68", "best", "upper_68", "upper_95")
@@ -32,8 +34,21 @@ SPREADS = ("prior_sd", "cramer_rao", "with_prior", "local_sd", "posterior_sd")
 """Columns that have the unit of their parameter, of verdicts, profiles and local analysis."""
 
 
+class IdentifiedRecord(Record):
+    """The content of ``identifiability.json``."""
+
+    sentence: str
+    model: str
+    drive: str
+    seed: Count
+    draws_from: str
+    draws: Count
+    converged: bool
+    seconds: dict[str, float]
+
+
 @dataclass(frozen=True)
-class Identified:
+class Identified(AnalysisResult):
     """The identifiability of a study's parameters.
 
     Attributes
@@ -42,6 +57,9 @@ class Identified:
     found : everything that was measured, SI.
     record : versions, seed, draws, whether they converged, and times.
     """
+
+    MARK = "identifiability.json"
+    RECORD = IdentifiedRecord
 
     study: Study
     found: Analysis
@@ -64,6 +82,47 @@ class Identified:
         ]
         words = self.found.verdicts.set_index("parameter")["verdict"].to_dict()
         return in_a_sentence(rows, {str(name): word for name, word in words.items()}, symbol)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Everything that was measured; field units, named in a column ``unit`` or a header."""
+        analysis, drawn = self.found, self.found.drawn
+        return {
+            "verdicts": self.verdicts,
+            "combinations": analysis.combinations,
+            "groups": drawn.information.counts,
+            "directions": drawn.information.directions,
+            "information": drawn.information.parameters,
+            "coupling": drawn.coupling.pairs,
+            "coupling_of_groups": drawn.coupling.between,
+            "profiles": in_field_units(analysis.profiles.table, ENDS),
+            "profile_points": _points(analysis),
+            "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
+            "local": in_field_units(analysis.spread.table, SPREADS),
+            "local_at_best": in_field_units(analysis.best.table, SPREADS),
+            "spectrum": pd.DataFrame(analysis.spread.spectra, columns=_numbered(len(analysis.names))),
+            "collinearity": analysis.collinearity.table,
+            "importance": analysis.collinearity.importance,
+            "structure": analysis.structure.table,
+            "cloning": drawn.cloned.parameters,
+            "cloning_directions": drawn.cloned.directions,
+            "power_scaling": drawn.scaling.table,
+        }
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return {"sentence": self.sentence, **self.record}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        from bayesterra.identifiability.page import identifiability_page
+
+        return identifiability_page(self)
+
+    def overview(self) -> Overview:
+        """The verdict on every parameter with its figures, and the finding."""
+        from bayesterra.identifiability.page import identified_overview
+
+        return identified_overview(self)
 
 
 @dataclass(frozen=True)
@@ -152,32 +211,6 @@ def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str
     }
 
 
-def tables(made: Identified) -> dict[str, pd.DataFrame]:
-    """Everything that was measured, by file name; field units, named in a column ``unit`` or a header."""
-    analysis, drawn = made.found, made.found.drawn
-    return {
-        "verdicts": made.verdicts,
-        "combinations": analysis.combinations,
-        "groups": drawn.information.counts,
-        "directions": drawn.information.directions,
-        "information": drawn.information.parameters,
-        "coupling": drawn.coupling.pairs,
-        "coupling_of_groups": drawn.coupling.between,
-        "profiles": in_field_units(analysis.profiles.table, ENDS),
-        "profile_points": _points(analysis),
-        "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
-        "local": in_field_units(analysis.spread.table, SPREADS),
-        "local_at_best": in_field_units(analysis.best.table, SPREADS),
-        "spectrum": pd.DataFrame(analysis.spread.spectra, columns=_numbered(len(analysis.names))),
-        "collinearity": analysis.collinearity.table,
-        "importance": analysis.collinearity.importance,
-        "structure": analysis.structure.table,
-        "cloning": drawn.cloned.parameters,
-        "cloning_directions": drawn.cloned.directions,
-        "power_scaling": drawn.scaling.table,
-    }
-
-
 def in_field_units(table: pd.DataFrame, columns: Sequence[str], name: str = "parameter") -> pd.DataFrame:
     """A table whose ``columns`` are in the field unit of their row's parameter, with a column ``unit``."""
     parameters = [PARAMETERS[parameter] for parameter in table[name]]
@@ -216,44 +249,13 @@ def expected_contraction(made: Foreseen) -> FloatArray:
     return np.asarray(np.clip(made.found.spread.table["expected"], 0.0, 1.0))
 
 
-MARK = "identifiability.json"
-"""File by which folders of this kind are known."""
-
-
-class IdentifyResult(Identified):
-    """An identifiability analysis that can be saved as a folder with its page."""
-
-    @classmethod
-    def of(cls, made: Identified) -> Self:
-        """The same analysis, with a page to write."""
-        return cls(**{field.name: getattr(made, field.name) for field in fields(Identified)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write page, tables and record into a new folder; returns the path of the page.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        from bayesterra.identifiability.page import identifiability_html
-
-        with whole_folder(Path(folder), overwrite=overwrite, mark=MARK) as part:
-            for name, table in tables(self).items():
-                write_text(part / f"{name}.csv", csv_text(table, "%.6g"))
-            record = {"sentence": self.sentence, **self.record}
-            text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False)
-            write_text(part / MARK, text + "\n")
-            write_text(part / "report.html", identifiability_html(self))
-        return Path(folder) / "report.html"
-
-
 def identify(
     what: Study | Result,
     *,
     seed: int = 1,
     engine: Engine | None = None,
     progress: Callable[[str], None] = lambda part: None,
-) -> IdentifyResult:
+) -> Identified:
     """Find out what the data of a study determine, and what only repeats the prior.
 
     Parameters
@@ -270,10 +272,10 @@ def identify(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     check_seed(seed)
+    check_single("bt.identify", what, Study, Result)
     if isinstance(what, Result):
-        return IdentifyResult.of(identify_result(what, seed=seed, engine=engine, report=progress))
-    check_kind("bt.identify", what, Study, Result)
-    return IdentifyResult.of(identify_study(what, seed=seed, engine=engine, report=progress))
+        return identify_result(what, seed=seed, engine=engine, report=progress)
+    return identify_study(what, seed=seed, engine=engine, report=progress)
 
 
 def identify_into(
@@ -284,11 +286,11 @@ def identify_into(
     engine: Engine | None = None,
     overwrite: bool = False,
     quiet: bool = False,
-) -> IdentifyResult:
+) -> Identified:
     """Analyse a result or a study into a new folder, with a word on each part on a terminal."""
     from bayesterra.report.terminal import stages
 
-    check_free(out, overwrite=overwrite, mark=MARK)
+    check_free(out, overwrite=overwrite, mark=Identified.MARK)
     with stages(show=not quiet) as show:
         result = identify(what, seed=seed, engine=engine, progress=show)
     result.save(out, overwrite=overwrite)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, JustifyMethod
-from rich.table import Table as RichTable
 
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.determined_page import signed
@@ -42,6 +38,7 @@ from bayesterra.report.blocks import (
     Block,
     Cell,
     Gallery,
+    Overview,
     Record,
     Section,
     Table,
@@ -50,12 +47,10 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     records,
-    render,
 )
 from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
-from bayesterra.report.terminal import PlainConsole
 from bayesterra.study.result import COUPLED, shown
 
 FEW = 2
@@ -81,6 +76,7 @@ def identifiability_page(made: Identified) -> VerdictPage:
             method_section(made),
         ),
         version=made.record["versions"]["bayesterra"],
+        template="identifiability.html",
     )
 
 
@@ -382,24 +378,14 @@ def profiles_in_words(profiles: Profiles) -> str:
     return "Likelihood profiles: " + "; ".join(said) + "."
 
 
-def print_identified(made: Identified, report: Path, console: Console | None = None) -> None:
-    """Print the finding, the verdict on every parameter with its figures, and the name of the page."""
-    console = console or PlainConsole()
-    table = RichTable(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in IDENTIFIED:
-        side: JustifyMethod = "right" if header == "contraction" else "left"
-        table.add_column(header, justify=side, no_wrap=header != "verdict")
-    for row in made.found.verdicts.to_dict("records"):
-        table.add_row(*_identified(row))
-    console.print(table)
-    for row in made.found.verdicts.to_dict("records"):
-        if row["against"]:
-            symbol = PARAMETERS[row["parameter"]].symbol
-            console.print(f"! {symbol}: {row['against']}.", highlight=False, soft_wrap=True)
+def identified_overview(made: Identified) -> Overview:
+    """The verdict on every parameter with its figures, and the finding."""
+    rows = made.found.verdicts.to_dict("records")
+    table = Table(made.study.title, "llrll", IDENTIFIED, tuple(_identified(row) for row in rows))
+    lines = [f"! {PARAMETERS[row['parameter']].symbol}: {row['against']}." for row in rows if row["against"]]
     if not made.record["converged"]:
-        console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
-    console.print(made.sentence, highlight=False, soft_wrap=True)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+        lines.append("! The sampling did not converge: do not rely on what rests on draws.")
+    return (table, *map(Text, lines), Text(made.sentence))
 
 
 IDENTIFIED = ("", "verdict", "contraction", "tied to", "profile")
@@ -419,22 +405,14 @@ def _share(contraction: float) -> str:
     return f"{max(contraction, 0.0):.2f}"
 
 
-def print_foreseen(made: Foreseen, console: Console | None = None) -> None:
-    """Print what a design could determine, and what contraction to expect."""
-    console = console or PlainConsole()
-    table = RichTable(title=made.study.title or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("", "the design could", "contraction to expect"):
-        table.add_column(header, justify="right" if header.startswith("contraction") else "left")
-    seen = made.found.structure.determined
-    for name, expected in zip(made.found.names, expected_contraction(made), strict=True):
+def foreseen_overview(made: Foreseen) -> Overview:
+    """What a design could determine, and what contraction to expect."""
+    seen, names = made.found.structure.determined, made.found.names
+    rows = []
+    for name, expected in zip(names, expected_contraction(made), strict=True):
         word = "determine it" if name in seen else "NOT determine it"
-        table.add_row(PARAMETERS[name].symbol, word, _share(expected))
-    console.print(table)
-    for null in made.found.structure.nulls:
-        console.print(f"{null.words[:1].upper()}{null.words[1:]}.", highlight=False, soft_wrap=True)
-    console.print("Expected over the prior after the physical cut, were the readings made.", highlight=False)
-
-
-def identifiability_html(made: Identified) -> str:
-    """An identifiability analysis as a self-contained HTML page."""
-    return render(identifiability_page(made), "identifiability.html")
+        rows.append((PARAMETERS[name].symbol, word, _share(expected)))
+    lines = [f"{null.words[:1].upper()}{null.words[1:]}." for null in made.found.structure.nulls]
+    lines.append("Expected over the prior after the physical cut, were the readings made.")
+    header = ("", "the design could", "contraction to expect")
+    return (Table(made.study.title, "llr", header, tuple(rows)), *map(Text, lines))

@@ -21,6 +21,7 @@ from bayesterra.report.blocks import (
     UNSEEN,
     Cell,
     Gallery,
+    Overview,
     Section,
     Table,
     Text,
@@ -28,7 +29,6 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
-    render,
     section,
     verdict,
 )
@@ -36,6 +36,7 @@ from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import law_text
 from bayesterra.study.study import Study
@@ -96,6 +97,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
         warning=Markup(" ").join(filter(None, (warning, missing(record, failures)))),
         failures=failures,
         kind=study.kind,
+        template="pooled.html",
     )
 
 
@@ -463,12 +465,15 @@ def _limits(result: PooledResult, name: str) -> tuple[float, float]:
     return ends[0] / PARAMETERS[name].scale, ends[1] / PARAMETERS[name].scale
 
 
-def pooled_html(result: PooledResult) -> str:
-    """The report of a study with groups as a self-contained HTML page."""
-    return pooled_and_failures(result)[0]
-
-
-def pooled_and_failures(result: PooledResult) -> tuple[str, Failures]:
-    """The same, and those of its sections that could not be made."""
-    made = pooled_page(result)
-    return render(made, "pooled.html"), made.failures
+def pooled_overview(result: PooledResult) -> Overview:
+    """Degrees of pooling, convergence, and what is shared."""
+    pooling = result.record["pooling"]
+    rows = []
+    for row in pooling["degrees"]:
+        figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
+        rows.append((row["pooling"], *(f"{figure:.1f}" for figure in figures)))
+    lines = [verdict_line(result.record), f"Evidence prefers: {pooling['preferred']}. {pooling['sentence']}"]
+    if stated := pooling.get("sentence_as_stated"):
+        lines.append(f"With the other parameters as this study has them: {stated}")
+    header = ("pooling", "log evidence", "elpd of rows", "elpd of groups")
+    return (Table("", "lrrr", header, tuple(rows)), *map(Text, lines), *failure_lines(result.record))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.random import SeedSequence, default_rng
+from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import posterior
@@ -31,26 +32,45 @@ from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
+from bayesterra.runtime.records import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import summary_row
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
-from bayesterra.study.result import conditions_dataset, left_out_dataset, observed_dataset, of_rows
+from bayesterra.study.record import StudyRecord
+from bayesterra.study.result import Result, conditions_dataset, left_out_dataset, observed_dataset, of_rows
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.pooling.page import PooledPage
+    from bayesterra.report.blocks import Overview
 
 PRIOR_DRAWS = 1000
 ALONE_DRAWS = 4000
 
 
-@dataclass(frozen=True)
-class PooledResult:
+Degrees = TypedDict(  # noqa: UP013 (as in the records that it is part of)
+    "Degrees", {"pooling": str, "log_evidence": Number, "elpd_rows": Number, "elpd_groups": Number}
+)
+PoolingEntry = TypedDict(  # noqa: UP013
+    "PoolingEntry", {"by": str, "preferred": str, "sentence": str, "degrees": list[Degrees]}
+)
+
+
+class PooledRecord(StudyRecord):
+    """The content of ``run.json`` of a run with pooling."""
+
+    pooling: PoolingEntry
+
+
+@dataclass(frozen=True, kw_only=True)
+class PooledResult(Result):
     """The outcome of a run with pooling; everything its report shows.
 
     Attributes
     ----------
-    study : what was asked.
     draws : xarray DataTree. ``posterior`` holds shared parameters without, the groups' own with the dimension
         ``group``, means and spreads of populations as ``K.mean``; ``alone`` each group's own posterior;
         ``prior`` the cut joint prior; SI, radians.
@@ -59,26 +79,31 @@ class PooledResult:
     sharing : one row per parameter, and one for c and φ together: one value for all groups, or one for each?
         ``verdict`` from the groups' own posteriors, ``verdict_as_stated`` with all others as in the study.
     left_out : elpd of every row and of every group under every degree of pooling.
-    record : versions, seed, settings, times and verdicts with their thresholds.
     """
 
-    study: Study
-    draws: xr.DataTree
-    summary: pd.DataFrame
+    TABLES = ("summary", "pooling", "sharing", "left_out")
+    RECORD = PooledRecord
+
     pooling: pd.DataFrame
     sharing: pd.DataFrame
     left_out: pd.DataFrame
-    record: dict[str, Any]
-
-    @property
-    def converged(self) -> bool:
-        """True where the joint posterior and both extremes beside it passed every check."""
-        return bool(self.record["verdict"]["converged"])
 
     @property
     def groups(self) -> tuple[str, ...]:
         """Names of the groups."""
         return tuple(str(name) for name in self.draws["posterior"]["group"].to_numpy())
+
+    def page(self) -> PooledPage:
+        """The report, with what could not be made of it."""
+        from bayesterra.pooling.page import pooled_page
+
+        return pooled_page(self)
+
+    def overview(self) -> Overview:
+        """Degrees of pooling, convergence, and what is shared."""
+        from bayesterra.pooling.page import pooled_overview
+
+        return pooled_overview(self)
 
     def to_dataframe(self) -> pd.DataFrame:
         """Posterior draws, one row each: chain, draw, then a column per parameter, SI and radians."""

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError, check_kind, checked_path
+from bayesterra.errors import StudyError, checked_path
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction.prediction import UNANSWERED, quantiles, spread, wheel_remarks
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
@@ -29,12 +28,14 @@ from bayesterra.prediction.statics import (
     states_at,
     sweep,
 )
-from bayesterra.runtime.folders import check_free, whole_folder, write_bytes, write_text
-from bayesterra.runtime.tables import csv_text
-from bayesterra.study.result import CURVE_QUANTILES, Result
+from bayesterra.runtime.records import Count, Number, Record
+from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import measured_loads, prior_phi, resolved
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview
 
 QUANTITIES = {
     "slip": ("slip", 1.0, "-"),
@@ -52,8 +53,25 @@ FAILURES = (Outcome.CANNOT, Outcome.SINKS, Outcome.LIFTS)
 DEGREE = float(np.pi / 180)
 
 
+class RoverRecord(Record):
+    """The content of ``rover.json``."""
+
+    kind: Literal["rover"]
+    title: str
+    model: str
+    bayesterra: str
+    rover: dict[str, Any]
+    slope: list[Number]
+    tow: list[Number]
+    draws: Count
+    share_that_cannot: list[Number]
+    share_without_answer: list[Number]
+    marked_above: Number
+    notes: list[str]
+
+
 @dataclass(frozen=True)
-class RoverOutlook:
+class RoverOutlook(AnalysisResult):
     """A rover on the soils of n posterior draws.
 
     Attributes
@@ -70,6 +88,13 @@ class RoverOutlook:
     driven : lowest and highest slip of the study's rows in the fit.
     remarks : where rover and loads leave what was measured; one sentence each.
     """
+
+    MARK = "rover.json"
+    RECORD = RoverRecord
+    PAGE = ""
+    PLOT = "rover.png"
+    CALLED = "Written"
+    DIGITS = None
 
     title: str
     model: str
@@ -205,6 +230,44 @@ class RoverOutlook:
                 header = f"{called}_{name}" + ("" if unit == "-" else f" [{unit}]")
                 columns[header] = getattr(states, field)[:, :, axle].ravel() / scale
         return pd.DataFrame(columns)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Bands, draws, the greatest slopes and tow forces, and the probability to climb."""
+        return {
+            "bands": self.table,
+            "draws": self.to_dataframe(),
+            "greatest": self.greatest_table,
+            "climb": self.climb_table,
+        }
+
+    def figures(self) -> dict[str, bytes]:
+        """Slip, sinkage and loads over slope and tow force."""
+        from bayesterra.prediction.page import rover_outlook_png
+
+        return {self.PLOT: rover_outlook_png(self)}
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return {
+            "kind": "rover",
+            "title": self.title,
+            "model": self.model,
+            "bayesterra": version("bayesterra"),
+            "rover": asdict(self.rover),
+            "slope": self.asked.slope[0].tolist(),
+            "tow": self.asked.tow[0].tolist(),
+            "draws": len(self.index),
+            "share_that_cannot": self.cannot.tolist(),
+            "share_without_answer": self.unanswered.tolist(),
+            "marked_above": UNANSWERED,
+            "notes": list(self.notes),
+        }
+
+    def overview(self) -> Overview:
+        """What the rover does on every slope, the greatest slope, and notes."""
+        from bayesterra.prediction.page import rover_overview
+
+        return rover_overview(self)
 
 
 def cannot(states: State) -> FloatArray:
@@ -375,64 +438,13 @@ def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
         )
 
 
-ROVER = "rover.json"
-"""File by which a folder of this kind is known."""
-
-
-class RoverSheet(RoverOutlook):
-    """Prediction of a rover from draws, to be saved as a folder with its plot."""
-
-    @classmethod
-    def of(cls, outlook: RoverOutlook) -> Self:
-        """The same outlook, with files to write."""
-        return cls(**{field.name: getattr(outlook, field.name) for field in fields(RoverOutlook)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write bands, draws, greatest slopes, a plot and a record into a new folder; returns its path.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        from bayesterra.prediction.page import rover_outlook_png
-
-        check_free(Path(folder), overwrite=overwrite, mark=ROVER)
-        with whole_folder(Path(folder), overwrite=overwrite, mark=ROVER) as part:
-            write_text(part / "bands.csv", csv_text(self.table))
-            write_text(part / "draws.csv", csv_text(self.to_dataframe()))
-            write_text(part / "greatest.csv", csv_text(self.greatest_table))
-            write_text(part / "climb.csv", csv_text(self.climb_table))
-            write_bytes(part / "rover.png", rover_outlook_png(self))
-            write_text(part / ROVER, json.dumps(self._record(), indent=1, ensure_ascii=False) + "\n")
-        return Path(folder)
-
-    def _record(self) -> dict[str, object]:
-        return {
-            "kind": "rover",
-            "title": self.title,
-            "model": self.model,
-            "bayesterra": version("bayesterra"),
-            "rover": asdict(self.rover),
-            "slope": self.asked.slope[0].tolist(),
-            "tow": self.asked.tow[0].tolist(),
-            "draws": len(self.index),
-            "share_that_cannot": self.cannot.tolist(),
-            "share_without_answer": self.unanswered.tolist(),
-            "marked_above": UNANSWERED,
-            "notes": list(self.notes),
-        }
-
-    def _repr_html_(self) -> str:
-        return str(self.table.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
-
-
 def predict_rover(
     result: Result,
     rover: Rover | str | Path,
     *,
     slopes: Sequence[float | str] = SLOPES,
     tows: Sequence[float | str] = (0.0,),
-) -> RoverSheet:
+) -> RoverOutlook:
     """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
 
     Parameters
@@ -445,10 +457,10 @@ def predict_rover(
     ------
     StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
-    check_kind("bt.predict_rover", result, Result)
+    check_single("bt.predict_rover", result, Result)
     if not isinstance(rover, Rover):
         rover = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
-    return RoverSheet.of(drive_rover(result, rover_for(result.study, rover), slopes, tows))
+    return drive_rover(result, rover_for(result.study, rover), slopes, tows)
 
 
 def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,16 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.arrays import FloatArray
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
-from bayesterra.report.blocks import table
+from bayesterra.report.blocks import Cell, Overview, Table, Text
 from bayesterra.report.figures import (
     DATA,
     GRID,
@@ -36,9 +32,7 @@ from bayesterra.report.figures import (
     own_axes,
     styled,
 )
-from bayesterra.report.numbers import given, interval, resolution, rounded
-from bayesterra.report.symbols import symbol, with_unit
-from bayesterra.report.terminal import PlainConsole
+from bayesterra.report.numbers import interval, resolution, rounded
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
@@ -188,30 +182,26 @@ def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Predictio
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
 
 
-def print_forecast(points: Sequence[Prediction], folder: Path, console: Console | None = None) -> None:
-    """Print the bands at the slips that were asked for, what is doubtful, and where the files are."""
-    console = console or PlainConsole()
+def forecast_overview(points: Sequence[Prediction]) -> Overview:
+    """The bands at the slips that were asked for, and what is doubtful."""
+    blocks: list[Table | Text] = []
     for at in points:
-        console.print(_bands(at))
-        console.print(_derived(at))
-        for line in _remarks(at):
-            console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"Written: {folder}   Plot: {folder / 'prediction.png'}", highlight=False, soft_wrap=True)
+        blocks += [_bands(at), _derived(at), *map(Text, _remarks(at))]
+    return tuple(blocks)
 
 
-def _bands(at: Prediction) -> RichTable:
-    table = RichTable(title=f"wheel {at.name} under {at.load:.4g} N", box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("slip", "", "median", "90 %", "90 % of readings", "no answer"):
-        table.add_column(header, justify="right" if header else "left", no_wrap=True)
-    rows = at.table.set_index(["slip", "quantity"])
+def _bands(at: Prediction) -> Table:
+    table = at.table.set_index(["slip", "quantity"])
+    rows: list[tuple[Cell, ...]] = []
     for slip, share in zip(at.slip, at.unanswered, strict=True):
+        mark = (Markup("<b>{:.3g} % !</b>") if share > UNANSWERED else Markup("{:.3g} %")).format(100 * share)
         for i, (name, quantity) in enumerate(PREDICTED.items()):
             unit = "" if quantity.unit == "-" else f" [{quantity.unit}]"
-            mark = f"{100 * share:.3g} %{' !' if share > UNANSWERED else ''}"
             first, last = ("", "") if i else (f"{slip:.4g}", mark)
-            table.add_row(first, f"{quantity.symbol}{unit}", *_cells(rows.loc[(slip, name)].to_dict()), last)
-        table.add_section()
-    return table
+            rows.append((first, f"{quantity.symbol}{unit}", *_cells(table.loc[(slip, name)].to_dict()), last))
+        rows.append(())
+    header = ("slip", "", "median", "90 %", "90 % of readings", "no answer")
+    return Table(f"wheel {at.name} under {at.load:.4g} N", "rlrrrr", header, tuple(rows))
 
 
 def _cells(row: Mapping[str, float]) -> tuple[str, str, str]:
@@ -222,21 +212,16 @@ def _cells(row: Mapping[str, float]) -> tuple[str, str, str]:
     return rounded(row["modelled_q50"], step), interval(low, high, step), noisy
 
 
-def _derived(at: Prediction) -> RichTable:
-    table = RichTable(box=SIMPLE_HEAD, padding=(0, 1))
-    for header, side in (("derived", "left"), ("unit", "left"), ("median", "right"), ("90 % HDI", "right")):
-        table.add_column(header, justify="right" if side == "right" else "left")
-    table.add_column("prior 90 %", justify="right")
+def _derived(at: Prediction) -> Table:
+    rows = []
     for row in at.derived_table.to_dict("records"):
-        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        table.add_row(
-            str(row["quantity"]).replace("_", " "),
-            str(row["unit"]),
-            rounded(row["median"], step),
-            interval(row["hdi90_lo"], row["hdi90_hi"], step),
-            interval(row["prior_q05"], row["prior_q95"]),
-        )
-    return table
+        ends = row["hdi90_lo"], row["hdi90_hi"]
+        step = resolution(*ends)
+        middle, before = rounded(row["median"], step), interval(row["prior_q05"], row["prior_q95"])
+        name = str(row["quantity"]).replace("_", " ")
+        rows.append((name, str(row["unit"]), middle, interval(*ends, step), before))
+    header = ("derived", "unit", "median", "90 % HDI", "prior 90 %")
+    return Table("", "llrrr", header, tuple(rows))
 
 
 def _remarks(at: Prediction) -> list[str]:
@@ -368,24 +353,18 @@ def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
     figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)
 
 
-def print_outlook(outlook: RoverOutlook, folder: Path, console: Console | None = None) -> None:
-    """Print what a rover does on every slope, the greatest slope, notes, and where the files are."""
-    console = console or PlainConsole()
-    title = f"rover {outlook.rover.name}, {outlook.rover.weight:.4g} N"
-    table = RichTable(title=title, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ROVER_COLUMNS:
-        table.add_column(header, justify="right", no_wrap=True)
+def rover_overview(outlook: RoverOutlook) -> Overview:
+    """What a rover does on every slope, the greatest slope, and notes."""
+    lines = []
     for (slope, tow), rows in outlook.table.groupby(["slope [deg]", "tow [N]"], sort=False):
         cells = rows.set_index(["quantity", "axle"]).to_dict("index")
         slips, depth = _median_90(cells["slip", "rear"], 0.01), _median_90(cells["sinkage", "rear"], 0.1)
         loads = " / ".join(rounded(cells["load", axle]["q50"], 1.0) for axle in AXLES)
         shares = (float(rows[name].iloc[0]) for name in ("cannot", "unanswered"))
         marks = ", ".join(f"{100 * share:.0f}{'!' if share > UNANSWERED else ''}" for share in shares)
-        table.add_row(f"{slope:.4g}", f"{tow:.4g}", slips, depth, loads, f"{marks} %")
-    console.print(table)
-    for line in outlook_lines(outlook):
-        console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"Written: {folder}   Plot: {folder / 'rover.png'}", highlight=False, soft_wrap=True)
+        lines.append((f"{slope:.4g}", f"{tow:.4g}", slips, depth, loads, f"{marks} %"))
+    title = f"rover {outlook.rover.name}, {outlook.rover.weight:.4g} N"
+    return (Table(title, "rrrrrr", ROVER_COLUMNS, tuple(lines)), *map(Text, outlook_lines(outlook)))
 
 
 ROVER_COLUMNS = ("slope\n[°]", "tow\n[N]", "slip", "z rear\n[mm]", "loads\n[N]", "cannot,\nno answer")
@@ -409,24 +388,3 @@ def outlook_lines(outlook: RoverOutlook) -> list[str]:
         middle, ends = rounded(row["q50"], step), interval(low, high, step)
         lines.append(f"{name.capitalize()}{where}: {middle}{unit}, 90 % {ends}{unit}.")
     return [*lines, *(f"Note: {note}." for note in outlook.notes)]
-
-
-def prediction_table(prediction: Prediction) -> str:
-    """Median and 90 % band at every slip, what cannot be relied on, and notes."""
-    bands = prediction.table.set_index(["slip", "quantity"])
-    rows = []
-    for slip, share in zip(prediction.slip, prediction.unanswered, strict=True):
-        mark = Markup("<b>{:.3g} %</b>") if share > UNANSWERED else Markup("{:.3g} %")
-        quantities = (bands.loc[(slip, name)].to_dict() for name in PREDICTED)
-        rows.append((f"{slip:.4g}", *(_band(row) for row in quantities), mark.format(100 * share)))
-    head = Markup("Wheel {} under {} N: median (90 %), without measurement noise").format(
-        prediction.name, given(round(prediction.load, 1))
-    )
-    header = (symbol("slip"), *(with_unit(name) for name in PREDICTED), "no answer")
-    return table(head, header, rows, prediction.notes)
-
-
-def _band(row: dict[str, float]) -> str:
-    low, high = row["modelled_q05"], row["modelled_q95"]
-    step = resolution(low, high)
-    return f"{rounded(row['modelled_q50'], step)} ({interval(low, high, step)})"

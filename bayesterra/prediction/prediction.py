@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
 from numpy.random import Generator, default_rng
 from numpy.typing import ArrayLike
+from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError
@@ -18,12 +22,16 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
+from bayesterra.runtime.records import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
-from bayesterra.study.result import CURVE_QUANTILES, Result
+from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview
 
 UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
@@ -35,8 +43,84 @@ PREDICTED: dict[str, Channel] = {
 _MODELLED, _READING = "modelled", "reading"
 
 
+PredictedCase = TypedDict("PredictedCase", {  # noqa: UP013 (a line for each kind of entry)
+    "wheel": dict[str, Any], "load": Number, "slip": list[Number], "draws": Count,
+    "share_without_answer": list[Number], "marked_above": Number, "notes": list[str],
+})  # fmt: skip
+
+
+class PredictionRecord(Record):
+    """The content of ``prediction.json``."""
+
+    kind: Literal["prediction"]
+    title: str
+    bayesterra: str
+    predictions: list[PredictedCase]
+
+
+class Predicted(AnalysisResult):
+    """Predictions that are shown and saved together."""
+
+    MARK = "prediction.json"
+    RECORD = PredictionRecord
+    PAGE = ""
+    PLOT = "prediction.png"
+    CALLED = "Written"
+    DIGITS = None
+
+    @property
+    @abstractmethod
+    def cases(self) -> Sequence[Case]:
+        """Predictions on slip grids, and at the slips that were asked for."""
+
+    @property
+    def points(self) -> list[Prediction]:
+        """Predictions at the slips that were asked for."""
+        return [at or curve for curve, at in self.cases]
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Bands, draws and derived quantities."""
+        return {
+            "bands": pd.concat([at.table for at in self.points]),
+            "draws": pd.concat([at.to_dataframe() for at in self.points]),
+            "derived": pd.concat([at.labelled_table for at in self.points]),
+        }
+
+    def figures(self) -> dict[str, bytes]:
+        """Every quantity over slip."""
+        from bayesterra.prediction.page import predictions_png
+
+        return {self.PLOT: predictions_png(self.cases)}
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return {
+            "kind": "prediction",
+            "title": self.points[0].title,
+            "bayesterra": version("bayesterra"),
+            "predictions": [
+                {
+                    "wheel": {"name": at.name, **asdict(at.wheel)},
+                    "load": at.load,
+                    "slip": at.slip.tolist(),
+                    "draws": len(at.index),
+                    "share_without_answer": at.unanswered.tolist(),
+                    "marked_above": UNANSWERED,
+                    "notes": list(at.notes),
+                }
+                for at in self.points
+            ],
+        }
+
+    def overview(self) -> Overview:
+        """The bands at the slips that were asked for, and what is doubtful."""
+        from bayesterra.prediction.page import forecast_overview
+
+        return forecast_overview(self.points)
+
+
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Predicted):
     """One wheel under one load, at some slips.
 
     Attributes
@@ -68,6 +152,11 @@ class Prediction:
     derived: Mapping[str, FloatArray]
     derived_prior: Mapping[str, FloatArray]
     remarks: tuple[str, ...]
+
+    @property
+    def cases(self) -> Sequence[Case]:
+        """The prediction alone."""
+        return ((self, None),)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -138,6 +227,14 @@ class Prediction:
         rows = (_derived_row(name, self.derived[name], self.derived_prior[name]) for name in self.derived)
         return pd.DataFrame([row for row in rows if row])
 
+    @property
+    def labelled_table(self) -> pd.DataFrame:
+        """The derived quantities with their wheel and load."""
+        table = self.derived_table
+        table.insert(0, "wheel", self.name)
+        table.insert(1, "load [N]", self.load)
+        return table
+
     def to_dataframe(self) -> pd.DataFrame:
         """Every draw at every slip: chain, draw, wheel, load, slip, then values without and with noise."""
         n, k = self.reasons.shape
@@ -154,6 +251,17 @@ class Prediction:
                 if not np.isnan(values[:, :, column]).all():
                     columns[f"{name}{kind}{unit}"] = values[:, :, column].ravel() / outcome.scale
         return pd.DataFrame(columns)
+
+
+Case: TypeAlias = tuple[Prediction, Prediction | None]
+"""A prediction on a slip grid, and at the slips that were asked for."""
+
+
+@dataclass(frozen=True)
+class Forecast(Predicted):
+    """Predictions of several wheels and loads."""
+
+    cases: tuple[Case, ...] = ()
 
 
 def quantiles(values: FloatArray) -> FloatArray:

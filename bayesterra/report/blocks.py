@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
-from bayesterra.report.symbols import angles
+from bayesterra.report.symbols import angles, in_symbols
 
 if TYPE_CHECKING:
     from bayesterra.report.figures import Drawn
@@ -118,6 +118,7 @@ class VerdictPage:
     facts : what was analysed, in one line.
     warning : what to do about a result that cannot be relied on, else empty.
     failures : what could not be made of this page.
+    template : that is filled with it.
     """
 
     title: str
@@ -127,6 +128,33 @@ class VerdictPage:
     version: str
     warning: Markup
     failures: Failures = field(default_factory=Failures, kw_only=True)
+    template: str = field(default="report.html", kw_only=True)
+
+    def html(self) -> str:
+        """The page as self-contained HTML; the same page gives the same text."""
+        return render(self, self.template)
+
+
+Overview: TypeAlias = tuple[Table | Text, ...]
+"""A result in short, for a terminal and a notebook: poor lines warn, empty rows part a table."""
+
+
+def notebook(overview: Overview) -> str:
+    """An overview as HTML, plain symbols set as in the literature."""
+    return "".join(
+        str(Markup("<p>{}</p>").format(_set(block.text))) if isinstance(block, Text) else _set_table(block)
+        for block in overview
+    )
+
+
+def _set(cell: Cell) -> Markup:
+    return cell if isinstance(cell, Markup) else in_symbols(cell)
+
+
+def _set_table(block: Table) -> str:
+    rows = [[_set(cell) for cell in row] for row in block.rows if row]
+    left = [i for i, letter in enumerate(block.align) if letter == "l"]
+    return table(_set(block.caption), [_set(cell) for cell in block.header], rows, left=left)
 
 
 def section(

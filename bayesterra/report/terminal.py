@@ -7,12 +7,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from markupsafe import Markup
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
-from rich.text import Text
+from rich.table import Table as RichTable
+from rich.text import Text as RichText
 
 from bayesterra.errors import printable
+from bayesterra.report.blocks import UNSEEN, Cell, Overview, Table, Text
 from bayesterra.report.failures import sentences
 
 
@@ -22,18 +26,58 @@ class PlainConsole(Console):
     def __init__(self, *, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False)
 
-    def render_str(self, text: str, **options: Any) -> Text:
+    def render_str(self, text: str, **options: Any) -> RichText:
         """Text of a sentence or of a cell: brackets are units, and what does not show is spelled out."""
         options |= {"markup": False, "emoji": False}
         return super().render_str("\n".join(map(_harmless, text.split("\n"))), **options)
 
 
-def print_failures(console: Console, record: Mapping[str, Any]) -> None:
-    """Print what could not be computed; nothing where all could."""
-    if text := sentences(record):
-        console.print(
-            f"{text} run.json says where it failed: please report it.", highlight=False, soft_wrap=True
-        )
+def show(overview: Overview, *lines: str) -> None:
+    """Print an overview and lines under it; poor lines of it go to standard error."""
+    console = PlainConsole()
+    for block in (*overview, *map(Text, lines)):
+        if isinstance(block, Table):
+            console.print(_table(block))
+        else:
+            chosen = PlainConsole(stderr=True) if block.tone == "poor" else console
+            chosen.print(_plain(block.text), soft_wrap=True)
+
+
+def _table(block: Table) -> RichTable:
+    """A table whose numbers stay whole; empty rows part the others."""
+    table = RichTable(title=_plain(block.caption) or None, box=SIMPLE_HEAD, padding=(0, 1))
+    for header, letter in zip(block.header, block.align, strict=True):
+        table.add_column(_plain(header), justify="right" if letter == "r" else "left", no_wrap=letter == "r")
+    for row in block.rows:
+        if row:
+            table.add_row(*map(_plain, row))
+        else:
+            table.add_section()
+    return table
+
+
+def _plain(cell: Cell) -> str:
+    return cell.striptags() if isinstance(cell, Markup) else cell
+
+
+def failure_lines(record: Mapping[str, Any]) -> Overview:
+    """What could not be computed; nothing where all could."""
+    text = sentences(record)
+    return (Text(f"{text} run.json says where it failed: please report it."),) if text else ()
+
+
+def verdict_line(record: Mapping[str, Any]) -> str:
+    """One line: converged or not, with the figures behind the word."""
+    verdict = record["verdict"]
+    figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
+    if verdict["converged"]:
+        return f"Sampling converged: {figures}. {UNSEEN}"
+    failed = "; ".join(
+        f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
+        for check in verdict["checks"]
+        if not check["passed"]
+    )
+    return f"Sampling did NOT converge: {failed}. {figures}."
 
 
 def _harmless(line: str) -> str:

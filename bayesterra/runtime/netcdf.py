@@ -20,7 +20,8 @@ import xarray as xr
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, in_short, printable
 from bayesterra.runtime.folders import part_of, write_bytes
-from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, damage, read_json
+from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, damage
+from bayesterra.runtime.records import Record
 
 MOST_BYTES = 8192 * MEGABYTE
 """Of a file and, unpacked, of all that it declares."""
@@ -162,12 +163,13 @@ def read_drawn(folder: Path) -> Drawn:
     missing = [file for file in (DRAWS, RECORD) if not (folder / file).is_file()]
     if missing:
         raise StudyError(f"{name} is not a finished result folder: {' and '.join(missing)} missing")
-    try:
-        check_sums(folder, DRAWS, RECORD, "study.toml")
-    except ResultError as error:
-        raise StudyError(str(error)) from error
     with damage(StudyError, folder):
-        record, tree = read_json(folder / RECORD), read_tree(folder / DRAWS)
+        try:
+            check_sums(folder, DRAWS, RECORD, "study.toml")
+            record = Record.read(folder / RECORD)
+        except ResultError as error:
+            raise StudyError(str(error)) from error
+        tree = read_tree(folder / DRAWS)
         if "posterior" in tree.children:
             return Drawn.of(tree["posterior"].to_dataset(), record, f"({folder.name})")
     raise StudyError(f"{name} holds a prior without readings (run --prior-only): there is no posterior")

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -40,17 +41,23 @@ from bayesterra.sampling.summary import summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
 from bayesterra.soiltests.schema import QUANTITIES
-from bayesterra.soiltests.study import SoilTest
+from bayesterra.soiltests.study import SoilTest, write_soil_test
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
+from bayesterra.study.record import OriginRecord
+from bayesterra.study.result import DrawnResult
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview
+    from bayesterra.soiltests.page import SoilTestPage
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 BAND_DRAWS = 1000
 GRID = 60
 
 
-@dataclass(frozen=True)
-class SoilTestResult:
+@dataclass(frozen=True, kw_only=True)
+class SoilTestResult(DrawnResult):
     """Outcome of a soil test: all that it tells of its soil.
 
     Attributes
@@ -69,33 +76,16 @@ class SoilTestResult:
     record : versions, seed, settings, verdicts, notes; ``failures`` say what could not be computed, and why.
     """
 
+    TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands")
+    RECORD = OriginRecord
+    ORDER = tuple(QUANTITIES)
+    DIGITS = "%.6g"
+
     test: SoilTest
-    draws: xr.DataTree
-    summary: pd.DataFrame
     least_squares: pd.DataFrame
     identifiability: pd.DataFrame
     left_out: pd.DataFrame
     bands: pd.DataFrame
-    record: dict[str, Any]
-
-    @property
-    def converged(self) -> bool:
-        """True where every check of the sampling passed."""
-        return bool(self.record["verdict"]["converged"])
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Free parameters in the posterior's order."""
-        return tuple(name for name in QUANTITIES if name in self.draws["posterior"].data_vars)
-
-    def values(self, group: str = "posterior") -> FloatArray:
-        """Draws of all parameters (n, d) of a group, ``posterior`` or ``prior``; SI, radians."""
-        data = self.draws[group]
-        return np.column_stack([data[name].to_numpy().ravel() for name in self.names])
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """Posterior draws, one row each: chain, draw, then the parameters in SI and radians."""
-        return pd.DataFrame(self.draws["posterior"].to_dataset().to_dataframe()).reset_index()
 
     def posterior(self) -> TestPosterior:
         """The density that was sampled."""
@@ -114,8 +104,22 @@ class SoilTestResult:
         said = f"tests are not as the others predict them ({worst}: p {checks.get(worst, 1.0):.2g})"
         return said if worst else ""
 
-    def _repr_html_(self) -> str:
-        return str(self.summary.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
+    def write_inputs(self, part: Path) -> None:
+        """Write draws, the soil-test file and its readings."""
+        super().write_inputs(part)
+        write_soil_test(self.test, part)
+
+    def page(self) -> SoilTestPage:
+        """The report, with what could not be made of it."""
+        from bayesterra.soiltests.page import soil_test_page
+
+        return soil_test_page(self)
+
+    def overview(self) -> Overview:
+        """Parameters with their verdicts, and what is against the model."""
+        from bayesterra.soiltests.page import soil_test_overview
+
+        return soil_test_overview(self)
 
 
 def analyse(

@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
 
 from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
@@ -21,6 +17,7 @@ from bayesterra.report.blocks import (
     UNSEEN,
     Cell,
     Gallery,
+    Overview,
     Section,
     Table,
     Text,
@@ -29,7 +26,6 @@ from bayesterra.report.blocks import (
     drawing,
     missing,
     photograph,
-    render,
     section,
     verdict,
 )
@@ -37,7 +33,7 @@ from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import TAIL, Axis
 from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
 from bayesterra.report.symbols import in_symbols, letters, listed
-from bayesterra.report.terminal import PlainConsole, print_failures
+from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
@@ -114,6 +110,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         sections=sections,
         version=record["versions"]["bayesterra"],
         failures=failures,
+        template="soiltest.html",
     )
 
 
@@ -426,38 +423,23 @@ def _reproduce(result: SoilTestResult) -> Section:
     return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
 
 
-def print_soil_test(result: SoilTestResult, report: Path, console: Console | None = None) -> None:
-    """Print the parameters of a soil test, what is against the model, and the name of the report."""
-    console = console or PlainConsole()
-    table = RichTable(title=result.record["title"] or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("", "unit", "median", "90 % HDI", "verdict"):
-        table.add_column(header, justify="right" if header in ("median", "90 % HDI") else "left")
+def soil_test_overview(result: SoilTestResult) -> Overview:
+    """Parameters of a soil test with their verdicts, and what is against the model."""
     words = result.identifiability.set_index("parameter")["verdict"].map(shown).to_dict()
+    rows = []
     for row in result.summary.to_dict("records"):
         quantity = SOIL_TEST_QUANTITIES.get(row["parameter"])
         low, high = row["hdi90_lo"], row["hdi90_hi"]
         figures = rounded(row["median"], resolution(low, high)), interval(low, high)
-        symbol = quantity.symbol if quantity else row["parameter"]
-        table.add_row(symbol, row["unit"], *figures, words.get(row["parameter"], ""))
-    console.print(table)
-    for note in (*result.test.notes, *result.record["fits"]["notes"]):
-        console.print(f"note: {note}.", highlight=False, soft_wrap=True)
+        name = quantity.symbol if quantity else row["parameter"]
+        rows.append((name, row["unit"], *figures, words.get(row["parameter"], "")))
+    lines = [Text(f"note: {note}.") for note in (*result.test.notes, *result.record["fits"]["notes"])]
     if result.misfit:
-        PlainConsole(stderr=True).print(misfit_text(result.misfit, CHECK), highlight=False, soft_wrap=True)
+        lines.append(Text(misfit_text(result.misfit, CHECK), "poor"))
     if not result.converged:
-        console.print("! The sampling did not converge: do not rely on what rests on draws.", highlight=False)
+        lines.append(Text("! The sampling did not converge: do not rely on what rests on draws."))
     if result.sentence:
-        console.print(result.sentence, highlight=False, soft_wrap=True)
-    print_failures(console, result.record)
-    console.print(f"Report: {report}", highlight=False, soft_wrap=True)
-
-
-def soil_test_html(result: SoilTestResult) -> str:
-    """The result of a soil test as a self-contained HTML page."""
-    return soil_test_and_failures(result)[0]
-
-
-def soil_test_and_failures(result: SoilTestResult) -> tuple[str, Failures]:
-    """The same, and those of its sections that could not be made."""
-    made = soil_test_page(result)
-    return render(made, "soiltest.html"), made.failures
+        lines.append(Text(result.sentence))
+    header = ("", "unit", "median", "90 % HDI", "verdict")
+    table = Table(result.record["title"], "llrrl", header, tuple(rows))
+    return (table, *lines, *failure_lines(result.record))

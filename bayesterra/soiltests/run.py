@@ -2,67 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, replace
-from math import isfinite
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pandas as pd
 
 from bayesterra.errors import check_kind, check_seed
-from bayesterra.report.failures import with_failures
-from bayesterra.runtime.folders import check_free, whole_folder, write_text
-from bayesterra.runtime.netcdf import write_tree
+from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.status import job_folder
-from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.sampler import Progress
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
-from bayesterra.soiltests.schema import QUANTITIES, REFERENCE, ReferenceTable
 from bayesterra.soiltests.study import SoilTest, load_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
-from bayesterra.stats.laws import Law
-from bayesterra.study.canonical import assignments, law_entry, toml_table
-from bayesterra.study.units import text
-
-TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands")
-
-
-class SavedSoilTest(SoilTestResult):
-    """The result of a soil test that can be saved as a folder with its report."""
-
-    @classmethod
-    def of(cls, result: SoilTestResult) -> Self:
-        """The same result, with a report to write."""
-        return cls(**{field.name: getattr(result, field.name) for field in fields(SoilTestResult)})
-
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write everything into a new folder, whole or not at all; returns the path of the report.
-
-        Raises
-        ------
-        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-        """
-        with whole_folder(Path(folder), overwrite=overwrite) as part:
-            self._write(part)
-        return Path(folder) / "report.html"
-
-    def _write(self, part: Path) -> Self:
-        """Write all files; returns the result with what could not be made of its report in the record."""
-        from bayesterra.soiltests.page import soil_test_and_failures
-
-        page, failures = soil_test_and_failures(self)
-        whole = replace(self, record=with_failures(self.record, failures))
-        write_tree(self.draws, part / "draws.nc")
-        for name in TABLES:
-            write_text(part / f"{name}.csv", csv_text(getattr(self, name), "%.6g"))
-        write_text(part / "run.json", json.dumps(_plain(whole.record), indent=1, ensure_ascii=False) + "\n")
-        write_text(part / "report.html", page)
-        write_text(part / "soiltest.toml", "\n".join(_lines(self.test)) + "\n")
-        write_text(part / "readings.csv", csv_text(self.test.table))
-        return whole
 
 
 def soil_test(
@@ -72,7 +25,7 @@ def soil_test(
     seed: int = 1,
     progress: Callable[[Progress], None] = lambda update: None,
     **tables: Any,
-) -> SavedSoilTest:
+) -> SoilTestResult:
     """Sample what plate or shear tests tell of their soil, and set it beside least squares.
 
     Parameters
@@ -98,7 +51,7 @@ def soil_test(
         raise TypeError("soil_test() takes a file, a loaded test, or data with its tables")
     check_kind("bt.soil_test", test, SoilTest)
     check_seed(seed)
-    return SavedSoilTest.of(analyse(test, seed=seed, report=progress))
+    return analyse(test, seed=seed, report=progress)
 
 
 def _from_python(data: pd.DataFrame, tables: Mapping[str, Any]) -> SoilTest:
@@ -110,7 +63,7 @@ def _from_python(data: pd.DataFrame, tables: Mapping[str, Any]) -> SoilTest:
 
 def soil_test_into(
     file: Path, out: Path, *, seed: int = 1, overwrite: bool = False, quiet: bool = False
-) -> SavedSoilTest:
+) -> SoilTestResult:
     """Analyse a soil-test file into a new folder, which appears whole or not at all.
 
     Raises
@@ -132,48 +85,4 @@ def soil_test_into(
             update(Progress("reading", 0.0))
             result = soil_test(test, seed=seed, progress=update)
             update(Progress("writing the report", 1.0))
-        return result._write(part)
-
-
-def _lines(test: SoilTest) -> Iterator[str]:
-    """The file again, complete: defaults written out, the table beside it."""
-    content, data = test.content, test.content.data
-    yield from assignments({"title": content.title, "soil": content.soil, "test": content.test})
-    rows: dict[str, object] = {"file": "readings.csv", "kind": data.kind, "source": data.source}
-    for name, unit in (("pressure_range", "Pa"), ("displacement_range", "m")):
-        ends = getattr(data, name)
-        if ends is not None:
-            rows[name] = [text(end, unit) for end in ends]
-    yield from toml_table("data", {**rows, "spacing": data.spacing})
-    entries = {name: _entry(name, entry) for name, entry in test.entries.items()}
-    noise = {name: entry for name, entry in entries.items() if name not in test.soil}
-    yield from toml_table("noise", {"independent": True, **noise} if test.independent else noise)
-    stated = {REFERENCE: text(test.reference, "m")} if test.reference != 1.0 else {}
-    yield from toml_table("priors", {**stated, **{name: entries[name] for name in test.soil}})
-    for name, reference in (("published", test.published), ("truth", test.truth)):
-        if reference is not None:
-            yield from toml_table(name, _reference(reference))
-    sampling = test.sampling
-    yield from toml_table(
-        "sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__}
-    )
-
-
-def _entry(name: str, entry: Law | float) -> object:
-    dimension = QUANTITIES[name].dimension
-    return law_entry(entry, dimension) if isinstance(entry, Law) else text(entry, dimension)
-
-
-def _reference(reference: ReferenceTable) -> dict[str, object]:
-    values = {name: text(value, QUANTITIES[name].dimension) for name, value in reference.values.items()}
-    return {"source": reference.source, **values}
-
-
-def _plain(value: Any) -> Any:
-    """A value that JSON can hold: NaN and infinities become null, NumPy numbers Python ones."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    value = value.item() if hasattr(value, "item") else value
-    return None if isinstance(value, float) and not isfinite(value) else value
+        return result.write(part)

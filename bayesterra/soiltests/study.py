@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,16 @@ from typing import Any
 import pandas as pd
 
 from bayesterra.errors import StudyError, checked_path, errors_in
+from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MOST_TOML, read_text
+from bayesterra.runtime.tables import csv_text
 from bayesterra.soiltests.observations import Readings, readings
 from bayesterra.soiltests.schema import KINDS, NOISE, QUANTITIES, REFERENCE, Content, ReferenceTable, checked
 from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import assignments, law_entry, toml_table
 from bayesterra.study.observations import read_table
 from bayesterra.study.schema import SamplingOptions, read_toml
+from bayesterra.study.units import text
 
 DEFAULTS: dict[str, Law | float] = {
     "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
@@ -182,3 +186,43 @@ def load_soil_test(path: str | Path) -> SoilTest:
             if str(error).startswith("["):
                 raise
             raise StudyError(f"in {content.data.file}: {error}") from error
+
+
+def write_soil_test(test: SoilTest, folder: Path) -> None:
+    """Write a soil test as ``soiltest.toml`` and ``readings.csv``, such that reading them gives it back."""
+    write_text(folder / "soiltest.toml", "\n".join(_lines(test)) + "\n")
+    write_text(folder / "readings.csv", csv_text(test.table))
+
+
+def _lines(test: SoilTest) -> Iterator[str]:
+    """The file again, complete: defaults written out, the table beside it."""
+    content, data = test.content, test.content.data
+    yield from assignments({"title": content.title, "soil": content.soil, "test": content.test})
+    rows: dict[str, object] = {"file": "readings.csv", "kind": data.kind, "source": data.source}
+    for name, unit in (("pressure_range", "Pa"), ("displacement_range", "m")):
+        ends = getattr(data, name)
+        if ends is not None:
+            rows[name] = [text(end, unit) for end in ends]
+    yield from toml_table("data", {**rows, "spacing": data.spacing})
+    entries = {name: _entry(name, entry) for name, entry in test.entries.items()}
+    noise = {name: entry for name, entry in entries.items() if name not in test.soil}
+    yield from toml_table("noise", {"independent": True, **noise} if test.independent else noise)
+    stated = {REFERENCE: text(test.reference, "m")} if test.reference != 1.0 else {}
+    yield from toml_table("priors", {**stated, **{name: entries[name] for name in test.soil}})
+    for name, reference in (("published", test.published), ("truth", test.truth)):
+        if reference is not None:
+            yield from toml_table(name, _stated(reference))
+    sampling = test.sampling
+    yield from toml_table(
+        "sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__}
+    )
+
+
+def _entry(name: str, entry: Law | float) -> object:
+    dimension = QUANTITIES[name].dimension
+    return law_entry(entry, dimension) if isinstance(entry, Law) else text(entry, dimension)
+
+
+def _stated(reference: ReferenceTable) -> dict[str, object]:
+    values = {name: text(value, QUANTITIES[name].dimension) for name, value in reference.values.items()}
+    return {"source": reference.source, **values}

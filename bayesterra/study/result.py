@@ -1,30 +1,191 @@
-"""Result of a run: labelled draws, tables with typed rows, and the record of how they were made."""
+"""Results of commands, and of a run: labelled draws, tables with typed rows, the record of their making."""
 
 from __future__ import annotations
 
 import platform
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.errors import StudyError, check_kind
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
+from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import digest
-from bayesterra.study.canonical import identity
+from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
+from bayesterra.runtime.netcdf import DRAWS, write_tree
+from bayesterra.runtime.records import Record
+from bayesterra.runtime.tables import csv_text
+from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Overview, VerdictPage
 
 CURVE_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-@dataclass(frozen=True)
-class Result:
-    """The outcome of a run; everything a report shows is in here and in the folder it is saved to.
+class AnalysisResult(ABC):
+    """Outcome of a command, which shows itself and can be saved as a folder with its page.
+
+    Attributes
+    ----------
+    MARK : file by which folders of this kind are known.
+    RECORD : model of the JSON file of that name; None where the mark is a table.
+    PAGE, PLOT : names of the page and of the main figure; empty where there is none.
+    CALLED : what the terminal calls the place where it was saved.
+    DIGITS : format of the numbers in tables; None for all digits.
+    WITH_STUDY : whether the folder holds the study.
+    """
+
+    MARK: ClassVar[str] = "run.json"
+    RECORD: ClassVar[type[Record] | None] = Record
+    PAGE: ClassVar[str] = "report.html"
+    PLOT: ClassVar[str] = ""
+    CALLED: ClassVar[str] = "Report"
+    DIGITS: ClassVar[str | None] = "%.6g"
+    WITH_STUDY: ClassVar[bool] = False
+    study: Study
+
+    @abstractmethod
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """Tables by the names of their CSV files."""
+
+    @abstractmethod
+    def overview(self) -> Overview:
+        """The result in short, for a terminal and a notebook."""
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return {}
+
+    def page(self) -> VerdictPage:
+        """The page, with what could not be made of it."""
+        raise NotImplementedError
+
+    def figures(self) -> Mapping[str, bytes]:
+        """Figures by the names of their files."""
+        return {}
+
+    def write_inputs(self, part: Path) -> None:
+        """Write what was analysed, where a folder of this kind holds it."""
+        if self.WITH_STUDY:
+            write_study(self.study, part)
+
+    def complete(self, failures: Failures) -> Self:
+        """The result with what could not be made of its page in its record, where it keeps one."""
+        return self
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write everything into a new folder, whole or not at all; returns its page, or else the folder.
+
+        Raises
+        ------
+        ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+        """
+        with whole_folder(Path(folder), overwrite=overwrite, mark=self.MARK) as part:
+            self.write(part)
+        return Path(folder) / self.PAGE
+
+    def write(self, part: Path) -> Self:
+        """Write all files into an existing folder; returns the result that they tell of."""
+        page = self.page() if self.PAGE else None
+        failures = Failures() if page is None else page.failures
+        result = self.complete(failures)
+        result.write_inputs(part)
+        for name, table in result.tables().items():
+            write_text(part / f"{name}.csv", csv_text(table, self.DIGITS))
+        for name, figure in result.figures().items():
+            write_bytes(part / name, figure)
+        if self.RECORD is not None:
+            self.RECORD.write(part / self.MARK, with_failures(result.to_record(), failures))
+        if page is not None:
+            write_text(part / self.PAGE, page.html())
+        return result
+
+    def place(self, folder: Path) -> str:
+        """Line on where it was saved."""
+        plot = f"   Plot: {folder / self.PLOT}" if self.PLOT else ""
+        return f"{self.CALLED}: {folder / self.PAGE}{plot}"
+
+    def _repr_html_(self) -> str:
+        from bayesterra.report.blocks import notebook
+
+        return notebook(self.overview())
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnResult(AnalysisResult):
+    """Outcome of a run: labelled draws, tables and a record; see what derives from it.
+
+    Attributes
+    ----------
+    TABLES : fields that are its tables.
+    GROUP : of the draws that it is about.
+    ORDER : all parameters that there are.
+    draws : xarray DataTree with ArviZ groups; SI, radians.
+    summary : one row per parameter and derived quantity, in field units.
+    record : versions, seed, settings, fingerprints, times and the verdict with every threshold.
+    """
+
+    TABLES: ClassVar[tuple[str, ...]] = ("summary",)
+    GROUP: ClassVar[str] = "posterior"
+    ORDER: ClassVar[tuple[str, ...]] = tuple(PARAMETERS)
+    DIGITS: ClassVar[str | None] = None
+
+    draws: xr.DataTree
+    summary: pd.DataFrame
+    record: dict[str, Any]
+
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """Tables by the names of their CSV files."""
+        return {name: getattr(self, name) for name in self.TABLES}
+
+    def to_record(self) -> dict[str, Any]:
+        """Content of the JSON file."""
+        return self.record
+
+    def complete(self, failures: Failures) -> Self:
+        """The result with what could not be made of its page in its record."""
+        return replace(self, record=with_failures(self.record, failures))
+
+    def write_inputs(self, part: Path) -> None:
+        """Write draws and study."""
+        write_tree(self.draws, part / DRAWS)
+        super().write_inputs(part)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters in the order of their laws."""
+        held = self.draws[self.GROUP].data_vars
+        return tuple(name for name in self.ORDER if name in held)
+
+    def values(self, group: str = "") -> FloatArray:
+        """Draws of all parameters (n, d), of the group ``prior`` where that is asked for; SI, radians."""
+        data = self.draws[group or self.GROUP]
+        return np.column_stack([data[name].to_numpy().ravel() for name in self.names])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Draws, one row each: chain (ensemble), draw, then the parameters in SI and radians."""
+        return pd.DataFrame(self.draws[self.GROUP].to_dataset().to_dataframe()).reset_index()
+
+    @property
+    def converged(self) -> bool:
+        """True where every check of the sampling passed; without sampling there is none."""
+        return bool(self.record.get("verdict", {}).get("converged", True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result(DrawnResult):
+    """The outcome of a run of a study; everything a report shows is in here and in the folder it is saved to.
 
     Attributes
     ----------
@@ -33,43 +194,30 @@ class Result:
         prior_predictive, posterior_predictive, observed_data, constant_data) and ``curves``; SI, radians.
         Their ``row`` is one of the fit; rows left out stand in ``predictions`` and
         ``predictions_constant_data``, the latter with the readings that they have.
-    summary : one row per parameter and derived quantity, in field units.
     least_squares : point estimates of every method and where they stand in the posterior.
     identifiability : one row per parameter: verdict, contraction, strongest coupling.
     predictive : per row and channel: reading and predictive quantiles, in field units.
-    record : versions, seed, settings, fingerprints, times and the verdict with every threshold.
     """
 
+    TABLES = ("summary", "least_squares", "identifiability", "predictive")
+    WITH_STUDY = True
+
     study: Study
-    draws: xr.DataTree
-    summary: pd.DataFrame
-    least_squares: pd.DataFrame
-    identifiability: pd.DataFrame
-    predictive: pd.DataFrame
-    record: dict[str, Any]
+    least_squares: pd.DataFrame = field(default_factory=pd.DataFrame)
+    identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
+    predictive: pd.DataFrame = field(default_factory=pd.DataFrame)
 
-    @property
-    def converged(self) -> bool:
-        """True where every check of the sampling passed."""
-        return bool(self.record["verdict"]["converged"])
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Free parameters in the posterior's order."""
-        held = self.draws["posterior"].data_vars
-        return tuple(name for name in PARAMETERS if name in held)
+def check_single(call: str, value: object, *kinds: type) -> None:
+    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups.
 
-    def values(self, group: str = "posterior") -> FloatArray:
-        """Draws of all parameters (n, d) of a group, ``posterior`` or ``prior``; SI, radians."""
-        data = self.draws[group]
-        return np.column_stack([data[name].to_numpy().ravel() for name in self.names])
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """Posterior draws, one row each: chain (ensemble), draw, then the parameters in SI and radians."""
-        return pd.DataFrame(self.draws["posterior"].to_dataset().to_dataframe()).reset_index()
-
-    def _repr_html_(self) -> str:
-        return str(self.summary.to_html(index=False, float_format=lambda value: f"{value:.4g}"))
+    Raises
+    ------
+    StudyError : naming the call, what it needs and what was got.
+    """
+    check_kind(call, value, *kinds)
+    if isinstance(value, Result) and value.study.pooling is not None:
+        raise StudyError(f"{call} needs a result without groups (got a joint posterior of several)")
 
 
 def labelled_dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **attributes: Any) -> xr.Dataset:
@@ -184,7 +332,7 @@ def shown(verdict: str) -> str:
 
 def summary_rows(result: Result) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
-    names = [field.name for field in fields(SummaryRow)]
+    names = [column.name for column in fields(SummaryRow)]
     return {
         name: SummaryRow(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)
     }

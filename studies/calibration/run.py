@@ -20,7 +20,8 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import CalibrationRequest, CalibrationResult, Progress, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
+from bayesterra.checking.ranks import Calibration
 from bayesterra.checking.replications import Fit, Fitted, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 
@@ -130,7 +131,7 @@ def resident() -> tuple[float, float]:
     return pages * resource.getpagesize() / 1e6, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-def run(case: str) -> CalibrationResult:
+def run(case: str) -> Calibration:
     """Run one case, or what is missing of it; a finished one is only judged again."""
     todo = CASES[case]
     out, rows = HERE / case, []
@@ -150,7 +151,7 @@ def run(case: str) -> CalibrationResult:
     return found
 
 
-def judged(case: str) -> CalibrationResult:
+def judged(case: str) -> Calibration:
     """The verdict on stored ranks; record and report are written anew."""
     out = HERE / case
     table = pd.read_csv(out / "ranks.csv", dtype={"note": object}, keep_default_na=True)
@@ -159,7 +160,7 @@ def judged(case: str) -> CalibrationResult:
     origin = {
         name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")
     }
-    found = CalibrationResult(CASES[case].study, table, origin)
+    found = Calibration(CASES[case].study, table, origin)
     memory = out / "memory.csv"
     kept = memory.read_bytes() if memory.is_file() else None
     found.save(out, overwrite=True)
@@ -168,7 +169,7 @@ def judged(case: str) -> CalibrationResult:
     return found
 
 
-def line(case: str, found: CalibrationResult) -> str:
+def line(case: str, found: Calibration) -> str:
     """One row of the table in the README."""
     worst = found.tests.sort_values("p_value").to_dict("records")[0]
     columns = (found.power["one"], found.power["all"])

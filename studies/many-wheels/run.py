@@ -232,9 +232,7 @@ def remake(case: str, keep: Path | None) -> dict[str, pd.DataFrame]:
     """Run a case and make its tables."""
     result = run_pooled(simulated(case), report=lambda progress: _shown(case, progress))
     if keep is not None:
-        from bayesterra.analysis.run import PooledRun
-
-        PooledRun.of(result).save(keep / case, overwrite=True)
+        result.save(keep / case, overwrite=True)
     return {
         "recovery": recovered(case, result),
         "alone": alone(case, result),

@@ -39,7 +39,7 @@ def study(geometry: str, prior: str, plates: Path) -> bt.Study:
     return bt.Study(data=data, **described, **tables)
 
 
-def rows_of(geometry: str, prior: str, result: bt.RunResult) -> list[dict[str, Any]]:
+def rows_of(geometry: str, prior: str, result: bt.Result) -> list[dict[str, Any]]:
     """Prior and posterior of every parameter in field units."""
     kept = ["parameter", "unit", "median", "sd", "hdi90_lo", "hdi90_hi", "prior_mean", "prior_sd"]
     table = result.summary[kept]

@@ -60,7 +60,7 @@ def study(slips: tuple[float, ...], priors: dict[str, Any], title: str) -> bt.St
     )
 
 
-def runs(chosen: str) -> dict[str, bt.RunResult]:
+def runs(chosen: str) -> dict[str, bt.Result]:
     """The results of all ways with a prior set."""
     first = bt.run(study(FIRST, {"set": chosen}, "Wh32, first half"))
     everything = bt.run(study((*FIRST, *SECOND), {"set": chosen}, "Wh32, all rows"))
@@ -81,7 +81,7 @@ def quantiles(draws: FloatArray, weights: FloatArray | None = None) -> FloatArra
     return np.array(found).T
 
 
-def compared(chosen: str, results: dict[str, bt.RunResult]) -> pd.DataFrame:
+def compared(chosen: str, results: dict[str, bt.Result]) -> pd.DataFrame:
     """Quantiles of every way (field units), and how far they are from those of all rows, in their sd."""
     whole = results[WAYS[1]].values()
     rows = []
@@ -99,7 +99,7 @@ def compared(chosen: str, results: dict[str, bt.RunResult]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def judged(chosen: str, results: dict[str, bt.RunResult]) -> pd.DataFrame:
+def judged(chosen: str, results: dict[str, bt.Result]) -> pd.DataFrame:
     """Per way: convergence, the largest shifts, and the log evidence of all rows in one step or two."""
     table = compared(chosen, results).set_index("way")
     shifts = [f"shift{100 * q:02.0f}" for q in LEVELS]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra.analysis import comparison_page, contents_page
-from bayesterra.analysis.comparison import ComparisonPage, Evidence, load_results, log_evidence, outcomes_of
-from bayesterra.analysis.run import RunResult
+from bayesterra.analysis import contents_page
+from bayesterra.analysis.comparison import Comparison, Evidence, load_results, log_evidence, outcomes_of
 from bayesterra.errors import ResultError
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.sampling.importance import SPREAD
@@ -20,12 +19,12 @@ ODD = "<b>narrow</b>"
 
 
 @pytest.fixture(scope="module")
-def both(wide: RunResult, narrow: RunResult) -> ComparisonPage:
+def both(wide: Result, narrow: Result) -> Comparison:
     """The two results, one under a name that must be escaped."""
     return bt.compare({"wide": wide, ODD: narrow})
 
 
-def test_evidence_is_that_of_the_cut_prior(wide: RunResult) -> None:
+def test_evidence_is_that_of_the_cut_prior(wide: Result) -> None:
     """The share of the stated prior outside the physics is no guess that failed: it is divided out."""
     known = {"log_z": 2.0, "error": 0.03, "log_share": np.log(0.25), "log_share_error": 0.04}
     found = log_evidence(replace(wide, record={**wide.record, "evidence": known}))
@@ -37,14 +36,14 @@ def test_evidence_is_that_of_the_cut_prior(wide: RunResult) -> None:
     assert 0 < wide.record["evidence"]["spread"] < SPREAD  # what its ensembles found alone has joined it
 
 
-def test_unknown_evidence_is_no_number(wide: RunResult) -> None:
+def test_unknown_evidence_is_no_number(wide: Result) -> None:
     """Without estimates there is nothing to say, and nothing fails."""
     broken = replace(wide, record={key: value for key, value in wide.record.items() if key != "evidence"})
     assert np.isnan(log_evidence(broken).value)
     assert bt.compare({"a": wide, "b": broken}).word("a", "b") == "not known"
 
 
-def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: RunResult) -> None:
+def test_evidence_compares_for_the_same_readings_only(wide: Result, narrow: Result) -> None:
     """Other readings are another outcome: their densities are not set against each other."""
     assert outcomes_of(wide) == outcomes_of(narrow)
     shifted = wide.study.with_data({"sinkage": wide.study.observations.values["sinkage"] + 1e-3})
@@ -52,11 +51,11 @@ def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: R
     found = bt.compare({"a": wide, "b": other})
     assert found.word("a", "b") == "not comparable"
     assert np.isnan(found.difference("a", "b")[0])
-    page = comparison_page.comparison_html(found)
+    page = found.page().html()
     assert "not the same" in page
     assert "No two results have comparable evidence" in page
     alike = bt.compare({"a": other, "b": wide, "c": narrow})
-    assert re.search("Log evidence b .* and c ", comparison_page.comparison_html(alike))
+    assert re.search("Log evidence b .* and c ", alike.page().html())
 
 
 @pytest.mark.parametrize(
@@ -69,7 +68,7 @@ def test_evidence_compares_for_the_same_readings_only(wide: RunResult, narrow: R
         (9.0, 0.1, "very strong evidence for b"),
     ],
 )
-def test_words_of_kass_and_raftery(both: ComparisonPage, value: float, error: float, word: str) -> None:
+def test_words_of_kass_and_raftery(both: Comparison, value: float, error: float, word: str) -> None:
     """The word follows the difference, and needs it to be beyond two standard errors."""
     result = next(iter(both.results.values()))
     evidence = {"a": Evidence(0.0, 0.0, "x"), "b": Evidence(value, error, "x")}
@@ -79,7 +78,7 @@ def test_words_of_kass_and_raftery(both: ComparisonPage, value: float, error: fl
     assert found.word("a", "b") == word
 
 
-def test_an_evidence_that_its_own_run_doubts_decides_nothing(both: ComparisonPage) -> None:
+def test_an_evidence_that_its_own_run_doubts_decides_nothing(both: Comparison) -> None:
     """However large the difference, the word is that it is not known, and whose evidence that is."""
     result, curve = next(iter(both.results.values())), next(iter(both.curves.values()))
     evidence = {"a": Evidence(0.0, 0.1, "x"), "b": Evidence(9.0, 0.1, "x", reliable=False)}
@@ -89,7 +88,7 @@ def test_an_evidence_that_its_own_run_doubts_decides_nothing(both: ComparisonPag
     assert found.evidences["reliable"].tolist() == [True, False]
 
 
-def test_rows_left_out_compare_by_difference(both: ComparisonPage, wide: RunResult) -> None:
+def test_rows_left_out_compare_by_difference(both: Comparison, wide: Result) -> None:
     """The difference is taken row by row, and its sign says which result predicts better."""
     found = both.left_out("wide", ODD)
     assert found is not None
@@ -104,7 +103,7 @@ def test_rows_left_out_compare_by_difference(both: ComparisonPage, wide: RunResu
     assert bt.compare({"a": wide, "b": replace(wide, record=without)}).left_out_word("a", "b") == "not known"
 
 
-def test_shift_and_width_are_in_units_of_the_first(both: ComparisonPage) -> None:
+def test_shift_and_width_are_in_units_of_the_first(both: Comparison) -> None:
     """A parameter's shift and width follow from both summaries; the first result has none."""
     rows = both.parameters.set_index(["result", "quantity"])
     first, other = (dict(rows.loc[[(name, "phi")]].iloc[0]) for name in ("wide", ODD))
@@ -115,7 +114,7 @@ def test_shift_and_width_are_in_units_of_the_first(both: ComparisonPage) -> None
     assert (ODD, "Ks") not in rows.index
 
 
-def test_all_predict_the_same_conditions(both: ComparisonPage) -> None:
+def test_all_predict_the_same_conditions(both: Comparison) -> None:
     """Load and slips of the predictions are common, whatever the results were driven at."""
     assert {curve.load for curve in both.curves.values()} == {80.0}
     grids = [curve.slip for curve in both.curves.values()]
@@ -124,7 +123,7 @@ def test_all_predict_the_same_conditions(both: ComparisonPage) -> None:
     assert set(both.predictions["result"]) == {"wide", ODD}
 
 
-def test_one_wheel_and_load_for_all(wide: RunResult, narrow: RunResult, tmp_path: Path) -> None:
+def test_one_wheel_and_load_for_all(wide: Result, narrow: Result, tmp_path: Path) -> None:
     """A wheel by name or from a file is driven by all, under the load asked for; its readings are shown."""
     (tmp_path / "small.toml").write_text('radius = "100 mm"\nwidth = "165 mm"\n', encoding="utf-8")
     results = {"a": wide, "b": narrow}
@@ -139,10 +138,10 @@ def test_one_wheel_and_load_for_all(wide: RunResult, narrow: RunResult, tmp_path
         bt.compare(results, wheel="Wh3")
 
 
-def test_the_page_is_whole_and_escaped(both: ComparisonPage) -> None:
+def test_the_page_is_whole_and_escaped(both: Comparison) -> None:
     """One file without network or scripts, the same each time, names from outside escaped."""
-    page = comparison_page.comparison_html(both)
-    assert page == comparison_page.comparison_html(both)
+    page = both.page().html()
+    assert page == both.page().html()
     assert len(page.encode()) < 5e6
     assert not any(forbidden in page for forbidden in ("http://", "https://", "<script", ODD))
     assert "&lt;b&gt;narrow&lt;/b&gt;" in page
@@ -159,14 +158,14 @@ def test_the_folder_and_the_names_of_folders(saved: Path, tmp_path: Path) -> Non
     assert names == {"comparison.html", "comparison.csv", "predictions.csv", "evidence.csv", "SHA256SUMS"}
 
 
-def test_too_few_and_too_many(wide: RunResult) -> None:
+def test_too_few_and_too_many(wide: Result) -> None:
     """One result has nothing to stand beside; seven do not fit."""
     for count in (1, 7):
         with pytest.raises(ResultError, match=rf"two to 6 results can be compared \(got {count}\)"):
             bt.compare({str(i): wide for i in range(count)})
 
 
-def test_figures_return_their_axes(both: ComparisonPage) -> None:
+def test_figures_return_their_axes(both: Comparison) -> None:
     """Parameters, derived quantities and predictions are each drawn into the axes that are given."""
     ax = contents_page.contrast(both, "Ks")
     assert contents_page.contrast_derived(both, "peak_pull", ax) is ax
@@ -174,7 +173,7 @@ def test_figures_return_their_axes(both: ComparisonPage) -> None:
         assert contents_page.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
 
 
-def test_results_show_themselves_in_notebooks(both: ComparisonPage, wide: RunResult) -> None:
+def test_results_show_themselves_in_notebooks(both: Comparison, wide: Result) -> None:
     """Result and comparison are tables with symbols, and escape what comes from outside."""
     shown = wide._repr_html_()
     assert "converged" in shown

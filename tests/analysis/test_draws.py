@@ -11,7 +11,6 @@ import xarray as xr
 
 from bayesterra.analysis.comparison import side_by_side
 from bayesterra.analysis.draws import curves_dataset, draws_tree
-from bayesterra.analysis.page import html
 from bayesterra.analysis.storage import read_result
 from bayesterra.checking.predictive import predict_curves, predict_rows
 from bayesterra.likelihood.posterior import posterior
@@ -123,6 +122,6 @@ def test_the_older_layout_is_read() -> None:
     result = read_result(OLDER)
     assert result.draws["log_likelihood"].sizes["used_row"] == 5
     assert result.draws["observed_data"].sizes["row"] == 6
-    assert "φ" in html(result)
+    assert "φ" in result.page().html()
     assert not predict(result, slip=[0.3], load="80 N").table.empty
     assert list(side_by_side({"one": result, "other": result}).results) == ["one", "other"]

@@ -15,7 +15,6 @@ from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.outputs_page import driving, posterior_section
 from bayesterra.analysis.page import Page, data_section, page, warning
-from bayesterra.analysis.run import RunResult
 from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
 from bayesterra.report import blocks, symbols
@@ -134,7 +133,7 @@ def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
 
 def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: Path, html: str) -> None:
     """Drawing and writing the report of a result once more changes nothing."""
-    RunResult.of(small_result).save(tmp_path / "out")
+    small_result.save(tmp_path / "out")
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8") == html
 
 

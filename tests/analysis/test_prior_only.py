@@ -74,7 +74,7 @@ def test_other_drives_predict_under_what_is_given(drive: str, write: Write) -> N
     assert (width > 20).all()
     if drive == "both":  # flat over six sd of 2 N to either side of the load of the table
         np.testing.assert_allclose(force[["q05", "q50", "q95"]], [[69, 80, 91]] * 3, atol=1.2)
-    assert "normal force" in prior_page.prior_html(found) or drive == "both"
+    assert "normal force" in found.page().html() or drive == "both"
 
 
 def test_what_is_missing_is_said(write: Write) -> None:
@@ -113,7 +113,7 @@ def test_the_command_writes_a_folder(
 def test_the_report_says_what_it_is(write: Write) -> None:
     """The page is self-contained, escapes what users wrote, and speaks of the prior only."""
     file = write(('title = "Small study"', 'title = "Sand <b>&"'), table=PLANNED)
-    page = prior_page.prior_html(result_of(file))
+    page = result_of(file).page().html()
     assert "Sand &lt;b&gt;&amp;" in page
     assert "No readings were used" in page
     assert "http://" not in page.replace("http://www.w3.org", "")

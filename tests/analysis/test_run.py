@@ -5,12 +5,13 @@ import os
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bayesterra.analysis.run import RunResult, load_result, run_prior_study, run_study
+from bayesterra.analysis.run import load_result, run_prior_study, run_study
 from bayesterra.errors import ResultError, SupportError
 from bayesterra.report.failures import Failures
 from bayesterra.runtime.checkpoints import CheckpointStore
@@ -34,7 +35,8 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 @pytest.fixture
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line, for tests that are not about it."""
-    monkeypatch.setattr("bayesterra.analysis.page.html_and_failures", lambda result: ("report\n", Failures()))
+    page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
+    monkeypatch.setattr("bayesterra.analysis.page.page", lambda result: page)
 
 
 @pytest.fixture
@@ -188,7 +190,7 @@ def test_an_unfinished_run_is_not_lost_silently(
     for attempt in (
         lambda: run_study(small_result.study, out=stopped),
         lambda: run_prior_study(small_result.study, out=stopped),
-        lambda: RunResult.of(small_result).save(stopped),
+        lambda: small_result.save(stopped),
     ):
         with pytest.raises(ResultError, match="unfinished run: add --resume to go on, or --overwrite to"):
             attempt()

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.analysis.page import html
 from bayesterra.checking.predictive import predict_at_read_loads
 from bayesterra.checking.predictive_checks import prior_checks
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
@@ -90,4 +89,4 @@ def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     assert bt.load_result(tmp_path / "out").study.load_range == study.load_range
     judged = {check["channel"] for check in found.record["prior_checks"]["checks"]}
     assert judged == {"sinkage", "drawbar_pull"}
-    assert "the range of loads is one to integrate over and no belief" in html(found)
+    assert "the range of loads is one to integrate over and no belief" in found.page().html()

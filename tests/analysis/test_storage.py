@@ -8,13 +8,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayesterra.analysis.storage import TABLES, read_result, write_result
+from bayesterra.analysis.storage import read_result
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
 from bayesterra.stats.diagnostics import array_ess
 from bayesterra.study.result import Result
 
+TABLES = Result.TABLES
 GROUPS = {
     "posterior", "sample_stats", "log_prior", "log_likelihood", "prior", "prior_predictive",
     "posterior_predictive", "observed_data", "constant_data",
@@ -29,7 +30,7 @@ SUMMARY = [
 def folder(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small result, written."""
     path = tmp_path_factory.mktemp("written")
-    write_result(small_result, path)
+    small_result.write(path)
     return path
 
 
@@ -69,7 +70,7 @@ def test_record_and_study_come_back(small_result: Result, again: Result) -> None
 
 def test_a_second_writing_gives_the_same_tables(again: Result, folder: Path, tmp_path: Path) -> None:
     """Read and written again, text files are the same byte for byte."""
-    write_result(again, tmp_path)
+    again.write(tmp_path)
     for name in ("run.json", "study.toml", "measurements.csv", *(f"{table}.csv" for table in TABLES)):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 

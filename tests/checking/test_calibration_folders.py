@@ -11,7 +11,8 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking.calibration import CalibrationRequest, CalibrationResult, Progress, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
+from bayesterra.checking.ranks import Calibration
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints
@@ -97,7 +98,7 @@ def test_two_calibrations_do_not_share_a_folder(job: CalibrationRequest, tmp_pat
 def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: CalibrationRequest, tmp_path: Path) -> None:
     """All files are there; verdict and thresholds are in the record; titles and notes are text."""
     found = bt.calibrate(job.study, n=40, seed=5, fit=troubled)
-    assert isinstance(found, CalibrationResult)
+    assert isinstance(found, Calibration)
     report = found.save(tmp_path / "out").read_text(encoding="utf-8")
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     record = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from bayesterra import Wheel
 from bayesterra.analysis.page import data_section
-from bayesterra.analysis.run import RunResult, load_result, run
+from bayesterra.analysis.run import load_result, run
 from bayesterra.checking.discrepancy import Missed, missed, trades
 from bayesterra.checking.discrepancy_page import _sentence
 from bayesterra.errors import StudyError
@@ -19,11 +19,12 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.prediction.outlook import predict_rover
 from bayesterra.prediction.prediction import predict
 from bayesterra.study.model_errors import Size, SlipError
+from bayesterra.study.result import Result
 from tests.support.joint_rows import ESTIMATED, TABLE, joined
 
 
 @pytest.fixture(scope="module")
-def result() -> RunResult:
+def result() -> Result:
     """Pulls of one wheel that lie 4 N above what M2 can say at high slip."""
     data = TABLE[TABLE["wheel"] == "A"].drop(
         columns=["resistance_moment [N m]", "resistance_moment_sd [N m]"]
@@ -34,7 +35,7 @@ def result() -> RunResult:
     return run(joined("phi", "n0", data=data, discrepancy=curves, slip={"sd": 0.005}, sampling=sampling))
 
 
-def test_the_result_keeps_the_density_of_the_joint_law(result: RunResult) -> None:
+def test_the_result_keeps_the_density_of_the_joint_law(result: Result) -> None:
     """The log density of its draws, and a term for each row, which do not sum to it."""
     x = result.values()
     expected = posterior(result.study).log_density(x)
@@ -44,7 +45,7 @@ def test_the_result_keeps_the_density_of_the_joint_law(result: RunResult) -> Non
     assert result.summary["parameter"].tolist()[:3] == ["n0", "phi", "discrepancy_drawbar_pull"]
 
 
-def test_the_report_says_what_the_model_misses(result: RunResult, tmp_path: Path) -> None:
+def test_the_report_says_what_the_model_misses(result: Result, tmp_path: Path) -> None:
     """In the section of its own, and among what went in; the folder gives the same study back."""
     page = result.save(tmp_path / "out").read_text(encoding="utf-8")
     text = re.sub(r"\s+", " ", re.sub("<[^>]*>", "", re.sub("<svg.*?</svg>", "", page, flags=re.DOTALL)))
@@ -56,7 +57,7 @@ def test_the_report_says_what_the_model_misses(result: RunResult, tmp_path: Path
     assert again.study.errors == result.study.errors
 
 
-def test_the_report_names_rows_where_the_first_order_is_doubtful(result: RunResult) -> None:
+def test_the_report_names_rows_where_the_first_order_is_doubtful(result: Result) -> None:
     """An error of 0.06 reaches from rows 1 and 2 to one transition slip, from row 5 to the other."""
     assert "taken to first order" not in str(data_section(result))
     rough = replace(result.study.errors, slip=SlipError(Size(sd=0.06)))
@@ -68,7 +69,7 @@ def test_the_report_names_rows_where_the_first_order_is_doubtful(result: RunResu
     )
 
 
-def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: RunResult) -> None:
+def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: Result) -> None:
     """Bands of the pull at a driven slip are near the readings; another wheel's are wide."""
     own = predict(result, [0.3, 0.4])
     pull = own.modelled[:, :, 1]
@@ -82,13 +83,13 @@ def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: RunResult) -
     assert (own.readings[:, 0, 1] - pull[:, 0]).std() == pytest.approx(0.5, rel=0.25)
 
 
-def test_a_rover_is_not_driven_with_it(result: RunResult) -> None:
+def test_a_rover_is_not_driven_with_it(result: Result) -> None:
     """Its wheels would need discrepancies of their own."""
     with pytest.raises(StudyError, match=r"leave \[discrepancy\] out, or predict wheels one by one"):
         predict_rover(result, Path(__file__).parents[2] / "studies" / "rover" / "el-dorado-ii.toml")
 
 
-def test_the_sentence_says_where_and_how_much(result: RunResult) -> None:
+def test_the_sentence_says_where_and_how_much(result: Result) -> None:
     """Too low where readings lie above the model; open where the band holds 0 everywhere."""
     slip = np.linspace(0.1, 0.4, 4)
     shift = np.array([-0.5, 0.0, 2.0, 4.0])

@@ -12,9 +12,8 @@ from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking import holdout_page
 from bayesterra.checking.folds import REFITS, LeaveOneOut, levels, predictives
-from bayesterra.checking.holdout import HoldoutResult
+from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import clustered, skills, summarise
 from bayesterra.checking.replications import Fitted, replicated
 from bayesterra.errors import ResultError, StudyError
@@ -38,7 +37,7 @@ def make_study() -> MakeStudy:
 
 
 @pytest.fixture(scope="module")
-def found(make_study: MakeStudy) -> HoldoutResult:
+def found(make_study: MakeStudy) -> Holdout:
     """Every slip level of the simulated study left out once."""
     return bt.leave_out(make_study(), fit=on_grid)
 
@@ -81,7 +80,7 @@ def test_bad_groups_are_refused(make_study: MakeStudy, by: Any, tolerance: float
         levels(make_study(), by, tolerance)
 
 
-def test_readings_of_a_left_out_row_are_not_seen(make_study: MakeStudy, found: HoldoutResult) -> None:
+def test_readings_of_a_left_out_row_are_not_seen(make_study: MakeStudy, found: Holdout) -> None:
     """Other readings in one level change nothing in what is predicted for it, model and baselines alike."""
     study = make_study()
     values = {name: study.observations.values[name].copy() for name in ("sinkage", "drawbar_pull")}
@@ -146,13 +145,13 @@ def test_draws_without_an_answer_are_set_aside_and_counted(make_study: MakeStudy
     assert summary.loc[("M2", "sinkage", "all"), "covered90"] == 0
 
 
-def test_only_slips_beyond_the_training_rows_are_extrapolated(found: HoldoutResult) -> None:
+def test_only_slips_beyond_the_training_rows_are_extrapolated(found: Holdout) -> None:
     """The lowest and the highest level."""
     rows = found.table.drop_duplicates("row").set_index("row")["extrapolated"]
     assert rows.to_dict() == {1: True, 2: True, 3: False, 4: False, 5: False, 6: True}
 
 
-def test_the_model_that_made_the_data_wins(found: HoldoutResult) -> None:
+def test_the_model_that_made_the_data_wins(found: Holdout) -> None:
     """Its scores are of the size of the noise, below every baseline's."""
     assert found.converged
     summary = found.summary[found.summary["part"] == "all"].set_index(["predictor", "channel"])
@@ -202,11 +201,11 @@ def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy) -> 
     assert (refit["status"], refit["note"]) == ("failed", "FloatingPointError: no such luck")
     counts = one.table.groupby("predictor")["row"].nunique()
     assert (counts["M2"], counts["polynomial"]) == (5, 6)
-    page = holdout_page.holdout_html(one)
+    page = one.page().html()
     assert "has <b>not converged</b> without slip 0.200" in page
 
 
-def test_a_folder_holds_tables_plots_and_the_page(found: HoldoutResult, tmp_path: Path) -> None:
+def test_a_folder_holds_tables_plots_and_the_page(found: Holdout, tmp_path: Path) -> None:
     """All files, a page without foreign markup, numbers as in Python; not twice."""
     page = found.save(tmp_path / "out").read_text("utf-8")
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
@@ -243,7 +242,7 @@ def test_the_command(
     assert not (tmp_path / "other").exists()
 
 
-def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: HoldoutResult) -> None:
+def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: Holdout) -> None:
     """The task is picklable, and run alone it gives what it gave among all: any number of workers will do."""
     task = LeaveOneOut(found.study, found.levels, 1, on_grid)
     alone = pd.DataFrame(task(2).rows)

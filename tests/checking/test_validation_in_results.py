@@ -3,19 +3,17 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.inference import run
 from bayesterra.analysis.page import fit_verdict
-from bayesterra.analysis.run import RunResult, load_result
-from bayesterra.analysis.terminal import print_result
+from bayesterra.analysis.run import load_result
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import Validation, fit_checks
+from bayesterra.report.terminal import show
 from bayesterra.stats.diagnostics import ecdf_band
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
@@ -38,8 +36,8 @@ def result(make_study: MakeStudy, make_table: MakeTable) -> Result:
 def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: object) -> None:
     """What run.json says after saving and loading is what was found."""
     folder = f"{tmp_path}/out"
-    RunResult.of(result).save(folder)
-    before, after = Validation.from_record(result.record), load_result(folder).validation
+    result.save(folder)
+    before, after = Validation.from_record(result.record), Validation.from_record(load_result(folder).record)
     assert after.checks == before.checks
     assert after.prior == before.prior
     assert before.loo is not None
@@ -59,7 +57,7 @@ def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result)
     curve = axes.lines[1].get_ydata()
     low, _ = ecdf_band(20)
     assert len(np.asarray(curve)) == len(low)
-    page = analysis_pages.html(result)
+    page = result.page().html()
     for text in (
         "Cross-validation",
         "LOO-PIT",
@@ -91,13 +89,13 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
     loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
     alarmed = replace(result, record={**result.record, "predictive_checks": loud})
-    opening = analysis_pages.html(alarmed).split("<main>")[1].lstrip()
+    opening = alarmed.page().html().split("<main>")[1].lstrip()
     assert opening.startswith('<p class="warning" role="alert">The model does <b>not fit</b> these readings:')
-    print_result(alarmed, Path("report.html"))
+    show(alarmed.overview())
     said = capsys.readouterr().err
     assert said.startswith("warning: the model does not fit these readings: drawbar pull is shifted as a")
     assert "(overall p < 0.01); check units" in said
     assert said.count("\n") == 1
-    assert "<b>not fit</b>" not in analysis_pages.html(result)
-    print_result(result, Path("report.html"))
+    assert "<b>not fit</b>" not in result.page().html()
+    show(result.overview())
     assert capsys.readouterr().err == ""

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from bayesterra.__main__ import main
-from bayesterra.analysis.run import RunResult
 from bayesterra.study.result import Result
 
 Captured = pytest.CaptureFixture[str]
@@ -18,7 +17,7 @@ HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 def saved(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result folder."""
     folder = tmp_path_factory.mktemp("design") / "hit-result"
-    RunResult.of(small_result).save(folder)
+    small_result.save(folder)
     return folder
 
 

@@ -24,7 +24,7 @@ import xarray as xr
 
 from bayesterra.analysis import storage
 from bayesterra.analysis.run import load_single
-from bayesterra.analysis.storage import check_draws, read_pooled, write_result
+from bayesterra.analysis.storage import check_draws, read_pooled
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.checking.replications import Outcome
 from bayesterra.errors import BayesterraError, ResultError
@@ -40,8 +40,7 @@ from bayesterra.runtime.netcdf import read_tree
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.tables import csv_text, read_cells
 from bayesterra.runtime.tasks import read_tasks
-from bayesterra.soiltests.run import _lines
-from bayesterra.soiltests.study import load_soil_test
+from bayesterra.soiltests.study import _lines, load_soil_test
 from bayesterra.study.canonical import write_study
 from bayesterra.study.observations import read_table
 from bayesterra.study.previous import taken
@@ -312,7 +311,7 @@ def set_base(small: Result, where: Path | None = None) -> Base:
     if where is None:
         where = small.study.path.parent if small.study.path else Path()
     else:
-        write_result(replace(small, draws=thinned(small.draws)), where)
+        replace(small, draws=thinned(small.draws)).write(where)
     _BASE[:] = [Base(small.study, where, read_tree(where / "draws.nc"))]
     return _BASE[0]
 

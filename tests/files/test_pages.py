@@ -18,30 +18,21 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.analysis import comparison_page
-from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis import prior_page as analysis_prior_page
 from bayesterra.analysis.comparison import side_by_side
 from bayesterra.analysis.prior_only import run_prior
-from bayesterra.checking import calibration_page as checking_calibration_page
-from bayesterra.checking import holdout_page as checking_holdout_page
 from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.holdout import leave_out
 from bayesterra.checking.replications import Fitted
-from bayesterra.design import page as design_pages
 from bayesterra.design.recommendation import recommend
-from bayesterra.identifiability import page as identifiability_pages
 from bayesterra.identifiability.identify import identify_result
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
-from bayesterra.pooling import page as pooling_pages
 from bayesterra.pooling.run import run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.prediction.forecast import forecast
 from bayesterra.prediction.outlook import predict_rover
 from bayesterra.prediction.page import predictions_png, rover_outlook_png
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.soiltests import page as soiltests_pages
 from bayesterra.soiltests.analysis import analyse
 from bayesterra.soiltests.study import soil_test
 from bayesterra.stats.laws import Law
@@ -174,22 +165,22 @@ def hostile(small_result: Result) -> Result:
 
 def test_a_run(hostile: Result) -> None:
     """Title, wheel, soil, sources, notes, and what stands in the record."""
-    check(analysis_pages.html(hostile), TITLE, NAME, LINK)
+    check(hostile.page().html(), TITLE, NAME, LINK)
 
 
 def test_a_comparison(hostile: Result) -> None:
     """Names of folders, in plots too."""
-    check(comparison_page.comparison_html(side_by_side({NAME: hostile, LINK: hostile})), NAME, LINK)
+    check(side_by_side({NAME: hostile, LINK: hostile}).page().html(), NAME, LINK)
 
 
 def test_an_analysis_of_identifiability(hostile: Result) -> None:
     """Title and versions."""
-    check(identifiability_pages.identifiability_html(identify_result(hostile)), TITLE)
+    check(identify_result(hostile).page().html(), TITLE)
 
 
 def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> None:
     """Names with a dollar, a brace or a backslash are no formulas of the plots."""
-    cases = forecast(hostile, slips=[0.2], wheels=[NAME])
+    cases = forecast(hostile, slips=[0.2], wheels=[NAME]).cases
     assert predictions_png(cases).startswith(b"\x89PNG")
     file = Path(__file__).parents[2] / "studies" / "rover" / "small-rover.toml"
     text = re.sub(r'name = "[^"]*"', lambda _: f"name = {json.dumps(LINK)}", file.read_text(), count=1)
@@ -201,22 +192,22 @@ def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> Non
 
 def prior_page() -> str:
     """A prior without readings."""
-    return analysis_prior_page.prior_html(run_prior(of_one_soil(), seed=1))
+    return run_prior(of_one_soil(), seed=1).page().html()
 
 
 def calibration_page() -> str:
     """A calibration."""
-    return checking_calibration_page.calibration_html(calibrate(of_one_soil(), n=20, fit=on_grid))
+    return calibrate(of_one_soil(), n=20, fit=on_grid).page().html()
 
 
 def design_page() -> str:
     """A design."""
-    return design_pages.design_html(recommend(of_one_soil(("A", NAME)), slips=[0.1, 0.3]))
+    return recommend(of_one_soil(("A", NAME)), slips=[0.1, 0.3]).page().html()
 
 
 def holdout_page() -> str:
     """Levels that are wheels, left out."""
-    return checking_holdout_page.holdout_html(leave_out(of_one_soil(("A", NAME)), "wheel", fit=on_grid))
+    return leave_out(of_one_soil(("A", NAME)), "wheel", fit=on_grid).page().html()
 
 
 def pooled_page() -> str:
@@ -227,7 +218,7 @@ def pooled_page() -> str:
         sampling={"target_ess": 400, "walkers": 32},
     )
     lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
-    return pooling_pages.pooled_html(run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)))
+    return run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)).page().html()
 
 
 def soil_test_page() -> str:
@@ -251,9 +242,7 @@ def soil_test_page() -> str:
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given: dict[str, Any] = {"test": "shear", "title": TITLE, "soil": LINK, "priors": priors}
     given |= {"data": {"file": "x.csv", "source": LINK}, "sampling": SamplingOptions(target_ess=400)}
-    return soiltests_pages.soil_test_html(
-        analyse(soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given), seed=1)
-    )
+    return analyse(soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given), seed=1).page().html()
 
 
 @pytest.mark.parametrize(

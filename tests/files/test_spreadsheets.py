@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesterra.analysis.comparison import ComparisonPage, side_by_side
+from bayesterra.analysis.comparison import side_by_side
 from bayesterra.errors import StudyError
-from bayesterra.prediction.forecast import forecast, predict_into
+from bayesterra.prediction.forecast import forecast
 from bayesterra.runtime.tables import csv_text, read_cells, read_csv, shielded, unshielded
 from bayesterra.study.canonical import write_study
 from bayesterra.study.result import Result
@@ -121,8 +121,8 @@ def test_tables_of_commands_hold_no_formulas(small_result: Result, tmp_path: Pat
     name = "=cmd|' /C calc'!A0"
     wheel = tmp_path / "=1+1.toml"
     wheel.write_text('radius = "100 mm"\nwidth = "80 mm"\n')
-    predict_into(tmp_path / "p", forecast(small_result, slips=[0.2], wheels=[str(wheel)]))
-    ComparisonPage.of(side_by_side({name: small_result, "@b": small_result})).save(tmp_path / "c")
+    forecast(small_result, slips=[0.2], wheels=[str(wheel)]).save(tmp_path / "p")
+    side_by_side({name: small_result, "@b": small_result}).save(tmp_path / "c")
     tables = [path for folder in ("p", "c") for path in (tmp_path / folder).glob("*.csv")]
     assert len(tables) == 6
     for path in tables:

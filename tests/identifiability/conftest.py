@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.analysis.run import RunResult, run
+from bayesterra.analysis.run import run
 from bayesterra.identifiability.analysis import analyse
 from bayesterra.identifiability.identify import Identified, _record
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
+from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 1e3, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}
@@ -87,13 +88,13 @@ def moduli() -> Identified:
 
 
 @pytest.fixture(scope="session")
-def pair() -> RunResult:
+def pair() -> Result:
     """A short run on cohesion and friction angle."""
     return run(trial("c", "phi"), seed=1)
 
 
 @pytest.fixture(scope="session")
-def pair_folder(pair: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pair_folder(pair: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That run as a folder."""
     folder = tmp_path_factory.mktemp("identify") / "pair-result"
     pair.save(folder)

@@ -7,18 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
-from bayesterra.identifiability.identify import (
-    Identified,
-    IdentifyResult,
-    foresee,
-    identify_result,
-    identify_study,
-    tables,
-)
-from bayesterra.identifiability.page import identifiability_html
+from bayesterra.identifiability.identify import Identified, foresee, identify_result, identify_study
 from bayesterra.parameters import PARAMETERS
+from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 from .conftest import VARIANTS, analysed, trial
@@ -49,9 +41,9 @@ def test_every_kind_of_study_has_its_sentence_and_page(name: str) -> None:
     """Ties, an offset, a free c3, unknown loads, one parameter, noise alone: words, no NaN on the page."""
     made = analysed(VARIANTS[name]())
     assert made.sentence.startswith(SENTENCES[name])
-    text = shown(identifiability_html(made))
+    text = shown(made.page().html())
     assert not re.search(r"\b(nan|inf|NaN|NaT)\b", text)
-    assert set(tables(made)) == TABLES
+    assert set(made.tables()) == TABLES
 
 
 def test_one_wheel_width_hides_the_moduli(moduli: Identified) -> None:
@@ -62,14 +54,14 @@ def test_one_wheel_width_hides_the_moduli(moduli: Identified) -> None:
     last = moduli.found.combinations.iloc[-1]
     assert last["combination"].startswith("only k_c + 0.165 k_φ is determined")
     assert math.isnan(last["contraction"])
-    text = shown(identifiability_html(moduli))
+    text = shown(moduli.page().html())
     assert "Rank 3 of 4" in text
     assert not re.search(r"\bnan\b", text)
 
 
 def test_tables_have_the_units_that_they_say(moduli: Identified) -> None:
     """Ends of profiles and standard deviations are in the unit of their row, paths in their header's."""
-    found, written = moduli.found, tables(moduli)
+    found, written = moduli.found, moduli.tables()
     scale = {name: PARAMETERS[name].scale for name in found.names}
     local = written["local"].set_index("parameter")
     assert local.loc["kphi", "unit"] == "kPa/m^N"
@@ -91,7 +83,7 @@ def test_tables_have_the_units_that_they_say(moduli: Identified) -> None:
 
 def test_tables_are_complete(moduli: Identified) -> None:
     """Every parameter has its row, every pair, subset and profile too, and indices that a reader can join."""
-    written, names = tables(moduli), list(moduli.found.names)
+    written, names = moduli.tables(), list(moduli.found.names)
     for name in (
         "verdicts",
         "information",
@@ -109,7 +101,7 @@ def test_tables_are_complete(moduli: Identified) -> None:
     assert written["combinations"].dtypes["contraction"] == np.float64
 
 
-def test_a_study_and_its_result_agree(pair: RunResult) -> None:
+def test_a_study_and_its_result_agree(pair: Result) -> None:
     """Sampled here or read from a result, words and counts are the same, and both name their draws."""
     fresh, read = identify_study(pair.study, seed=2), identify_result(pair)
     assert fresh.found.verdicts["verdict"].tolist() == read.found.verdicts["verdict"].tolist()
@@ -118,9 +110,9 @@ def test_a_study_and_its_result_agree(pair: RunResult) -> None:
     assert read.record["draws"] == len(pair.values())
 
 
-def test_the_same_seed_gives_the_same_answer(pair: RunResult) -> None:
+def test_the_same_seed_gives_the_same_answer(pair: Result) -> None:
     """All tables again, number by number; another seed moves what is estimated from draws."""
-    once, again, other = (tables(identify_result(pair, seed=seed)) for seed in (3, 3, 4))
+    once, again, other = (identify_result(pair, seed=seed).tables() for seed in (3, 3, 4))
     for name, table in once.items():
         pd.testing.assert_frame_equal(table, again[name])
     assert not once["coupling"]["null"].equals(other["coupling"]["null"])
@@ -145,10 +137,3 @@ def test_a_design_is_judged_without_its_readings() -> None:
     pd.testing.assert_frame_equal(measured.found.structure.table, planned.found.structure.table)
     pd.testing.assert_frame_equal(measured.found.spread.table, planned.found.spread.table)
     assert planned.found.structure.determined == ("Ks",)
-
-
-def test_an_analysis_with_a_page_is_the_same_analysis(moduli: Identified) -> None:
-    """The class that Python users get only adds saving."""
-    made = IdentifyResult.of(moduli)
-    assert made.sentence == moduli.sentence
-    assert made.found is moduli.found

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -12,15 +13,16 @@ import pytest
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError
-from bayesterra.identifiability.identify import MARK, Identified, IdentifyResult, identify_into
-from bayesterra.identifiability.page import print_identified
+from bayesterra.identifiability.identify import Identified, identify_into
+from bayesterra.report.failures import Failures
+from bayesterra.report.terminal import show
 from bayesterra.study.canonical import write_study
 
 from .conftest import VARIANTS, trial
 from .test_identify import TABLES
 
 Captured = pytest.CaptureFixture[str]
-FILES = {MARK, "SHA256SUMS", "report.html", *(f"{name}.csv" for name in TABLES)}
+FILES = {Identified.MARK, "SHA256SUMS", "report.html", *(f"{name}.csv" for name in TABLES)}
 
 
 def strict(path: Path) -> Any:
@@ -51,7 +53,7 @@ def test_a_result_is_identified_into_a_whole_folder(
     out = tmp_path / "pair-identifiability"
     assert {path.name for path in out.iterdir()} == FILES
     assert {path.name for path in tmp_path.iterdir()} == {out.name}
-    record = strict(out / MARK)
+    record = strict(out / Identified.MARK)
     assert record["sentence"] in printed.out
     assert "Report: pair-identifiability/report.html" in printed.out
     assert printed.err == ""
@@ -63,7 +65,7 @@ def test_a_study_is_sampled_first(study: Path, tmp_path: Path, monkeypatch: pyte
     """A study's own folder gives the name; the record says where the draws are from."""
     monkeypatch.chdir(tmp_path)
     code = main(["identify", str(study / "study.toml"), "--quiet", "--seed", "5"])
-    record = strict(tmp_path / "soil-identifiability" / MARK)
+    record = strict(tmp_path / "soil-identifiability" / Identified.MARK)
     assert (record["draws_from"], record["seed"]) == ("here", 5)
     assert code == (0 if record["converged"] else 3)
 
@@ -71,7 +73,8 @@ def test_a_study_is_sampled_first(study: Path, tmp_path: Path, monkeypatch: pyte
 @pytest.fixture
 def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page of one line, for tests that are not about it."""
-    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_html", lambda made: "page\n")
+    page = SimpleNamespace(html=lambda: "page\n", failures=Failures())
+    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_page", lambda made: page)
 
 
 @pytest.mark.usefixtures("plain_page")
@@ -80,7 +83,7 @@ def test_a_folder_is_only_replaced_when_asked(
 ) -> None:
     """An older analysis with --overwrite; a folder of another kind never."""
     out = tmp_path / "out"
-    made = IdentifyResult.of(moduli)
+    made = moduli
     made.save(out)
     (out / "note.txt").write_text("old")
     assert main(["identify", str(pair_folder), "--out", str(out), "--quiet"]) == 2
@@ -106,9 +109,9 @@ def test_a_page_that_fails_leaves_no_folder(
     def fail(made: Identified) -> str:
         raise ResultError("no ink")
 
-    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_html", fail)
+    monkeypatch.setattr("bayesterra.identifiability.page.identifiability_page", fail)
     with pytest.raises(ResultError, match="no ink"):
-        IdentifyResult.of(moduli).save(tmp_path / "out")
+        moduli.save(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -176,7 +179,7 @@ def test_no_row_on_the_terminal_is_broken(
     """On 80 columns every parameter has one line with its symbol, verdict and profile's class."""
     monkeypatch.setenv("COLUMNS", "80")
     table = moduli.found.verdicts.assign(profile="bounded only by the prior")
-    print_identified(replace(moduli, found=replace(moduli.found, verdicts=table)), Path("report.html"))
+    show(replace(moduli, found=replace(moduli.found, verdicts=table)).overview())
     lines = capsys.readouterr().out.splitlines()
     (row,) = (line for line in lines if line.strip().startswith("k_c"))
     assert row.split()[:4] == ["k_c", "structurally", "not", "determined"]
@@ -202,6 +205,6 @@ def test_a_bad_target_is_refused_before_the_work(pair_folder: Path, tmp_path: Pa
 @pytest.mark.usefixtures("plain_page")
 def test_saved_numbers_are_those_of_the_analysis(moduli: Identified, tmp_path: Path) -> None:
     """Every table reads back with its columns; six digits are kept."""
-    IdentifyResult.of(moduli).save(tmp_path / "out")
+    moduli.save(tmp_path / "out")
     read = pd.read_csv(tmp_path / "out" / "verdicts.csv")
     pd.testing.assert_series_equal(read["contraction"], moduli.verdicts["contraction"], rtol=1e-5)

@@ -14,18 +14,16 @@ from numpy.random import default_rng
 
 from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.inference import Analysis
-from bayesterra.analysis.page import result_table
-from bayesterra.analysis.run import RunResult, load_result
+from bayesterra.analysis.run import load_result
 from bayesterra.analysis.strip_page import strip
 from bayesterra.analysis.terminal import _verdict
 from bayesterra.identifiability import determined_page
-from bayesterra.identifiability import page as identifiability_pages
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.report.blocks import Table, VerdictPage
 from bayesterra.report.failures import Failures
-from bayesterra.study.result import identifiability_rows
+from bayesterra.study.result import Result, identifiability_rows
 
 from .conftest import VARIANTS
 from .test_identify import shown
@@ -101,7 +99,7 @@ def test_names_of_a_study_are_escaped(moduli: Identified) -> None:
     """Markup in a title is shown, not obeyed."""
     study = copy.copy(moduli.study)
     object.__setattr__(study, "title", "<script>alert(1)</script>")
-    html = identifiability_pages.identifiability_html(replace(moduli, study=study))
+    html = replace(moduli, study=study).page().html()
     assert "<script" not in html
     assert "&lt;script&gt;" in html
 
@@ -137,7 +135,7 @@ class _Reader(HTMLParser):
 
 def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage) -> None:
     """Every tag is closed, nothing is fetched, pictures have words, rows as many cells as their header."""
-    html = identifiability_pages.identifiability_html(moduli)
+    html = moduli.page().html()
     reader = _Reader(html)
     assert reader.wrong == []
     assert reader.open == []
@@ -146,22 +144,22 @@ def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage)
     tables = [block for section in page.sections for block in section.blocks if isinstance(block, Table)]
     for table in tables:
         assert {len(row) for row in table.rows} == {len(table.header)} == {len(table.align)}
-    assert identifiability_pages.identifiability_html(moduli) == html
+    assert moduli.page().html() == html
 
 
-def test_a_run_opens_with_the_same_sentence(pair: RunResult) -> None:
+def test_a_run_opens_with_the_same_sentence(pair: Result) -> None:
     """The card of a run's report counts the group's directions and names what its data leave open."""
     card = analysis_pages.identifiability_verdict(pair)
     assert str(card.sentence) == "These data fix one of the two shearing directions."
     assert card.word == "1 of 2 determined"
     groups = pair.record["directions"]["groups"]
     assert [row["scope"] for row in groups] == ["all", "P_II"]
-    text = shown(analysis_pages.html(pair))
+    text = shown(pair.page().html())
     assert "shearing P II unknown 1 of 2" in re.sub(r"\s+", " ", text)
     assert "bayesterra identify DIR" in text
 
 
-def test_a_run_says_what_its_design_cannot_tell(pair: RunResult) -> None:
+def test_a_run_says_what_its_design_cannot_tell(pair: Result) -> None:
     """A null direction in the record reaches card and section, with its verdict's meaning."""
     table = pair.identifiability.assign(verdict="structurally not determined", structural=False)
     record = copy.deepcopy(pair.record)
@@ -189,7 +187,7 @@ def test_a_run_judges_its_design() -> None:
     assert [(row["scope"], row["directions"]) for row in record["groups"][:2]] == [("all", 4), ("P_I", 3)]
 
 
-def test_coupled_with_one_or_with_several(pair: RunResult) -> None:
+def test_coupled_with_one_or_with_several(pair: Result) -> None:
     """A strong correlation names its partner; where it takes all together, no single one is named."""
     table = pair.identifiability.assign(verdict="coupled", tied_to=["phi", "c"], tie=[-0.95, 0.3])
     found = replace(pair, identifiability=table)
@@ -200,10 +198,10 @@ def test_coupled_with_one_or_with_several(pair: RunResult) -> None:
         "coupled with φ",
         "coupled with several",
     ]
-    assert "coupled with several" in result_table(found)
+    assert "coupled with several" in found._repr_html_()
 
 
-def test_folders_of_older_versions_still_report(pair: RunResult, pair_folder: Path) -> None:
+def test_folders_of_older_versions_still_report(pair: Result, pair_folder: Path) -> None:
     """Without the counts of groups and the columns of ties the old sentence stands, and nothing is NaN."""
     record = copy.deepcopy(pair.record)
     for key in ("groups", "unseen"):
@@ -214,6 +212,6 @@ def test_folders_of_older_versions_still_report(pair: RunResult, pair_folder: Pa
     card = analysis_pages.identifiability_verdict(old)
     assert str(card.sentence).startswith("Directions of the parameter space whose variance")
     assert card.word == f"{record['directions']['determined']} of 2 determined"
-    text = shown(analysis_pages.html(old))
+    text = shown(old.page().html())
     assert "coupled" in text
     assert not re.search(r"\bnan\b", text)

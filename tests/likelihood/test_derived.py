@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bayesterra.analysis.run import RunResult
 from bayesterra.likelihood.derived import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Conditions, Soil, Wheel
 from bayesterra.parameters import DERIVED
+from bayesterra.study.result import Result
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 SOIL = Soil(Ks=2.5e6, n0=0.76, n1=1.30, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3)
@@ -24,7 +24,7 @@ def test_efficiency_is_drawbar_power_over_axle_power() -> None:
     np.testing.assert_allclose(efficiency[0], forces.drawbar_pull * travelled / forces.resistance_moment)
 
 
-def test_no_soil_gives_power_back(wide: RunResult) -> None:
+def test_no_soil_gives_power_back(wide: Result) -> None:
     """Slip alone loses the share s of the power, so η stays below 1 − s for every soil of the prior."""
     target = posterior(wide.study)
     soil = target.prior.soil_values(draw_cut_prior(target, 500, np.random.default_rng(1)).x)
@@ -66,7 +66,7 @@ def test_bearing_pressure_knows_the_width() -> None:
         assert found == pytest.approx((15.6e3 / width + 1.2e6) * 0.01**0.76)
 
 
-def test_summary_holds_every_derived_quantity(wide: RunResult) -> None:
+def test_summary_holds_every_derived_quantity(wide: Result) -> None:
     """Posterior, errors and prior of all derived quantities stand in the summary."""
     rows = wide.summary.set_index("parameter").loc[list(DERIVED)]
     assert np.isfinite(rows.drop(columns="unit").to_numpy(dtype=float)).all()

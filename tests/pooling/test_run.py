@@ -14,17 +14,15 @@ from markupsafe import escape
 
 from bayesterra.analysis import run as analysis_run
 from bayesterra.analysis.prior_only import run_prior
-from bayesterra.analysis.prior_page import prior_html
-from bayesterra.analysis.run import PooledRun, load_result, load_single, run
-from bayesterra.analysis.terminal import print_pooled
+from bayesterra.analysis.run import load_result, load_single, run
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.page import pooled_html
 from bayesterra.pooling.run import PooledResult, row_likelihoods, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report.failures import PARTS
+from bayesterra.report.terminal import show
 from bayesterra.study.canonical import write_study
 from bayesterra.study.model_errors import ModelErrors, Size, SlipError
 from bayesterra.study.study import Study
@@ -86,16 +84,15 @@ def test_what_each_group_has_is_judged_as_the_study_states(result: PooledResult)
 def test_report_has_both_verdicts(result: PooledResult) -> None:
     """One in the joint study beside the one from the groups alone; older results have only the latter."""
     table = result.sharing.assign(verdict_as_stated=["", "wheel-dependent"], log_bayes_factor_as_stated=-9.87)
-    html = pooled_html(replace(result, sharing=table.assign(error_as_stated=0.1)))
+    html = replace(result, sharing=table.assign(error_as_stated=0.1)).page().html()
     assert (
         "With the other parameters shared or not as this study has them: Each group has its own value" in html
     )
     assert "−9.9 ± 0.10" in html
     older = [name for name in map(str, result.sharing) if name.endswith("as_stated")]
     assert len(older) == 4
-    assert "as this study has them:" not in pooled_html(
-        replace(result, sharing=result.sharing.drop(columns=older))
-    )
+    before = replace(result, sharing=result.sharing.drop(columns=older))
+    assert "as this study has them:" not in before.page().html()
 
 
 def test_evidences_are_those_of_rows_left_out_one_after_another(result: PooledResult) -> None:
@@ -108,10 +105,10 @@ def test_evidences_are_those_of_rows_left_out_one_after_another(result: PooledRe
 
 def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
     """And is not taken for a result without groups."""
-    report = PooledRun.of(result).save(tmp_path / "out")
-    assert report.read_text(encoding="utf-8") == pooled_html(result)
+    report = result.save(tmp_path / "out")
+    assert report.read_text(encoding="utf-8") == result.page().html()
     found = load_result(tmp_path / "out")
-    assert isinstance(found, PooledRun)
+    assert isinstance(found, PooledResult)
     frame = found.to_dataframe()
     np.testing.assert_allclose(frame["K[Wh32]"], result.to_dataframe()["K[Wh32]"])
     assert found.groups == ("Wh11", "Wh32")
@@ -121,7 +118,7 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
 
 def test_page_says_what_is_shared(result: PooledResult) -> None:
     """One picture per parameter, every group named."""
-    page = pooled_html(result)
+    page = result.page().html()
     assert "What belongs to the soil" in page
     assert "simulated" in page
     assert page.count("<img") == 2
@@ -139,11 +136,11 @@ def test_a_run_stands_without_degrees_and_verdicts(
         monkeypatch.setattr(pooling_run, name, lambda *_: dict[str, str]()["no such weights"])
     found = run_pooled(make(sampling={"target_ess": 200, "walkers": 32}), seed=1, plan=small)
     assert list(found.record["failures"]) == list(broken)
-    report = PooledRun.of(found).save(tmp_path / "out")
+    report = found.save(tmp_path / "out")
     again = load_result(tmp_path / "out")
     np.testing.assert_allclose(again.to_dataframe(), found.to_dataframe())
     page = report.read_text(encoding="utf-8")
-    print_pooled(again.record, report)
+    show(again.overview())
     printed = capsys.readouterr().out
     for part in broken:
         said = f"{PARTS[part]} could not be computed (KeyError: 'no such weights')"
@@ -159,13 +156,13 @@ def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(
     note = "Note: errors of slip (sd 0.02) are taken to first order, which is doubtful in row"
     study = copy(result.study)
     object.__setattr__(study, "errors", ModelErrors(slip=SlipError(Size(sd=0.02))))
-    shown = pooled_html(replace(result, study=study))
+    shown = replace(result, study=study).page().html()
     assert f"{note} 3 within 2 sd of the transition slips" in shown
     assert f"{note} 6 within 2 sd of the transition slips" in shown
-    assert note not in pooled_html(result)
-    before = prior_html(run_prior(make(pooling=None, slip={"sd": 0.02})))
+    assert note not in result.page().html()
+    before = run_prior(make(pooling=None, slip={"sd": 0.02})).page().html()
     assert f"{note}s 3, 6 within 2 sd of the transition slips" in before
-    assert note not in prior_html(run_prior(make(pooling=None)))
+    assert note not in run_prior(make(pooling=None)).page().html()
 
 
 def test_no_crosscheck_of_groups(make: MakeStudy) -> None:

@@ -9,14 +9,14 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import soil_at
 from bayesterra.models import Conditions, Wheel
-from bayesterra.prediction.outlook import RoverSheet
+from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.prediction.page import rover_outlook
 from bayesterra.prediction.statics import Outcome
 from bayesterra.report.figures import figure_of
+from bayesterra.study.result import Result
 
 FILE = """\
 weight = "320 N"
@@ -38,14 +38,14 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def sheet(wide: RunResult, file: Path) -> RoverSheet:
+def sheet(wide: Result, file: Path) -> RoverOutlook:
     """Three slopes with and without a tow force, on 300 draws."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayesterra.prediction.outlook.DRAWS", 300)
         return bt.predict_rover(wide, file, slopes=["5 deg", "10 deg", "16 deg"], tows=["0 N", "20 N"])
 
 
-def test_every_draw_drives_on_its_own_soil(wide: RunResult, sheet: RoverSheet) -> None:
+def test_every_draw_drives_on_its_own_soil(wide: Result, sheet: RoverOutlook) -> None:
     """The pull at the reported slip and load is the model's for that draw, and holds slope and tow."""
     states = sheet.asked
     chain, number = sheet.index[7]
@@ -63,7 +63,7 @@ def test_every_draw_drives_on_its_own_soil(wide: RunResult, sheet: RoverSheet) -
     np.testing.assert_allclose(2 * states.pull[7, held].sum(axis=1), asked, rtol=1e-8)
 
 
-def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
+def test_the_table_counts_and_orders(sheet: RoverOutlook) -> None:
     """A row per slope, tow, axle and quantity; more of either needs more slip, and more draws fail."""
     table = sheet.table
     assert len(table) == 6 * 2 * 5
@@ -78,7 +78,7 @@ def test_the_table_counts_and_orders(sheet: RoverSheet) -> None:
     assert 0.05 < slips[16, 0]["cannot"] < slips[16, 20]["cannot"]
 
 
-def test_the_greatest_slope_is_a_distribution(sheet: RoverSheet) -> None:
+def test_the_greatest_slope_is_a_distribution(sheet: RoverOutlook) -> None:
     """Its share above a slope is the probability to climb, and the share of draws that hold that slope."""
     greatest = sheet.greatest_slope
     assert greatest.shape == (len(sheet.index),)
@@ -96,7 +96,7 @@ def test_the_greatest_slope_is_a_distribution(sheet: RoverSheet) -> None:
 
 
 def test_notes_name_assumptions_and_what_is_left(
-    wide: RunResult, sheet: RoverSheet, monkeypatch: pytest.MonkeyPatch
+    wide: Result, sheet: RoverOutlook, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Assumed numbers, loads and wheels that were not measured, and the model's own error."""
     notes = "\n".join(sheet.notes)
@@ -117,7 +117,7 @@ def test_notes_name_assumptions_and_what_is_left(
 
 
 def test_the_figure_has_rows_for_slope_and_tow(
-    wide: RunResult, sheet: RoverSheet, file: Path, monkeypatch: pytest.MonkeyPatch
+    wide: Result, sheet: RoverOutlook, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four panels a row; without a tow force there is no second row."""
     monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
@@ -174,7 +174,7 @@ def test_mistakes_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_numbers_in_python_are_radians(wide: RunResult, file: Path) -> None:
+def test_numbers_in_python_are_radians(wide: Result, file: Path) -> None:
     """A slope of 10 is refused with the value in degrees."""
     with pytest.raises(StudyError, match=r"'slope' must lie between 0 and 45 deg \(got 573 deg\)"):
         bt.predict_rover(wide, file, slopes=[10.0])

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
 from bayesterra.prediction.forecast import forecast, slips_of
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED
+from bayesterra.study.result import Result
 from bayesterra.study.wheels import read_wheel
 
 SMALL = Wheel(0.1, 0.1, 0.005, 24)
 SMALL_FILE = 'radius = "100 mm"\nwidth = "100 mm"\nlug_height = "5 mm"\nlug_count = 24\n'
 
 
-def test_prediction_is_the_model_at_every_draw(wide: RunResult) -> None:
+def test_prediction_is_the_model_at_every_draw(wide: Result) -> None:
     """Each draw predicts what the model says for its soil, under the load and with the wheel asked for."""
     wheel = Wheel(0.1, 0.1, 0.005, 24, 0.5)
     found = bt.predict(wide, [0.3], load=50.0, wheel=wheel)
@@ -34,7 +34,7 @@ def test_prediction_is_the_model_at_every_draw(wide: RunResult) -> None:
     np.testing.assert_allclose(found.modelled[draw, 0, :3], wanted, rtol=1e-8)
 
 
-def test_readings_scatter_by_the_noise_of_the_study(wide: RunResult) -> None:
+def test_readings_scatter_by_the_noise_of_the_study(wide: Result) -> None:
     """Readings differ from modelled values by the stated noise; what was not measured has no readings."""
     found = bt.predict(wide, [0.1, 0.2, 0.3, 0.4])
     scatter = (found.readings - found.modelled).std(axis=(0, 1))
@@ -42,7 +42,7 @@ def test_readings_scatter_by_the_noise_of_the_study(wide: RunResult) -> None:
     assert np.isnan(found.readings[:, :, 3]).all()
 
 
-def test_draws_without_an_answer_are_counted_with_their_reason(wide: RunResult) -> None:
+def test_draws_without_an_answer_are_counted_with_their_reason(wide: Result) -> None:
     """At high slip the count is that of the draws whose θm leaves the arc, and the band is marked."""
     found = bt.predict(wide, [0.3, 0.97])
     names = list(wide.names)
@@ -58,7 +58,7 @@ def test_draws_without_an_answer_are_counted_with_their_reason(wide: RunResult) 
     assert row["reason"] == "θm outside (θ2, θ1)"
 
 
-def test_a_band_is_marked_beyond_one_draw_in_twenty(wide: RunResult) -> None:
+def test_a_band_is_marked_beyond_one_draw_in_twenty(wide: Result) -> None:
     """A load that some soils cannot carry marks its slips, and only those."""
     found = bt.predict(wide, [0.2, 0.9, 0.97], wheel=SMALL, load="150 N")
     assert found.unanswered[0] == 0 < found.unanswered[1] < UNANSWERED < found.unanswered[2]
@@ -66,7 +66,7 @@ def test_a_band_is_marked_beyond_one_draw_in_twenty(wide: RunResult) -> None:
     assert set(found.table.query("marked")["slip"]) == set(found.marked)
 
 
-def test_notes_say_where_the_measurements_are_left(wide: RunResult) -> None:
+def test_notes_say_where_the_measurements_are_left(wide: Result) -> None:
     """Slip, load and width outside what was measured are named; inside there is nothing to say."""
     assert bt.predict(wide, [0.1, 0.6], load="80 N").notes == ()
     slip, load, other, width = bt.predict(wide, [0.7], load="120 N", wheel=SMALL).notes
@@ -90,7 +90,7 @@ def test_notes_say_where_the_measurements_are_left(wide: RunResult) -> None:
         ),
     ],
 )
-def test_mistakes_are_named(wide: RunResult, options: dict[str, object], message: str) -> None:
+def test_mistakes_are_named(wide: Result, options: dict[str, object], message: str) -> None:
     """Slips, loads and wheels outside the model's range are refused with the value got."""
     with pytest.raises(StudyError, match=message):
         bt.predict(wide, **options)  # type: ignore[arg-type]  # wrong on purpose
@@ -124,9 +124,9 @@ def test_wrong_wheel_files_are_named(text: str, message: str, tmp_path: Path) ->
         read_wheel(tmp_path / "small.toml")
 
 
-def test_slips_are_read_and_converted(wide: RunResult) -> None:
+def test_slips_are_read_and_converted(wide: Result) -> None:
     """Slips on the rim become slips on the shearing radius by (3); wrong text is named."""
-    ((curve, at),) = forecast(wide, slips=slips_of(["0.1, 0.3"]), slip_reference="rim")
+    ((curve, at),) = forecast(wide, slips=slips_of(["0.1, 0.3"]), slip_reference="rim").cases
     assert at is not None
     np.testing.assert_allclose(at.slip, 1 - 157.35 / 163.85 * (1 - np.array([0.1, 0.3])))
     assert curve.slip[0] == pytest.approx(0.1)
@@ -137,7 +137,7 @@ def test_slips_are_read_and_converted(wide: RunResult) -> None:
         forecast(wide, slips=[0.1], slip_reference="hub")
 
 
-def test_tables_and_folder(wide: RunResult, tmp_path: Path) -> None:
+def test_tables_and_folder(wide: Result, tmp_path: Path) -> None:
     """Bands, draws and derived quantities are saved in field units, and the same again the next time."""
     found = bt.predict(wide, [0.1, 0.3], load="60 N")
     found.save(tmp_path / "a")
@@ -151,14 +151,14 @@ def test_tables_and_folder(wide: RunResult, tmp_path: Path) -> None:
     assert list(found.derived_table["quantity"]) == list(found.derived)
 
 
-def test_no_result_is_replaced_by_a_prediction(wide: RunResult, saved: Path) -> None:
+def test_no_result_is_replaced_by_a_prediction(wide: Result, saved: Path) -> None:
     """Overwriting replaces an older prediction, never a result folder."""
     with pytest.raises(bt.ResultError, match=r"is not a folder with prediction\.json"):
         bt.predict(wide, [0.1]).save(saved / "wide-result", overwrite=True)
     assert (saved / "wide-result" / "draws.nc").exists()
 
 
-def test_figures_return_their_axes(wide: RunResult) -> None:
+def test_figures_return_their_axes(wide: Result) -> None:
     """One quantity is drawn into given axes, all into a grid."""
     found = bt.predict(wide, np.linspace(0.05, 0.97, 20))
     axes = prediction_pages.predictions([(found, found.at(found.slip[:2]))])
@@ -167,7 +167,7 @@ def test_figures_return_their_axes(wide: RunResult) -> None:
     assert axes[0, 0].get_ylabel() == "$z$ [mm]"
 
 
-def test_notebook_table_marks_and_escapes(wide: RunResult) -> None:
+def test_notebook_table_marks_and_escapes(wide: Result) -> None:
     """The table shows bands to their precision, doubtful shares in bold, and escapes names."""
     shown = bt.predict(wide, [0.3, 0.97], wheel=SMALL, load="200 N")._repr_html_()
     assert "<b>" in shown.split("<tbody>")[1]

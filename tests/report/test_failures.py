@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bayesterra.analysis import inference, prior_only
-from bayesterra.analysis.run import RunResult, load_result, run_prior_study, run_study
-from bayesterra.analysis.terminal import print_result
+from bayesterra.analysis.run import load_result, run_prior_study, run_study
 from bayesterra.checking import validation
 from bayesterra.errors import ResultError
 from bayesterra.report.failures import PARTS, Failures, failed, failures_of
+from bayesterra.report.terminal import show
 from bayesterra.sampling import summary
 from bayesterra.stats.diagnostics import pareto_smoothed
 from bayesterra.study.result import Result
@@ -56,7 +56,7 @@ def refuse(*_: object, **__: object) -> float:
 
 
 @pytest.fixture(scope="module")
-def broken(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunResult, Path]:
+def broken(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     """A run of which everything after the sampling fails, as far as it can, and its folder."""
     folder = tmp_path_factory.mktemp("broken") / "out"
     with pytest.MonkeyPatch.context() as patch:
@@ -67,7 +67,7 @@ def broken(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunR
 
 
 def test_draws_summary_and_report_stand_when_all_checks_fail(
-    broken: tuple[RunResult, Path], capsys: pytest.CaptureFixture[str]
+    broken: tuple[Result, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Everything that failed is named with type, message and place, in record, report and on the terminal."""
     result, folder = broken
@@ -84,14 +84,14 @@ def test_draws_summary_and_report_stand_when_all_checks_fail(
     page = (folder / "report.html").read_text(encoding="utf-8")
     for part in found:
         assert f"{PARTS.get(part, part)} could not be computed (ValueError: All tail" in page
-    print_result(again, folder / "report.html")
+    show(again.overview())
     assert (
         "leave-one-out cross-validation could not be computed (ValueError: All tail values are the same)"
         in (capsys.readouterr().out)
     )
 
 
-def test_a_damaged_record_is_still_noticed(broken: tuple[RunResult, Path], tmp_path: Path) -> None:
+def test_a_damaged_record_is_still_noticed(broken: tuple[Result, Path], tmp_path: Path) -> None:
     """An entry may be missing only where its own failure says why."""
     result, _ = broken
     kept = {part: one for part, one in result.record["failures"].items() if part != "loo"}
@@ -101,7 +101,7 @@ def test_a_damaged_record_is_still_noticed(broken: tuple[RunResult, Path], tmp_p
 
 
 def test_the_draws_are_those_of_a_run_in_which_nothing_fails(
-    broken: tuple[RunResult, Path], study: Study
+    broken: tuple[Result, Path], study: Study
 ) -> None:
     """A failure changes no draw; a run in which nothing fails has no entry of failures."""
     sound = inference.run(study, seed=1)

@@ -10,7 +10,6 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.inference import run
-from bayesterra.analysis.page import html
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Posterior, posterior
@@ -168,7 +167,7 @@ def test_what_is_not_installed_is_said_before_anything_runs(
 def test_the_report_states_the_verdict(small_result: Result) -> None:
     """Verdict, greatest difference and limit stand in the section on sampling."""
     found = three(draws(1), draws(2, shift=0.15), draws(3, shift=0.15)).record()
-    page = html(replace(small_result, record={**small_result.record, "crosscheck": found}))
+    page = replace(small_result, record={**small_result.record, "crosscheck": found}).page().html()
     assert "two settings: <b>disagree</b>" in page
     assert found["worst"] in page
-    assert "two settings" not in html(small_result)
+    assert "two settings" not in small_result.page().html()

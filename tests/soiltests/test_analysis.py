@@ -16,12 +16,11 @@ from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.models import Wheel
 from bayesterra.report.failures import PARTS
+from bayesterra.report.terminal import show
 from bayesterra.soiltests import analysis as soiltests_analysis
 from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import LeftOut, none_left_out
-from bayesterra.soiltests.page import print_soil_test, soil_test_html
-from bayesterra.soiltests.run import SavedSoilTest
 from bayesterra.soiltests.study import load_soil_test, soil_test
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.study import Study
@@ -102,7 +101,7 @@ def test_no_check_costs_the_posterior(
     for name in set(BROKEN.values()):
         monkeypatch.setattr(soiltests_analysis, name, refuse)
     monkeypatch.setattr(soiltests_figures, "pair", refuse)
-    found = SavedSoilTest.of(analyse(plates((0.03,)), seed=1))
+    found = analyse(plates((0.03,)), seed=1)
     report = found.save(tmp_path / "out")
     np.testing.assert_array_equal(found.values(), sound.values())
     assert list(found.summary["parameter"]) == list(found.names)
@@ -111,7 +110,7 @@ def test_no_check_costs_the_posterior(
     assert set(record["failures"]) == {*BROKEN, "report: Parameters"}
     assert record["alarm"] is None
     page = report.read_text(encoding="utf-8")
-    print_soil_test(found, report)
+    show(found.overview())
     printed = capsys.readouterr().out
     for part in BROKEN:
         assert f"{PARTS[part]} could not be computed (ValueError: all tail values are the same)" in page
@@ -137,16 +136,16 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     sound = replace(analysed("plates"), record={**analysed("plates").record, "alarm": False})
     loud = {**sound.record, "alarm": True, "checks": {"levels of tests uniform": 0.001, "b": 0.4}}
     alarmed = replace(sound, record=loud)
-    opening = soil_test_html(alarmed).split("<main>")[1].lstrip()
+    opening = alarmed.page().html().split("<main>")[1].lstrip()
     said = "these readings: tests are not as the others predict them (levels of tests uniform: p 0.001)"
     assert opening.startswith(f'<p class="warning" role="alert">The model does <b>not fit</b> {said}. ')
-    print_soil_test(alarmed, Path("report.html"))
+    show(alarmed.overview())
     printed = capsys.readouterr().err
     assert printed.startswith(f"warning: the model does not fit {said}; check units, plate sizes or normal")
     assert printed.count("\n") == 1
-    print_soil_test(sound, Path("report.html"))
+    show(sound.overview())
     assert capsys.readouterr().err == ""
-    assert "<b>not fit</b>" not in soil_test_html(sound)
+    assert "<b>not fit</b>" not in sound.page().html()
 
 
 def test_alarms_need_a_small_p_value_for_the_number_of_checks() -> None:
@@ -158,7 +157,7 @@ def test_alarms_need_a_small_p_value_for_the_number_of_checks() -> None:
 
 def test_a_result_is_a_whole_folder_that_gives_the_test_back(analysed: Analysed, tmp_path: Path) -> None:
     """All files; draws by name over chain and draw; the written test is the same one."""
-    result = SavedSoilTest.of(analysed("plates"))
+    result = analysed("plates")
     report = result.save(tmp_path / "out")
     assert {path.name for path in report.parent.iterdir()} == FILES
     draws = xr.open_datatree(report.parent / "draws.nc", engine="h5netcdf").load()
@@ -180,7 +179,7 @@ def test_a_result_is_a_whole_folder_that_gives_the_test_back(analysed: Analysed,
 
 def test_the_posterior_of_plates_is_a_wheels_prior(analysed: Analysed, tmp_path: Path) -> None:
     """A wheel study that names the folder has the moduli's laws and their correlation."""
-    result = SavedSoilTest.of(analysed("plates"))
+    result = analysed("plates")
     result.save(tmp_path / "plates")
     take = {"kc": "kc", "kphi": "kphi", "n0": "n"}
     study = Study(

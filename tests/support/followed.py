@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from bayesterra.analysis.run import RunResult, run
+from bayesterra.analysis.run import run
+from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
@@ -39,20 +40,20 @@ def short_study(folder: Path, priors: str = "") -> Study:
 
 
 @pytest.fixture(scope="session")
-def wide(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+def wide(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Flat priors on K_s, phi, c1 and c2."""
     return run(short_study(tmp_path_factory.mktemp("wide")), seed=1)
 
 
 @pytest.fixture(scope="session")
-def narrow(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+def narrow(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """The same readings with phi known to 0.3 deg and K_s held."""
     known = 'phi = { dist = "norm", loc = "30 deg", scale = "0.3 deg" }\nKs = "2500 kPa"\n'
     return run(short_study(tmp_path_factory.mktemp("narrow"), known), seed=2)
 
 
 @pytest.fixture(scope="session")
-def saved(wide: RunResult, narrow: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(wide: Result, narrow: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with both results."""
     folder = tmp_path_factory.mktemp("saved")
     wide.save(folder / "wide-result")
