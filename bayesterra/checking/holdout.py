@@ -37,22 +37,6 @@ if TYPE_CHECKING:
     from bayesterra.report.blocks import Overview, VerdictPage
 
 
-class HoldoutRecord(Record):
-    """The content of ``holdout.json``."""
-
-    kind: Literal["holdout"]
-    by: str
-    tolerance: float | None = None
-    seed: Count
-    model: str
-    drive: str
-    data: str
-    fingerprints: dict[str, str]
-    settings: dict[str, Any]
-    versions: dict[str, str]
-    converged: bool
-
-
 @dataclass(frozen=True)
 class Holdout(AnalysisResult):
     """Every level left out once.
@@ -66,7 +50,10 @@ class Holdout(AnalysisResult):
     """
 
     MARK = "holdout.json"
-    RECORD = HoldoutRecord
+    RECORD = Record.having(
+        kind=Literal["holdout"], by=str, seed=Count, model=str, drive=str, data=str,
+        fingerprints=dict[str, str], settings=dict, versions=dict[str, str], converged=bool,
+    )  # fmt: skip
     WITH_STUDY = True
     PLOT = "holdout.png"
     CALLED = "Page"

@@ -182,25 +182,6 @@ COLUMNS = ("task", "status", "ess", "r_hat", "seconds", "note")
 """Columns of the table beside the ranks."""
 
 
-class CalibrationRecord(Record):
-    """The content of ``calibration.json``."""
-
-    seed: Count
-    model: str
-    drive: str
-    fingerprints: dict[str, str]
-    settings: dict[str, Any]
-    versions: dict[str, str]
-    verdict: str
-    calibrated: bool
-    replications: Count
-    not_converged: Count
-    failed: Count
-    thresholds: dict[str, float]
-    tests: list[dict[str, Any]]
-    power: list[dict[str, Any]]
-
-
 @dataclass(frozen=True)
 class Calibration(AnalysisResult):
     """Result of a simulation-based calibration (Talts et al. 2018, Modrák et al. 2023).
@@ -214,7 +195,11 @@ class Calibration(AnalysisResult):
     """
 
     MARK = "calibration.json"
-    RECORD = CalibrationRecord
+    RECORD = Record.having(
+        seed=Count, model=str, drive=str, fingerprints=dict[str, str], settings=dict, versions=dict[str, str],
+        verdict=str, calibrated=bool, replications=Count, not_converged=Count, failed=Count,
+        thresholds=dict[str, float], tests=list[dict[str, Any]], power=list[dict[str, Any]],
+    )  # fmt: skip
     WITH_STUDY = True
 
     study: Study

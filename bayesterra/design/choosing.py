@@ -225,24 +225,6 @@ class Ranking:
         return float(difference[0]), float(jackknife(difference))
 
 
-class DesignRecord(Record):
-    """The content of ``design.json``."""
-
-    kind: Literal["design"]
-    title: str
-    bayesterra: str
-    source: str
-    fingerprints: dict[str, str]
-    draws: Count
-    seed: Count
-    about: list[str]
-    by: str
-    candidates: Count
-    method: str
-    recommended: list[str]
-    channels: list[list[str]]
-
-
 @dataclass(frozen=True)
 class Design(AnalysisResult):
     """Choice of the next measurements.
@@ -261,7 +243,11 @@ class Design(AnalysisResult):
     """
 
     MARK = "design.json"
-    RECORD = DesignRecord
+    RECORD = Record.having(
+        kind=Literal["design"], title=str, bayesterra=str, source=str, fingerprints=dict[str, str],
+        draws=Count, seed=Count, about=list[str], by=str, candidates=Count, method=str,
+        recommended=list[str], channels=list[list[str]],
+    )  # fmt: skip
     PLOT = "design.png"
     CALLED = "Page"
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
 from bayesterra.follow.rows import read_row
-from bayesterra.follow.stream import STATE, Stream, StreamRecord, load_stream
+from bayesterra.follow.stream import STATE, Stream, load_stream
 from bayesterra.follow.updates import Alarm, Update, cells
 from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
@@ -53,7 +53,7 @@ class FollowedStream(AnalysisResult):
     """
 
     MARK = Stream.MARK
-    RECORD = StreamRecord
+    RECORD = Stream.RECORD
     PAGE = ""
     PLOT = "rows.png"
     CALLED = "Written"

@@ -42,24 +42,6 @@ BEFORE = 500
 """Draws of the prior that are kept, to know how much the rows have narrowed each coordinate."""
 
 
-class StreamRecord(Record):
-    """The content of ``stream.json``."""
-
-    kind: Literal["stream"]
-    title: str
-    bayesterra: str
-    seed: Count
-    particles: Count
-    false_alarms: Number | None
-    slip_reference: str
-    sinkage_reference: str
-    offset: Count
-    rows: Count
-    log_evidence: Number | None
-    log_evidence_error: Number | None
-    alarm: str | None
-
-
 class Stream(AnalysisResult):
     """A posterior that learns row by row.
 
@@ -79,7 +61,11 @@ class Stream(AnalysisResult):
     """
 
     MARK = "stream.json"
-    RECORD = StreamRecord
+    RECORD = Record.having(
+        kind=Literal["stream"], title=str, bayesterra=str, seed=Count, particles=Count,
+        false_alarms=Number | None, slip_reference=str, sinkage_reference=str, offset=Count, rows=Count,
+        log_evidence=Number | None, log_evidence_error=Number | None, alarm=str | None,
+    )  # fmt: skip
     PAGE = ""
     CALLED = "Written"
 
@@ -409,7 +395,7 @@ def read_record(folder: Path) -> dict[str, Any]:
         raise ResultError(f"'{folder}' is not the folder of a stream: it has no {Stream.MARK}")
     check_sums(folder, Stream.MARK, STUDY_FILE, "measurements.csv")
     with damage(ResultError, folder / Stream.MARK):
-        return StreamRecord.read(folder / Stream.MARK)
+        return Stream.RECORD.read(folder / Stream.MARK)
 
 
 def read_state(folder: Path, identity: Identity) -> State:

@@ -34,19 +34,6 @@ SPREADS = ("prior_sd", "cramer_rao", "with_prior", "local_sd", "posterior_sd")
 """Columns that have the unit of their parameter, of verdicts, profiles and local analysis."""
 
 
-class IdentifiedRecord(Record):
-    """The content of ``identifiability.json``."""
-
-    sentence: str
-    model: str
-    drive: str
-    seed: Count
-    draws_from: str
-    draws: Count
-    converged: bool
-    seconds: dict[str, float]
-
-
 @dataclass(frozen=True)
 class Identified(AnalysisResult):
     """The identifiability of a study's parameters.
@@ -59,7 +46,10 @@ class Identified(AnalysisResult):
     """
 
     MARK = "identifiability.json"
-    RECORD = IdentifiedRecord
+    RECORD = Record.having(
+        sentence=str, model=str, drive=str, seed=Count, draws_from=str, draws=Count, converged=bool,
+        seconds=dict[str, float],
+    )  # fmt: skip
 
     study: Study
     found: Analysis

@@ -59,12 +59,6 @@ PoolingEntry = TypedDict(  # noqa: UP013
 )
 
 
-class PooledRecord(StudyRecord):
-    """The content of ``run.json`` of a run with pooling."""
-
-    pooling: PoolingEntry
-
-
 @dataclass(frozen=True, kw_only=True)
 class PooledResult(Result):
     """The outcome of a run with pooling; everything its report shows.
@@ -82,7 +76,7 @@ class PooledResult(Result):
     """
 
     TABLES = ("summary", "pooling", "sharing", "left_out")
-    RECORD = PooledRecord
+    RECORD = StudyRecord.having(pooling=PoolingEntry)
 
     pooling: pd.DataFrame
     sharing: pd.DataFrame

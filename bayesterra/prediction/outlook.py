@@ -53,23 +53,6 @@ FAILURES = (Outcome.CANNOT, Outcome.SINKS, Outcome.LIFTS)
 DEGREE = float(np.pi / 180)
 
 
-class RoverRecord(Record):
-    """The content of ``rover.json``."""
-
-    kind: Literal["rover"]
-    title: str
-    model: str
-    bayesterra: str
-    rover: dict[str, Any]
-    slope: list[Number]
-    tow: list[Number]
-    draws: Count
-    share_that_cannot: list[Number]
-    share_without_answer: list[Number]
-    marked_above: Number
-    notes: list[str]
-
-
 @dataclass(frozen=True)
 class RoverOutlook(AnalysisResult):
     """A rover on the soils of n posterior draws.
@@ -90,7 +73,11 @@ class RoverOutlook(AnalysisResult):
     """
 
     MARK = "rover.json"
-    RECORD = RoverRecord
+    RECORD = Record.having(
+        kind=Literal["rover"], title=str, model=str, bayesterra=str, rover=dict, slope=list[Number],
+        tow=list[Number], draws=Count, share_that_cannot=list[Number], share_without_answer=list[Number],
+        marked_above=Number, notes=list[str],
+    )  # fmt: skip
     PAGE = ""
     PLOT = "rover.png"
     CALLED = "Written"

@@ -49,20 +49,13 @@ PredictedCase = TypedDict("PredictedCase", {  # noqa: UP013 (a line for each kin
 })  # fmt: skip
 
 
-class PredictionRecord(Record):
-    """The content of ``prediction.json``."""
-
-    kind: Literal["prediction"]
-    title: str
-    bayesterra: str
-    predictions: list[PredictedCase]
-
-
 class Predicted(AnalysisResult):
     """Predictions that are shown and saved together."""
 
     MARK = "prediction.json"
-    RECORD = PredictionRecord
+    RECORD = Record.having(
+        kind=Literal["prediction"], title=str, bayesterra=str, predictions=list[PredictedCase]
+    )
     PAGE = ""
     PLOT = "prediction.png"
     CALLED = "Written"

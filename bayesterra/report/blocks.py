@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -152,9 +152,17 @@ def _set(cell: Cell) -> Markup:
 
 
 def _set_table(block: Table) -> str:
-    rows = [[_set(cell) for cell in row] for row in block.rows if row]
-    left = [i for i, letter in enumerate(block.align) if letter == "l"]
-    return table(_set(block.caption), [_set(cell) for cell in block.header], rows, left=left)
+    lines = Markup("").join(
+        Markup("<tr>{}</tr>").format(_cells("td", row, block)) for row in block.rows if row
+    )
+    filled = Markup("<div><b>{}</b><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>")
+    return str(filled.format(_set(block.caption), _cells("th", block.header, block), lines))
+
+
+def _cells(tag: str, cells: Sequence[Cell], block: Table) -> Markup:
+    start = Markup('<{} style="text-align:{};padding:2px 10px">{}</{}>')
+    sides = zip(cells, block.sides, strict=True)
+    return Markup("").join(start.format(tag, side, _set(cell), tag) for cell, side in sides)
 
 
 def section(
@@ -185,32 +193,6 @@ def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verd
         return Verdict(title, "not known", "fair", Markup("{}").format(failures.said(part)))
 
     return failures.attempt(part, make, unknown)
-
-
-def table(
-    head: Cell,
-    header: Sequence[Cell],
-    rows: Iterable[Sequence[Cell]],
-    notes: Iterable[str] = (),
-    *,
-    left: Sequence[int] = (0,),
-) -> str:
-    """A table with a heading and notes, columns ``left`` to the left; what is not HTML is escaped."""
-    lines = Markup("").join(Markup("<tr>{}</tr>").format(_cells("td", row, left)) for row in rows)
-    below = Markup("").join(Markup("<br>{}").format(note) for note in notes)
-    return str(
-        Markup(
-            "<div><b>{}</b><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table><small>{}</small></div>"
-        ).format(head, _cells("th", header, left), lines, below)
-    )
-
-
-def _cells(tag: str, cells: Sequence[Cell], left: Sequence[int]) -> Markup:
-    start = Markup('<{} style="text-align:{};padding:2px 10px">{}</{}>')
-    sides = ("left" if i in left else "right" for i in range(len(cells)))
-    return Markup("").join(
-        start.format(tag, side, cell, tag) for side, cell in zip(sides, cells, strict=True)
-    )
 
 
 def render(content: object, template: str = "report.html") -> str:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from bayesterra.errors import ResultError
 from bayesterra.runtime.folders import write_text
@@ -29,6 +29,12 @@ class Record(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="allow")
     FORMAT: ClassVar[int] = 1
+
+    @classmethod
+    def having(cls, **kinds: Any) -> type[Record]:
+        """A model of records that have more entries, each of its kind."""
+        entries: dict[str, Any] = {name: (kind, ...) for name, kind in kinds.items()}
+        return create_model(cls.__name__, __base__=cls, **entries)
 
     @classmethod
     def write(cls, path: Path, content: Mapping[str, Any]) -> None:

@@ -102,6 +102,7 @@ def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: CalibrationReq
     report = found.save(tmp_path / "out").read_text(encoding="utf-8")
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     record = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))
+    assert Calibration.RECORD.read(tmp_path / "out" / Calibration.MARK) == record
     assert (record["verdict"], record["calibrated"]) == ("not established", False)
     assert (record["not_converged"], record["failed"], record["replications"]) == (20, 10, 40)
     assert record["thresholds"] == {

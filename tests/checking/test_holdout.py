@@ -214,6 +214,7 @@ def test_a_folder_holds_tables_plots_and_the_page(found: Holdout, tmp_path: Path
     stored = pd.read_csv(tmp_path / "out" / "scores.csv")
     np.testing.assert_allclose(stored["crps"], found.table["crps"], rtol=1e-5)
     record = json.loads((tmp_path / "out" / "holdout.json").read_text("utf-8"))
+    assert Holdout.RECORD.read(tmp_path / "out" / Holdout.MARK) == record
     assert (record["by"], record["tolerance"], record["converged"]) == ("slip", 0.03, True)
     with pytest.raises(ResultError, match="exists already: add --overwrite"):
         found.save(tmp_path / "out")

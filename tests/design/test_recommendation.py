@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.__main__ import main
+from bayesterra.design.choosing import Design
 from bayesterra.study.result import Result
 
 Captured = pytest.CaptureFixture[str]
@@ -51,7 +52,7 @@ def test_a_study_speaks_from_its_prior(tmp_path: Path, capsys: Captured) -> None
     out = tmp_path / "d"
     assert main(["design", str(HIT), "--about", "phi", "--slip", "0.2", "--out", str(out)]) == 0
     assert "From the prior alone, no readings used" in capsys.readouterr().out
-    assert json.loads((out / "design.json").read_text("utf-8"))["source"] == "prior"
+    assert Design.RECORD.read(out / Design.MARK)["source"] == "prior"
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,7 @@ def test_a_result_is_identified_into_a_whole_folder(
     assert {path.name for path in out.iterdir()} == FILES
     assert {path.name for path in tmp_path.iterdir()} == {out.name}
     record = strict(out / Identified.MARK)
+    assert Identified.RECORD.read(out / Identified.MARK) == record
     assert record["sentence"] in printed.out
     assert "Report: pair-identifiability/report.html" in printed.out
     assert printed.err == ""

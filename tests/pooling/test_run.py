@@ -12,6 +12,7 @@ import pytest
 import typer
 from markupsafe import escape
 
+import bayesterra as bt
 from bayesterra.analysis import run as analysis_run
 from bayesterra.analysis.prior_only import run_prior
 from bayesterra.analysis.run import load_result, load_single, run
@@ -114,6 +115,32 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
     assert found.groups == ("Wh11", "Wh32")
     with pytest.raises(ResultError, match=r"holds a joint posterior of several groups \(\[pooling\]\)"):
         load_single(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda result: bt.predict(result, 0.1),
+        lambda result: bt.predict_rover(result, "rover.toml"),
+        lambda result: bt.compare({"a": result, "b": result}),
+        bt.identify,
+        bt.recommend,
+        bt.leave_out,
+        bt.Stream,
+    ],
+)
+def test_what_needs_one_soil_refuses_several(call: Callable[[object], object], result: PooledResult) -> None:
+    """A joint posterior is a result of a run, and no posterior of one soil."""
+    with pytest.raises(StudyError, match=r"^bt\.\w+ needs a result without groups \(got a joint posterior"):
+        call(result)
+
+
+def test_a_joint_posterior_shows_itself(result: PooledResult) -> None:
+    """Its overview is the same on a terminal and in a notebook."""
+    shown = result._repr_html_()
+    assert "elpd of groups" in shown
+    assert "Evidence prefers" in shown
+    assert result.tables().keys() == {"summary", "pooling", "sharing", "left_out"}
 
 
 def test_page_says_what_is_shared(result: PooledResult) -> None:

@@ -144,6 +144,7 @@ def test_the_command_writes_and_prints(
     for name in ("draws.csv", "greatest.csv", "climb.csv", "rover.json"):
         assert (out / name).stat().st_size > 0
     assert (out / "rover.png").read_bytes().startswith(b"\x89PNG")
+    assert RoverOutlook.RECORD.read(out / RoverOutlook.MARK)["kind"] == "rover"
     assert main(call) == 2
     assert "add --overwrite" in capsys.readouterr().err
 

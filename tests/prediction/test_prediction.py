@@ -144,6 +144,7 @@ def test_tables_and_folder(wide: Result, tmp_path: Path) -> None:
     bt.predict(wide, [0.1, 0.3], load="60 N").save(tmp_path / "b")
     for name in ("bands.csv", "draws.csv", "derived.csv", "prediction.json", "prediction.png"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert found.RECORD.read(tmp_path / "a" / found.MARK)["kind"] == "prediction"
     draws, bands = found.to_dataframe(), found.table.set_index(["slip", "quantity"])
     median = draws.query("slip == 0.3")["sinkage [mm]"].median()
     assert bands.loc[(0.3, "sinkage"), "modelled_q50"] == pytest.approx(median)
