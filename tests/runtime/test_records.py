@@ -14,7 +14,7 @@ from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.netcdf import read_drawn
 from bayesterra.study.result import Result
 
-OLDER = Path(__file__).parent / "older"
+OLDER = Path(__file__).parents[1] / "analysis" / "older"
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
