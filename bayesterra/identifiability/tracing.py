@@ -15,9 +15,10 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.identifiability.optimiser import Target, begin, descend
+from bayesterra.likelihood.target import Target
 from bayesterra.runtime.engines import Engine, in_process
 from bayesterra.runtime.parallel import completed
+from bayesterra.stats.optimiser import begin, descend
 
 COARSE = 13
 """Grid points at equal distances over the range of a parameter."""

@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from scipy.optimize import lsq_linear
 
-from bayesterra.identifiability.optimiser import Target, chart, steps
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.target import Target, chart
 from bayesterra.models import Wheel
 from bayesterra.stats.laws import Law
+from bayesterra.stats.optimiser import steps
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Tie
 from bayesterra.study.study import Study
