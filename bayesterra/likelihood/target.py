@@ -1,8 +1,8 @@
 """Minus the log density of a study on a chart of its parameters, as an optimiser wants it.
 
 The curvature is Fisher's information of the readings (for Gaussian noise the Gauss–Newton matrix), from the
-models' exact derivatives. A latent load is a nuisance to each row, projected out of its information; the
-gradient is then taken by differences, as it is where rows hang together.
+models' exact derivatives, and so is the gradient. Only a latent load has none: it is a nuisance to each row,
+projected out of its information, and the gradient is taken by differences.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
@@ -24,8 +23,9 @@ from bayesterra.stats.optimiser import Local
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
-ENOUGH, LATENT_ENOUGH = 2e-6, 5e-4
-"""Changes of the log density that are worth a step; the latter is what a latent likelihood resolves."""
+ENOUGH, LATENT_ENOUGH, FINEST = 2e-6, 5e-4, 1e-11
+"""Changes of the log density that are worth a step; the second is what a latent likelihood resolves, the last
+what a mode is worth."""
 PULL = 3e-4
 """Curvature, per squared range, of the pull towards an anchor."""
 PRIOR_STEP = 1e-4
@@ -37,13 +37,14 @@ class Target:
     """Minus log likelihood, or with the log prior minus log posterior density in physical parameters.
 
     A faint pull towards ``anchor`` (d,), scaled, decides between points that are as good as each other: along
-    directions without any information nothing moves that need not.
+    directions without any information nothing moves that need not. Without an anchor (None) there is no pull
+    and the least change is worth a step, as a mode wants it.
     """
 
     posterior: Posterior
     chart: Chart
     with_prior: bool
-    anchor: FloatArray
+    anchor: FloatArray | None
 
     @property
     def rows(self) -> FloatArray:
@@ -56,7 +57,11 @@ class Target:
 
     def value(self, y: FloatArray) -> FloatArray:
         """Values (n,) at scaled parameters (n, d) with the pull, +inf outside the support."""
-        return np.asarray(-self.log_density(y) + 0.5 * PULL * ((y - self.anchor) ** 2).sum(axis=1))
+        return np.asarray(-self.log_density(y) + 0.5 * PULL * (self._away(y) ** 2).sum(axis=1))
+
+    def _away(self, y: FloatArray) -> FloatArray:
+        """Way (n, d) from the anchor; 0 without one."""
+        return np.zeros_like(y) if self.anchor is None else y - self.anchor
 
     def log_density(self, y: FloatArray) -> FloatArray:
         """Log likelihood or log posterior density (n,), without the pull."""
@@ -69,7 +74,7 @@ class Target:
         score, information = (np.nan_to_num(values) for values in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
-        if self.latent or isinstance(self.posterior.likelihood, CorrelatedLikelihood):
+        if self.latent:
             sizes = LATENT_STEP / np.sqrt(np.einsum("nii->ni", information) + 1.0)
             slope = self._differences(y, sizes)
         else:
@@ -82,8 +87,8 @@ class Target:
                 slope, information = slope - bent, information + joint
                 second[:, self.posterior.prior.correlated] = 0.0
             information = information + np.maximum(-second, 0.0)[:, :, None] * np.eye(y.shape[1])
-        slope = slope + PULL * (y - self.anchor)
-        return Local(self.value(y), slope, information + PULL * np.eye(y.shape[1]))
+        slope = slope + PULL * self._away(y)
+        return Local(slope, information + PULL * np.eye(y.shape[1]))
 
     def _differences(self, y: FloatArray, sizes: FloatArray) -> FloatArray:
         """Slope (n, d) of minus the log likelihood by central differences, one-sided at an edge."""
@@ -103,6 +108,8 @@ class Target:
     @property
     def digits(self) -> float:
         """Change of the value that is worth a step."""
+        if self.anchor is None:
+            return FINEST
         return LATENT_ENOUGH if self.latent else ENOUGH
 
     @property
@@ -207,12 +214,16 @@ class Chart:
         return np.asarray(np.clip(ends * np.array([1.0, -1.0]), 0.0, 1.0))
 
 
-def chart(posterior: Posterior) -> Chart:
-    """The chart of a posterior's free parameters."""
+def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
+    """The chart of a posterior's free parameters; it reaches as far as the points ``holding`` (n, d) do."""
     prior, names = posterior.prior, posterior.names
     ends = np.array([_ends(name, law) for name, law in prior.laws.items()]).reshape(-1, 2)
     logs = np.array([_logarithmic(name) for name in names]) & (ends[:, 1] > 0)
     ends[:, 0] = np.where(logs, np.maximum(ends[:, 0], SMALLEST * ends[:, 1]), ends[:, 0])
+    if holding is not None:
+        ends = np.column_stack(
+            [np.minimum(ends[:, 0], holding.min(axis=0)), np.maximum(ends[:, 1], holding.max(axis=0))]
+        )
     scaled = np.where(logs[:, None], np.log(np.where(logs[:, None], ends, 1.0)), ends)
     low, width = scaled[:, 0], scaled[:, 1] - scaled[:, 0]
     identity = np.eye(len(names))

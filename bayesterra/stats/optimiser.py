@@ -17,9 +17,8 @@ STIFF = 1e7
 
 @dataclass(frozen=True)
 class Local:
-    """Quadratic models at points y: values (n,), slopes (n, d) and curvatures (n, d, d)."""
+    """Quadratic models at points y: slopes (n, d) and curvatures (n, d, d)."""
 
-    value: FloatArray
     slope: FloatArray
     curvature: FloatArray
 
@@ -58,14 +57,14 @@ def begin(problem: Problem, y: FloatArray, fixed: IntArray, places: FloatArray) 
 
     The others go where the quadratic model at y has its least value. Points outside the support stay out.
     """
-    local = problem.local(y)
-    shift = places - y[np.arange(len(y)), fixed]
-    moved = y + _damped(problem, y, local, fixed, shift=shift, damping=np.zeros(len(y)))
-    return np.where(np.arange(y.shape[1]) == fixed[:, None], places[:, None], np.clip(moved, 0.0, 1.0))
+    held = np.arange(y.shape[1]) == fixed[:, None]
+    shift = np.where(held, places[:, None] - y, 0.0)
+    moved = y + _damped(problem, y, problem.local(y), held, shift=shift, damping=np.zeros(len(y)))
+    return np.where(held, places[:, None], np.clip(moved, 0.0, 1.0))
 
 
-def descend(problem: Problem, y: FloatArray, fixed: IntArray) -> Ends:
-    """Descend from points y (n, d), parameter ``fixed`` (n,) of each held, none where that is −1."""
+def descend(problem: Problem, y: FloatArray, held: BoolArray) -> Ends:
+    """Descend from points y (n, d), parameters held where ``held`` (n, d) says so."""
     y, value = y.copy(), problem.value(y)
     going = np.flatnonzero(np.isfinite(value) & (problem.slack(y) >= -1e-7).all(axis=1))
     value[np.setdiff1d(np.arange(len(y)), going)] = np.inf
@@ -74,11 +73,10 @@ def descend(problem: Problem, y: FloatArray, fixed: IntArray) -> Ends:
     for _ in range(MOST):
         if local is None or not going.size:
             break
-        move = _damped(
-            problem, y[going], local, fixed[going], shift=np.zeros(len(going)), damping=damping[going]
-        )
+        at, stay = y[going], held[going]
+        move = _damped(problem, at, local, stay, shift=np.zeros_like(at), damping=damping[going])
         promised = _promise(local, move)
-        new = np.clip(y[going] + move, 0.0, 1.0)
+        new = np.clip(at + move, 0.0, 1.0)
         level = problem.value(new)
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(level), (value[going] - level) / np.maximum(promised, 1e-300), -1.0)
@@ -92,13 +90,13 @@ def descend(problem: Problem, y: FloatArray, fixed: IntArray) -> Ends:
 
 
 def _damped(
-    problem: Problem, y: FloatArray, local: Local, fixed: IntArray, *, shift: FloatArray, damping: FloatArray
+    problem: Problem, y: FloatArray, local: Local, held: BoolArray, *, shift: FloatArray, damping: FloatArray
 ) -> FloatArray:
     diagonal = np.einsum("nii->ni", local.curvature)
     extra = damping[:, None] * (diagonal + 1e-3)
     curvature = local.curvature + extra[:, :, None] * np.eye(y.shape[1])
     slack = np.maximum(problem.slack(y), 0.0)
-    return steps(curvature, local.slope, rows=problem.rows, slack=slack, fixed=fixed, shift=shift)
+    return steps(curvature, local.slope, rows=problem.rows, slack=slack, held=held, shift=shift)
 
 
 def _promise(local: Local, move: FloatArray) -> FloatArray:
@@ -109,12 +107,12 @@ def _promise(local: Local, move: FloatArray) -> FloatArray:
 
 def _renewed(problem: Problem, local: Local, y: FloatArray, moved: BoolArray, kept: BoolArray) -> Local:
     """The models of the points kept, anew where they have moved."""
-    value, slope, curvature = local.value.copy(), local.slope.copy(), local.curvature.copy()
+    slope, curvature = local.slope.copy(), local.curvature.copy()
     anew = np.flatnonzero(moved & kept)
     if anew.size:
         new = problem.local(y[anew])
-        value[anew], slope[anew], curvature[anew] = new.value, new.slope, new.curvature
-    return Local(value[kept], slope[kept], curvature[kept])
+        slope[anew], curvature[anew] = new.slope, new.curvature
+    return Local(slope[kept], curvature[kept])
 
 
 ROUNDS = 25
@@ -138,30 +136,28 @@ LOOSE = 1e-10
 
 def steps(
     curvature: FloatArray, slope: FloatArray, *, rows: FloatArray, slack: FloatArray,
-    fixed: IntArray, shift: FloatArray,
+    held: BoolArray, shift: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Minimise ½ p·H p + g·p over p with ``rows @ p <= slack``, one entry of p given.
+    """Minimise ½ p·H p + g·p over p with ``rows @ p <= slack``, some entries of p given.
 
     Parameters
     ----------
     curvature, slope : H (n, d, d), positive definite, and g (n, d).
     rows, slack : inequalities (k, d) shared by all, and their limits (n, k).
-    fixed, shift : which entry of p is given (n,), −1 for none, and its value (n,).
+    held, shift : which entries of p are given (n, d), and their values (n, d), 0 elsewhere.
 
     Returns
     -------
     Steps p (n, d). Where nothing satisfies the inequalities the step violates them.
     """
-    held = fixed[:, None] == np.arange(slope.shape[1])
-    imposed = np.where(held, shift[:, None], 0.0)
-    slope = np.where(held, 0.0, slope + np.einsum("nij,nj->ni", curvature, imposed))
-    slack = slack - imposed @ rows.T + LOOSE
+    slope = np.where(held, 0.0, slope + np.einsum("nij,nj->ni", curvature, shift))
+    slack = slack - shift @ rows.T + LOOSE
     matrix = _without(curvature, held)
     p = _solve(matrix, -slope)
     outside = np.flatnonzero((p @ rows.T > slack).any(axis=1))
     if outside.size:
         p[outside] = _interior_point(_Problems(matrix, slope, slack, held, rows).take(outside).scaled())
-    return p + imposed
+    return p + shift
 
 
 def _without(matrix: FloatArray, held: BoolArray) -> FloatArray:
