@@ -21,9 +21,9 @@ import pandas as pd
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.identifiability.optimiser import Target, chart
 from bayesterra.identifiability.tracing import AGREE, Traces, standing_out, trace
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
+from bayesterra.likelihood.target import Target, chart
 from bayesterra.runtime.engines import Engine
 
 LEVELS = {68: 0.99, 95: 3.84}

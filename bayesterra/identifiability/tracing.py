@@ -15,9 +15,10 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.identifiability.optimiser import Target, begin, descend
+from bayesterra.likelihood.target import Target
 from bayesterra.runtime.engines import Engine, in_process
 from bayesterra.runtime.parallel import completed
+from bayesterra.stats.optimiser import begin, descend
 
 COARSE = 13
 """Grid points at equal distances over the range of a parameter."""
@@ -95,7 +96,8 @@ class Traces:
 
     def descend(self, points: IntArray, starts: FloatArray, source: IntArray) -> None:
         """Descend as in :meth:`attempt`, from starts that are at the grid points already."""
-        ends = descend(self.target, starts, self.column[points])
+        held = np.arange(starts.shape[1]) == self.column[points, None]
+        ends = descend(self.target, starts, held)
         np.fmin.at(self.witnesses, (points, source), ends.value)
         for i in np.argsort(-ends.value, kind="stable"):  # the best comes last and stays
             if ends.value[i] < self.value[points[i]]:
@@ -264,7 +266,7 @@ def _extended(
 
 def _mode(target: Target, starts: FloatArray) -> FloatArray:
     """Least point that free descents from the starts (k, d) reach."""
-    ends = descend(target, starts, np.full(len(starts), -1))
+    ends = descend(target, starts, np.zeros(starts.shape, dtype=np.bool_))
     return np.asarray(ends.y[ends.value.argmin()])
 
 

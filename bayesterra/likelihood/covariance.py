@@ -306,7 +306,7 @@ class TableLaw:
             whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
         )
 
-    def _white(self, residuals: FloatArray) -> list[FloatArray]:
+    def white(self, residuals: FloatArray) -> list[FloatArray]:
         """White residuals (n, B, q) of every stack."""
         pairs = zip(self.layout.stacks, self.whitenings, strict=True)
         return [whitening.of(residuals[:, stack.rows, stack.columns]) for stack, whitening in pairs]
@@ -314,7 +314,7 @@ class TableLaw:
     def log_density(self, readings: FloatArray) -> FloatArray:
         """Log density (n,) of readings (m, k); only those that the layout conditions on count."""
         total = np.zeros(len(self.mean))
-        for white, whitening in zip(self._white(readings - self.mean), self.whitenings, strict=True):
+        for white, whitening in zip(self.white(readings - self.mean), self.whitenings, strict=True):
             total -= 0.5 * (white**2).sum(axis=(1, 2)) + whitening.level + 0.5 * white[0].size * LOG_2_PI
         return total
 
@@ -322,7 +322,7 @@ class TableLaw:
         """K⁻¹ times residuals (n, m, k), 0 where there is no reading."""
         pulls = np.zeros(residuals.shape)
         for stack, whitening, white in zip(
-            self.layout.stacks, self.whitenings, self._white(residuals), strict=True
+            self.layout.stacks, self.whitenings, self.white(residuals), strict=True
         ):
             pulls[:, stack.rows, stack.columns] = whitening.back(white)
         return pulls
@@ -367,7 +367,7 @@ class TableLaw:
         """
         centre, variance = self.mean[:, targets].copy(), self.scale[:, targets] ** 2
         variance = variance + self._loose(targets)
-        residuals = self._white(readings - self.mean)
+        residuals = self.white(readings - self.mean)
         for column in range(centre.shape[2]):
             for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
                 told = whitening.matrix @ self._between(stack, targets, column)

@@ -196,7 +196,7 @@ def weighted_sensitivities(posterior: Posterior, x: FloatArray) -> FloatArray:
     :func:`read_where`. Sets without an answer in a row that is read are NaN. Where rows hang together there
     is one row for each reading, and one for each parameter about what the scatter says.
     """
-    return _weighted(posterior, x)
+    return _weighted(posterior, x, Scaled.of(posterior, x))[1]
 
 
 def fisher_information(posterior: Posterior, x: FloatArray) -> FloatArray:
@@ -212,13 +212,16 @@ def fisher_information(posterior: Posterior, x: FloatArray) -> FloatArray:
 def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gradient of the log likelihood (n, d) and Fisher information (n, d, d) at sets ``x`` (n, d), SI.
 
-    The gradient takes a latent load for its best known value, and is NaN where rows hang together. NaN as
-    with :func:`fisher_information`.
+    The gradient takes a latent load for its best known value. NaN as with :func:`fisher_information`.
     """
-    if isinstance(posterior.likelihood, CorrelatedLikelihood):
-        information = fisher_information(posterior, x)
-        return np.full(information.shape[:2], np.nan), information
-    likelihood, scaled = posterior.likelihood, Scaled.of(posterior, x)
+    scaled = Scaled.of(posterior, x)
+    joint, weighted = _weighted(posterior, x, scaled)
+    gradient = _gradient(posterior.likelihood, scaled) if joint is None else joint
+    return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+
+
+def _gradient(likelihood: Likelihood, scaled: Scaled) -> FloatArray:
+    """Gradient of the log likelihood (n, d) where every reading is apart."""
     read = ~np.isnan(likelihood.measured)
     standard = np.where(read, (likelihood.measured - scaled.local.values) / scaled.scale, 0.0)
     dof = np.array([noise.dof for noise in likelihood.noise])
@@ -228,8 +231,7 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     widening = np.where(read, pull * standard - 1.0 / scaled.scale, 0.0)
     gradient = np.einsum("nmk,nmkd->nd", pull, np.where(read[..., None], scaled.local.by_parameter, 0.0))
     gradient += np.einsum("nmk,nmkd->nd", widening, np.where(read[..., None], scaled.spread, 0.0))
-    weighted = _weighted(posterior, x)
-    return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+    return np.asarray(gradient)
 
 
 @dataclass(frozen=True)
@@ -257,8 +259,9 @@ class Scaled:
         return cls(local, scale, *_spread_slopes(posterior, local))
 
 
-def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
-    likelihood, scaled = posterior.likelihood, Scaled.of(posterior, x)
+def _weighted(posterior: Posterior, x: FloatArray, scaled: Scaled) -> tuple[FloatArray | None, FloatArray]:
+    """Gradient (n, d) where rows hang together, else None, and :func:`weighted_sensitivities`."""
+    likelihood = posterior.likelihood
     if isinstance(likelihood, CorrelatedLikelihood):
         return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), scaled)
     place, width = _weights(likelihood.noise)
@@ -270,29 +273,33 @@ def _weighted(posterior: Posterior, x: FloatArray) -> FloatArray:
         loads = [place * scaled.local.by_load / scaled.scale, width * scaled.spread_by_load / scaled.scale]
         by_load = np.where(read, np.concatenate(loads, axis=2), 0.0)
         by_x = without_load(by_x, by_load, load_information(likelihood))
-    return by_x.reshape(len(by_x), -1, by_x.shape[-1])
+    return None, by_x.reshape(len(by_x), -1, by_x.shape[-1])
 
 
 def _jointly_weighted(
     posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, scaled: Scaled
-) -> FloatArray:
-    """Whitened sensitivities (n, readings + d, d); see the head of the module."""
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (n, d) and whitened sensitivities (n, readings + d, d); see the head of the module."""
     read = read_where(posterior, likelihood.channels)
     whole = np.full((len(x), int(read.sum()) + x.shape[1], x.shape[1]), np.nan)
+    gradient = np.full(x.shape, np.nan)
     good = np.flatnonzero(np.isfinite(scaled.local.values).all(axis=(1, 2)))
     if not good.size:
-        return whole
+        return gradient, whole
+    values = scaled.local.values[good]
     law = likelihood.reading(read).law_at(
-        posterior.prior.soil_values(x[good]), scaled.local.values[good], posterior.noise_values(x[good])
+        posterior.prior.soil_values(x[good]), values, posterior.noise_values(x[good])
     )
-    white = []
+    residuals, white = law.white(likelihood.measured - values), []
     for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
         white.append(slopes.reshape(len(good), -1, x.shape[1]))
     bends = _bends(posterior, likelihood, x[good])
-    scatter = _root(_scatter_information(posterior, law, scaled.spread[good], bends))
-    whole[good] = np.concatenate([*white, scatter], axis=1)
-    return whole
+    gradient[good], information = _scatter(posterior, law, scaled.spread[good], bends, residuals)
+    for slopes, residual in zip(white, residuals, strict=True):
+        gradient[good] += np.einsum("nqd,nq->nd", slopes, residual.reshape(len(good), -1))
+    whole[good] = np.concatenate([*white, _root(information)], axis=1)
+    return gradient, whole
 
 
 def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray) -> FloatArray:
@@ -309,15 +316,18 @@ def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray
     return np.asarray(np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]))
 
 
-def _scatter_information(
-    posterior: Posterior, law: TableLaw, spread: FloatArray, bends: FloatArray
-) -> FloatArray:
-    """Fisher information of the scatter (n, d, d): ½ tr(K⁻¹ ∂K K⁻¹ ∂K)."""
+def _scatter(
+    posterior: Posterior, law: TableLaw, spread: FloatArray, bends: FloatArray, white: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (n, d) by the scatter and its Fisher information (n, d, d): ½ tr(K⁻¹ ∂K K⁻¹ ∂K).
+
+    The gradient is ½ (wᵀ M w − tr M) with white residuals w (n, B, q) of every stack and M = W ∂K Wᵀ.
+    """
     n, d = len(spread), spread.shape[-1]
-    total = np.zeros((n, d, d))
+    gradient, total = np.zeros((n, d)), np.zeros((n, d, d))
     named = [None if error.parameter is None else posterior.names.index(error.parameter)
              for error in law.layout.errors]  # fmt: skip
-    for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
+    for stack, whitening, w in zip(law.layout.stacks, law.whitenings, white, strict=True):
         at = (slice(None), stack.rows, stack.columns)
         moved = {i: np.eye(stack.rows.shape[1]) * (2.0 * law.scale[at] * spread[(*at, i)])[..., None]
                  for i in range(d) if spread[(*at, i)].any()}  # fmt: skip
@@ -332,9 +342,11 @@ def _scatter_information(
             i: whitening.matrix @ part @ whitening.matrix.swapaxes(-1, -2) for i, part in moved.items()
         }
         for i, first in whitened.items():
+            square = np.einsum("nbq,nbqr,nbr->n", w, first, w)
+            gradient[:, i] += 0.5 * (square - np.einsum("nbqq->n", first))
             for j, second in whitened.items():
                 total[:, i, j] += 0.5 * (first * second).sum(axis=(1, 2, 3))
-    return total
+    return gradient, total
 
 
 def _root(information: FloatArray) -> FloatArray:

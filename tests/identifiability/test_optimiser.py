@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from scipy.optimize import lsq_linear
 
-from bayesterra.identifiability.optimiser import Target, chart, steps
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.target import Target, chart
 from bayesterra.models import Wheel
 from bayesterra.stats.laws import Law
+from bayesterra.stats.optimiser import steps
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Tie
 from bayesterra.study.study import Study
@@ -27,9 +28,10 @@ def test_steps_minimise_inside_the_box(held: int) -> None:
     rows = np.vstack([np.eye(SIZE), -np.eye(SIZE)])
     slack = rng.uniform(0, 1, size=(n, 2 * SIZE)) * (rng.random((n, 2 * SIZE)) > 0.2)
     shift = np.zeros(n) if held < 0 else 0.5 * slack[:, held]
-    found = steps(curvature, slope, rows=rows, slack=slack, fixed=np.full(n, held), shift=shift)
-    assert (found @ rows.T <= slack + 1e-9).all()
     others = np.arange(SIZE) != held
+    moves, mask = np.where(others, 0.0, shift[:, None]), np.tile(~others, (n, 1))
+    found = steps(curvature, slope, rows=rows, slack=slack, held=mask, shift=moves)
+    assert (found @ rows.T <= slack + 1e-9).all()
     for i in range(n):
         p = found[i]
         given = np.where(others, 0.0, shift[i])
@@ -49,8 +51,9 @@ def test_an_entry_held_just_outside_leaves_the_others_in_place() -> None:
     curvature = np.array([[[2.0, 0.3, 0.1], [0.3, 1.0, 0.9], [0.1, 0.9, 1.0]]])
     slope, rows = np.array([[0.1, -1.0, 0.2]]), np.vstack([np.eye(3), -np.eye(3)])
     slack = np.array([[0.0, 0.5, 0.7, 1.0, 0.5, 0.3]])
+    first = np.array([[True, False, False]])
     found = [
-        steps(curvature, slope, rows=rows, slack=slack, fixed=np.zeros(1, dtype=int), shift=np.array([shift]))
+        steps(curvature, slope, rows=rows, slack=slack, held=first, shift=np.array([[shift, 0.0, 0.0]]))
         for shift in (0.0, 5e-10)
     ]
     np.testing.assert_allclose(found[0], [[0.0, 0.5, -0.3]], atol=1e-8)
@@ -113,7 +116,6 @@ def test_slopes_are_those_of_the_density(drive: str, correlation: dict[str, floa
     y = scaled.from_physical(draw_cut_prior(density, 20, np.random.default_rng(1)).x)
     target = Target(density, scaled, with_prior=True, anchor=np.full(y.shape[1], 0.5))
     local, step = target.local(y), 1e-6 if drive != "both" else 1e-3
-    assert local.value == pytest.approx(target.value(y))
     for i, unit in enumerate(np.eye(y.shape[1])):
         with np.errstate(invalid="ignore"):
             expected = (target.value(y + step * unit) - target.value(y - step * unit)) / (2 * step)

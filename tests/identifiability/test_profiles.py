@@ -9,12 +9,12 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.optimiser import Target, chart
 from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles, _Found, profiles
 from bayesterra.identifiability.tracing import SOURCES, Traces, standing_out, trace
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.target import Target, chart
 from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law

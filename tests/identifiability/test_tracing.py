@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bayesterra.identifiability import tracing
-from bayesterra.identifiability.optimiser import Target, chart
 from bayesterra.identifiability.profiles import Profiles, profiles
 from bayesterra.likelihood.posterior import posterior
+from bayesterra.likelihood.target import Target, chart
 from bayesterra.runtime.engines import Engine, in_process, local_pool
 
 from .conftest import VARIANTS

@@ -70,6 +70,20 @@ def test_a_prior_pulls_the_mode(
     assert mode.log_density >= density.log_density(draws).max()
 
 
+def test_the_mode_may_stand_far_out_in_the_tail_of_a_prior(
+    make_study: MakeStudy, noisy: pd.DataFrame, truth: Mapping[str, float]
+) -> None:
+    """Data that contradict a prior by ten standard deviations are climbed as any others."""
+    far = Law("norm", {"loc": truth["phi"] + 0.3, "scale": 0.03})
+    density = posterior(make_study(data=noisy, free=("n0", "phi"), priors={"phi": far}))
+    centre = np.array([truth["n0"], truth["phi"]])
+    draws = centre + np.random.default_rng(1).normal(size=(500, 2)) * 0.01
+    mode = find_mode(density, draws)
+    assert mode.log_density > density.log_density(draws).max()
+    assert mode.agreeing == mode.starts
+    assert (far.cdf(mode.x[1:]) < 1e-8).all()
+
+
 def test_the_mode_may_stand_at_a_bound(make_study: MakeStudy, noisy: pd.DataFrame) -> None:
     """Where the data push a parameter out of its range, the mode stands on the very edge."""
     phi = Law("uniform", lower=0.55, upper=0.9)  # the truth is 0.511

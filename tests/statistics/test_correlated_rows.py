@@ -149,8 +149,11 @@ def from_covariances(study: Study, density: Posterior, x: FloatArray) -> FloatAr
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_information_is_that_of_the_joint_law(name: str) -> None:
-    """Slopes of the mean whitened by the whole covariance, and what the scatter says of sizes and noise."""
+def test_score_and_information_are_those_of_the_joint_law(name: str) -> None:
+    """Slopes of the mean whitened by the whole covariance, and what the scatter says of sizes and noise.
+
+    The score is the gradient of the log likelihood.
+    """
     study = joined("phi", "n0", **CASES[name])
     density = posterior(study)
     x = sets(density, 1)
@@ -158,7 +161,13 @@ def test_information_is_that_of_the_joint_law(name: str) -> None:
     expected = from_covariances(study, density, x[0])
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert_allclose(found / size, expected / size, atol=2e-5)
-    assert np.isnan(score_and_information(density, x)[0]).all()
+    score, information = score_and_information(density, x)
+    assert_allclose(information[0], found, rtol=1e-12)
+    for i, unit in enumerate(np.eye(x.shape[1])):
+        step = 1e-6 * x * unit
+        ahead, behind = (density.log_prior_and_likelihood(at)[1][0] for at in (x + step, x - step))
+        slope = (ahead - behind) / (2 * step[0, i])
+        assert_allclose(score[0, i] / size[i, i] ** 0.5, slope / size[i, i] ** 0.5, rtol=1e-4, atol=1e-3)
 
 
 def test_a_discrepancy_takes_information_away() -> None:

@@ -1,8 +1,8 @@
-"""Batched Levenberg–Marquardt inside linear limits.
+"""Minus the log density of a study on a chart of its parameters, as an optimiser wants it.
 
 The curvature is Fisher's information of the readings (for Gaussian noise the Gauss–Newton matrix), from the
-models' exact derivatives. A latent load is a nuisance to each row, projected out of its information; the
-gradient is then taken by differences, as it is where rows hang together.
+models' exact derivatives, and so is the gradient. Only a latent load has none: it is a nuisance to each row,
+projected out of its information, and the gradient is taken by differences.
 """
 
 from __future__ import annotations
@@ -13,227 +13,19 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.correlated import CorrelatedLikelihood
+from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
 from bayesterra.parameters import MODULI, NOISE_PREFIX
 from bayesterra.stats.laws import Law
-
-MOST = 40
-"""Steps after which a descent ends in any case."""
-STIFF = 1e7
-"""Damping at which a descent is stuck."""
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Ends of descents: scaled parameters (n, d) and values (n,), +inf where one could not begin."""
-
-    y: FloatArray
-    value: FloatArray
-
-
-def begin(target: Target, y: FloatArray, fixed: IntArray, places: FloatArray) -> FloatArray:
-    """Move points y (n, d) along their valleys, so that parameter ``fixed`` stands at ``places`` (n,).
-
-    The others go where the quadratic model at y has its least value. Points outside the support stay out.
-    """
-    local = target.local(y)
-    shift = places - y[np.arange(len(y)), fixed]
-    moved = y + _damped(target, y, local, fixed, shift=shift, damping=np.zeros(len(y)))
-    return np.where(np.arange(y.shape[1]) == fixed[:, None], places[:, None], np.clip(moved, 0.0, 1.0))
-
-
-def descend(target: Target, y: FloatArray, fixed: IntArray) -> Ends:
-    """Descend from points y (n, d), parameter ``fixed`` (n,) of each held, none where that is −1."""
-    y, value = y.copy(), target.value(y)
-    going = np.flatnonzero(np.isfinite(value) & (target.chart.slack(y) >= -1e-7).all(axis=1))
-    value[np.setdiff1d(np.arange(len(y)), going)] = np.inf
-    damping = np.full(len(y), 1e-3)
-    local = target.local(y[going]) if going.size else None
-    for _ in range(MOST):
-        if local is None or not going.size:
-            break
-        move = _damped(
-            target, y[going], local, fixed[going], shift=np.zeros(len(going)), damping=damping[going]
-        )
-        promised = _promise(local, move)
-        new = np.clip(y[going] + move, 0.0, 1.0)
-        level = target.value(new)
-        with np.errstate(invalid="ignore"):
-            ratio = np.where(np.isfinite(level), (value[going] - level) / np.maximum(promised, 1e-300), -1.0)
-        better = (level < value[going]) & (promised > 0)
-        y[going[better]], value[going[better]] = new[better], level[better]
-        over = (promised < target.digits) & (damping[going] <= 1e-2) | (damping[going] > STIFF)
-        damping[going] *= np.select([~better, ratio < 0.25, ratio > 0.75], [6.0, 2.0, 0.15], 1.0)
-        local = _renewed(target, local, y[going], better, ~over)
-        going = going[~over]
-    return Ends(y, value)
-
-
-def _damped(
-    target: Target, y: FloatArray, local: Local, fixed: IntArray, *, shift: FloatArray, damping: FloatArray
-) -> FloatArray:
-    diagonal = np.einsum("nii->ni", local.curvature)
-    extra = damping[:, None] * (diagonal + 1e-3)
-    curvature = local.curvature + extra[:, :, None] * np.eye(y.shape[1])
-    slack = np.maximum(target.chart.slack(y), 0.0)
-    return steps(curvature, local.slope, rows=target.chart.rows, slack=slack, fixed=fixed, shift=shift)
-
-
-def _promise(local: Local, move: FloatArray) -> FloatArray:
-    """Decrease (n,) that the quadratic models see in the moves."""
-    bent = np.einsum("ni,nij,nj->n", move, local.curvature, move)
-    return np.asarray(-np.einsum("ni,ni->n", local.slope, move) - 0.5 * bent)
-
-
-def _renewed(target: Target, local: Local, y: FloatArray, moved: BoolArray, kept: BoolArray) -> Local:
-    """The models of the points kept, anew where they have moved."""
-    value, slope, curvature = local.value.copy(), local.slope.copy(), local.curvature.copy()
-    anew = np.flatnonzero(moved & kept)
-    if anew.size:
-        new = target.local(y[anew])
-        value[anew], slope[anew], curvature[anew] = new.value, new.slope, new.curvature
-    return Local(value[kept], slope[kept], curvature[kept])
-
-
-ROUNDS = 25
-"""Most Newton steps of the interior-point method; it stops once every problem is solved."""
-SOLVED = 1e-9
-"""Complementarity, in units of the slope, at which a problem counts as solved."""
-HOPELESS = 1e20
-"""Multiplier, in units of the slope, from which nothing satisfies the inequalities; it would only grow."""
-STEEPEST = 1e16
-"""Curvature of the barrier beyond which digits are lost."""
-FIRST = 0.1
-"""Least slack to begin with, in units of the range."""
-LEAST, GREATEST = 1e-60, 1e60
-"""Bounds of slacks and multipliers on the way: those of problems without a solution go to 0 and infinity."""
-
-ROUNDING = 1e-13
-"""Added to unit diagonals: a matrix that rounding made singular is none."""
-LOOSE = 1e-10
-"""Slack granted to every inequality, so that a point on an edge is inside."""
-
-
-def steps(
-    curvature: FloatArray, slope: FloatArray, *, rows: FloatArray, slack: FloatArray,
-    fixed: IntArray, shift: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Minimise ½ p·H p + g·p over p with ``rows @ p <= slack``, one entry of p given.
-
-    Parameters
-    ----------
-    curvature, slope : H (n, d, d), positive definite, and g (n, d).
-    rows, slack : inequalities (k, d) shared by all, and their limits (n, k).
-    fixed, shift : which entry of p is given (n,), −1 for none, and its value (n,).
-
-    Returns
-    -------
-    Steps p (n, d). Where nothing satisfies the inequalities the step violates them.
-    """
-    held = fixed[:, None] == np.arange(slope.shape[1])
-    imposed = np.where(held, shift[:, None], 0.0)
-    slope = np.where(held, 0.0, slope + np.einsum("nij,nj->ni", curvature, imposed))
-    slack = slack - imposed @ rows.T + LOOSE
-    matrix = _without(curvature, held)
-    p = _solve(matrix, -slope)
-    outside = np.flatnonzero((p @ rows.T > slack).any(axis=1))
-    if outside.size:
-        p[outside] = _interior_point(_Problems(matrix, slope, slack, held, rows).take(outside).scaled())
-    return p + imposed
-
-
-def _without(matrix: FloatArray, held: BoolArray) -> FloatArray:
-    """The matrices with the rows and columns of held entries replaced by those of the identity."""
-    either = held[:, :, None] | held[:, None, :]
-    return np.where(either, held[:, :, None] * np.eye(held.shape[1]), matrix)
-
-
-def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve (n, d, d) systems with unit diagonals, for the sake of digits."""
-    size = np.sqrt(np.einsum("nii->ni", matrix))
-    scaled = matrix / size[:, :, None] / size[:, None, :] + ROUNDING * np.eye(matrix.shape[1])
-    return np.asarray(np.linalg.solve(scaled, (right / size)[..., None])[..., 0] / size)
-
-
-def _interior_point(problems: _Problems) -> FloatArray:
-    """Mehrotra's predictor–corrector method (Nocedal and Wright 2006, algorithm 16.4), from p = 0."""
-    p, s = np.zeros_like(problems.slope), np.maximum(problems.slack, FIRST)
-    z, left = np.ones_like(s), np.arange(len(p))
-    for _ in range(ROUNDS):
-        p[left], s[left], z[left], solved = problems.take(left).improved(p[left], s[left], z[left])
-        left = left[~solved]
-        if not left.size:
-            break
-    return p
-
-
-@dataclass(frozen=True)
-class _Problems:
-    """Quadratic programmes that share their inequalities."""
-
-    matrix: FloatArray
-    slope: FloatArray
-    slack: FloatArray
-    held: BoolArray
-    rows: FloatArray
-
-    def take(self, chosen: IntArray) -> _Problems:
-        """Some of them."""
-        return _Problems(
-            self.matrix[chosen], self.slope[chosen], self.slack[chosen], self.held[chosen], self.rows
-        )
-
-    def scaled(self) -> _Problems:
-        """The same problems with slopes of order one; their solutions are the same."""
-        size = np.maximum(np.abs(self.slope).max(axis=1), 1e-12)
-        return replace(self, matrix=self.matrix / size[:, None, None], slope=self.slope / size[:, None])
-
-    def improved(
-        self, p: FloatArray, s: FloatArray, z: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Steps, slacks and multipliers after one more iteration, and which were solved already."""
-        dual = np.einsum("nij,nj->ni", self.matrix, p) + self.slope + z @ self.rows
-        primal = p @ self.rows.T + s - self.slack
-        gap = (s * z).mean(axis=1, keepdims=True)
-        solved = (gap[:, 0] < SOLVED) & (np.abs(primal).max(axis=1) < SOLVED)
-        solved |= z.max(axis=1) > HOPELESS
-        outer = (self.rows[:, :, None] * self.rows[:, None, :]).reshape(len(self.rows), -1)
-        barrier = (np.minimum(z / s, STEEPEST) @ outer).reshape(self.matrix.shape)
-        system = _without(self.matrix + barrier, self.held)
-
-        def newton(target: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            right = -dual - ((z * primal - target) / s) @ self.rows
-            dp = _solve(system, np.where(self.held, 0.0, right))
-            ds = -primal - dp @ self.rows.T
-            return dp, ds, (-target - z * ds) / s
-
-        _, ds, dz = newton(s * z)
-        ahead = ((s + _reach(s, ds) * ds) * (z + _reach(z, dz) * dz)).mean(axis=1, keepdims=True)
-        dp, ds, dz = newton(s * z + ds * dz - (ahead / gap) ** 3 * gap)
-        forward, back = 0.995 * _reach(s, ds), 0.995 * _reach(z, dz)
-        return (
-            p + forward * dp,
-            np.maximum(s + forward * ds, LEAST),
-            np.minimum(z + back * dz, GREATEST),
-            solved,
-        )
-
-
-def _reach(value: FloatArray, change: FloatArray) -> FloatArray:
-    """Largest share of the change, up to 1, that keeps all values of a row positive, (n, 1)."""
-    with np.errstate(divide="ignore", over="ignore"):
-        ratio = np.where(change < 0, -value / np.minimum(change, -1e-300), np.inf)
-    return np.asarray(np.minimum(1.0, ratio.min(axis=1, keepdims=True)))
-
+from bayesterra.stats.optimiser import Local
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
-ENOUGH, LATENT_ENOUGH = 2e-6, 5e-4
-"""Changes of the log density that are worth a step; the latter is what a latent likelihood resolves."""
+ENOUGH, LATENT_ENOUGH, FINEST = 2e-6, 5e-4, 1e-11
+"""Changes of the log density that are worth a step; the second is what a latent likelihood resolves, the last
+what a mode is worth."""
 PULL = 3e-4
 """Curvature, per squared range, of the pull towards an anchor."""
 PRIOR_STEP = 1e-4
@@ -241,30 +33,35 @@ PRIOR_STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Local:
-    """Quadratic models at points y: values (n,), slopes (n, d) and curvatures (n, d, d)."""
-
-    value: FloatArray
-    slope: FloatArray
-    curvature: FloatArray
-
-
-@dataclass(frozen=True)
 class Target:
     """Minus log likelihood, or with the log prior minus log posterior density in physical parameters.
 
     A faint pull towards ``anchor`` (d,), scaled, decides between points that are as good as each other: along
-    directions without any information nothing moves that need not.
+    directions without any information nothing moves that need not. Without an anchor (None) there is no pull
+    and the least change is worth a step, as a mode wants it.
     """
 
     posterior: Posterior
     chart: Chart
     with_prior: bool
-    anchor: FloatArray
+    anchor: FloatArray | None
+
+    @property
+    def rows(self) -> FloatArray:
+        """The chart's inequalities (k, d)."""
+        return self.chart.rows
+
+    def slack(self, y: FloatArray) -> FloatArray:
+        """Slack of scaled parameters (n, d) inside each of them, (n, k)."""
+        return self.chart.slack(y)
 
     def value(self, y: FloatArray) -> FloatArray:
         """Values (n,) at scaled parameters (n, d) with the pull, +inf outside the support."""
-        return np.asarray(-self.log_density(y) + 0.5 * PULL * ((y - self.anchor) ** 2).sum(axis=1))
+        return np.asarray(-self.log_density(y) + 0.5 * PULL * (self._away(y) ** 2).sum(axis=1))
+
+    def _away(self, y: FloatArray) -> FloatArray:
+        """Way (n, d) from the anchor; 0 without one."""
+        return np.zeros_like(y) if self.anchor is None else y - self.anchor
 
     def log_density(self, y: FloatArray) -> FloatArray:
         """Log likelihood or log posterior density (n,), without the pull."""
@@ -277,7 +74,7 @@ class Target:
         score, information = (np.nan_to_num(values) for values in score_and_information(self.posterior, x))
         stretch = self.chart.stretch(x)
         information = information * stretch[:, :, None] * stretch[:, None, :]
-        if self.latent or isinstance(self.posterior.likelihood, CorrelatedLikelihood):
+        if self.latent:
             sizes = LATENT_STEP / np.sqrt(np.einsum("nii->ni", information) + 1.0)
             slope = self._differences(y, sizes)
         else:
@@ -290,8 +87,8 @@ class Target:
                 slope, information = slope - bent, information + joint
                 second[:, self.posterior.prior.correlated] = 0.0
             information = information + np.maximum(-second, 0.0)[:, :, None] * np.eye(y.shape[1])
-        slope = slope + PULL * (y - self.anchor)
-        return Local(self.value(y), slope, information + PULL * np.eye(y.shape[1]))
+        slope = slope + PULL * self._away(y)
+        return Local(slope, information + PULL * np.eye(y.shape[1]))
 
     def _differences(self, y: FloatArray, sizes: FloatArray) -> FloatArray:
         """Slope (n, d) of minus the log likelihood by central differences, one-sided at an edge."""
@@ -311,6 +108,8 @@ class Target:
     @property
     def digits(self) -> float:
         """Change of the value that is worth a step."""
+        if self.anchor is None:
+            return FINEST
         return LATENT_ENOUGH if self.latent else ENOUGH
 
     @property
@@ -415,12 +214,16 @@ class Chart:
         return np.asarray(np.clip(ends * np.array([1.0, -1.0]), 0.0, 1.0))
 
 
-def chart(posterior: Posterior) -> Chart:
-    """The chart of a posterior's free parameters."""
+def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
+    """The chart of a posterior's free parameters; it reaches as far as the points ``holding`` (n, d) do."""
     prior, names = posterior.prior, posterior.names
     ends = np.array([_ends(name, law) for name, law in prior.laws.items()]).reshape(-1, 2)
     logs = np.array([_logarithmic(name) for name in names]) & (ends[:, 1] > 0)
     ends[:, 0] = np.where(logs, np.maximum(ends[:, 0], SMALLEST * ends[:, 1]), ends[:, 0])
+    if holding is not None:
+        ends = np.column_stack(
+            [np.minimum(ends[:, 0], holding.min(axis=0)), np.maximum(ends[:, 1], holding.max(axis=0))]
+        )
     scaled = np.where(logs[:, None], np.log(np.where(logs[:, None], ends, 1.0)), ends)
     low, width = scaled[:, 0], scaled[:, 1] - scaled[:, 0]
     identity = np.eye(len(names))
