@@ -6,9 +6,12 @@ which reports, tables and plots speak.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray
 
@@ -158,8 +161,43 @@ PARAMETERS: dict[str, Parameter] = {
 
 MODULI = ("kc", "kphi")
 OFFSET = "sinkage_offset"
-PRIOR_PARAMETERS = (*SOIL_PARAMETERS, *MODULI, OFFSET, *LOAD_EFFECT)
-"""Parameters that the [priors] table may name; also the columns of a soil array that needs them all."""
+
+
+class SoilColumns(IntEnum):
+    """Columns of a soil array (n, 16), SI: every parameter that the [priors] table may name, by its name.
+
+    Columns that a study does not use are NaN, its ``sinkage_offset`` is 0. Where k_c and k_φ are used, K_s is
+    that of one wheel; see :func:`bayesterra.likelihood.forward.soil_at`.
+    """
+
+    Ks = 0
+    n0 = 1
+    n1 = 2
+    c = 3
+    phi = 4
+    K = 5
+    c1 = 6
+    c2 = 7
+    c3 = 8
+    kc = 9
+    kphi = 10
+    sinkage_offset = 11
+    cP1 = 12
+    cP2 = 13
+    cDP = 14
+    cM = 15
+
+
+PRIOR_PARAMETERS = tuple(SoilColumns.__members__)
+"""Parameters that the [priors] table may name."""
+
+
+def soil_array(values: Mapping[str, ArrayLike]) -> FloatArray:
+    """Soil array (n, 16) of values by name, each a number or (n,); other names are left out."""
+    stated = {OFFSET: 0.0, **values}
+    columns = (np.atleast_1d(stated.get(name, np.nan)) for name in PRIOR_PARAMETERS)
+    return np.column_stack(np.broadcast_arrays(*columns))
+
 
 EFFICIENCY = Channel("tractive_efficiency", "η", r"\eta", "-", 1.0, "", "tractive efficiency")
 

@@ -24,8 +24,9 @@ from bayesterra.checking.predictive_checks import (
     predictive_checks,
     prior_checks,
 )
+from bayesterra.likelihood.forward import model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.parameters import MODEL_PARAMETERS, SIZES
+from bayesterra.parameters import MODEL_PARAMETERS, SIZES, soil_array
 from bayesterra.report.failures import Failures
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
@@ -139,16 +140,14 @@ def held(result: Result, method: str) -> tuple[str, ...]:
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
-    """Soils (1, 9 or 13) of the least-squares methods that leave no parameter open, SI."""
+    """Soil arrays (1, 16) of the least-squares methods that leave no parameter open."""
+    study = result.study
+    estimated = {n: {**study.prior.fixed, **v} for n, v in estimates(result).items() if n in METHODS}
     soils = {
-        name: _soil(result.study, values) for name, values in estimates(result).items() if name in METHODS
+        name: soil_array({n: values[n] for n in study.model.parameters if n in values})
+        for name, values in estimated.items()
     }
-    return {name: soil for name, soil in soils.items() if np.isfinite(soil).all()}
-
-
-def _soil(study: Study, values: Mapping[str, float]) -> FloatArray:
-    held = study.prior.fixed
-    return np.array([[values.get(name, held.get(name, np.nan)) for name in study.model.parameters]])
+    return {n: soil for n, soil in soils.items() if np.isfinite(model_columns(soil, study.model)).all()}
 
 
 def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:

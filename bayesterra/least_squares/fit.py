@@ -20,7 +20,7 @@ from bayesterra.least_squares.groupwise import (
     plan,
 )
 from bayesterra.least_squares.joint import JointFit, fit_joint
-from bayesterra.least_squares.results import FORCES, METHODS, Fit, soil_of
+from bayesterra.least_squares.results import FORCES, METHODS, Fit
 from bayesterra.least_squares.settings import (
     Overrides,
     Readings,
@@ -120,11 +120,11 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
     theta = passes.path[-1] if passes.path else settings.start
     return Fit(
         method=method,
-        soil=soil_of(theta),
+        soil=settings.soil(theta),
         errors=_errors(todo, theta),
         converged=passes.converged,
         passes=len(passes.path),
-        path=tuple(soil_of(point) for point in passes.path),
+        path=tuple(settings.soil(point) for point in passes.path),
         held=settings.held,
         at_bound=settings.at_bound(theta, todo.columns(settings)),
         missing=todo.missing,
@@ -153,11 +153,11 @@ def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[st
     drive = density.likelihood.forward
     return Fit(
         method=method,
-        soil=soil_of(theta),
+        soil=settings.soil(theta),
         errors={name: joint_fit.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
         converged=joint_fit.best.converged,
         passes=len(joint_fit.path),
-        path=tuple(soil_of(point) for point in joint_fit.path),
+        path=tuple(settings.soil(point) for point in joint_fit.path),
         held=settings.held,
         at_bound=settings.at_bound(theta, settings.free(settings.names)),
         missing=(),

@@ -30,7 +30,7 @@ from bayesterra.least_squares.solver import (
 )
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
 
 STARTS = 8
 """Starts drawn from the cut prior, beside those that the caller has."""
@@ -57,7 +57,7 @@ class WeightedMisfit:
     model : the model at the rows.
     columns : which outcomes were measured, among those of the drive.
     measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
-    lower, upper : (9 or 13,) ranges of the parameters.
+    lower, upper : (k,) ranges of the parameters.
     """
 
     model: ClippedModel
@@ -76,7 +76,7 @@ class WeightedMisfit:
         return self.model.values(theta)[:, self.columns]
 
     def values(self, theta: FloatArray) -> FloatArray:
-        """Residuals of the readings, then 2 m + 9 or 13 penalties; NaN where no sinkage carries a load."""
+        """Residuals of the readings, then 2 m + k penalties; NaN where no sinkage carries a load."""
         read, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
         misfit = ((self.predicted(theta) - self.measured) / self.sd)[read]
         penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
@@ -105,7 +105,7 @@ class JointFit:
     Attributes
     ----------
     best : parameters and cost after the last round.
-    path : parameters (9 or 13,) after each round of weights.
+    path : parameters (k,) after each round of weights.
     sd : typical standard deviation of each channel behind the last weights, SI.
     errors : error figure (16) of each channel, percent.
     reached, started : how many starts ended at the best cost, of how many.
@@ -120,7 +120,7 @@ class JointFit:
 
 
 def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]) -> JointFit:
-    """Minimise the weighted misfit from ``starts`` (9 or 13,), the prior's median and draws from the cut one.
+    """Minimise the weighted misfit from ``starts`` (k,), the prior's median and draws from the cut one.
 
     Estimated noise weighs at the median of its prior law first; then, ``ROUNDS`` times, at the root mean
     square residual of its channel (with the parameters fitted counted off), kept inside its law's range.
@@ -177,7 +177,7 @@ def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, fl
 
 
 def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Ranges (9 or 13,) of the parameters; held ones have none, for they cannot move."""
+    """Ranges (k,) of the parameters; held ones have none, for they cannot move."""
     held = np.isin(settings.names, settings.held)
     return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
 
@@ -207,7 +207,7 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
         drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
     except SupportError:
         return []  # held parameters may still leave an answer at the other starts
-    columns = [posterior.prior.soil_columns.index(name) for name in settings.names]
+    columns = [SoilColumns[name] for name in settings.names]
     soil = posterior.prior.soil_values(drawn)[:, columns]
     held = [settings.names.index(name) for name in settings.held]
     soil[:, held] = settings.start[held]

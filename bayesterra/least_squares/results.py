@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray
-from bayesterra.models import LoadEffectSoil, Soil
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.models import Soil
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
@@ -81,12 +81,6 @@ def error_figure(measured: FloatArray, predicted: FloatArray) -> float:
     if not np.any(measured[read]):
         return float("nan")
     return float(100 * np.max(np.abs(measured - predicted)[read]) / np.max(np.abs(measured[read])))
-
-
-def soil_of(theta: FloatArray) -> Soil:
-    """Soil from parameters (9,), or (13,) with the load effect."""
-    kind = Soil if len(theta) == len(SOIL_PARAMETERS) else LoadEffectSoil
-    return kind(*(float(value) for value in theta))
 
 
 COLUMNS = ("method", "parameter", "unit", "value", "published", "credible_level")

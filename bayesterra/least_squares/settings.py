@@ -12,8 +12,8 @@ from bayesterra.errors import StudyError, check_number
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.models import Conditions
-from bayesterra.parameters import MODEL_PARAMETERS, MODULI, OFFSET, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.models import Conditions, LoadEffectSoil, Soil
+from bayesterra.parameters import LOAD_EFFECT, MODEL_PARAMETERS, MODULI, OFFSET, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import PAPER_BOX, Entry
@@ -38,25 +38,27 @@ class Settings:
 
     Attributes
     ----------
-    start, lower, upper : (9,), or (13,) with the load effect; see ``names``.
+    names : the k parameters of the model.
+    start, lower, upper : (k,).
     held : names of the parameters that stay at ``start``.
     delta : IM1 stops when c1 and c2 change by less from pass to pass.
     """
 
+    names: tuple[str, ...]
     start: FloatArray
     lower: FloatArray
     upper: FloatArray
     held: tuple[str, ...]
     delta: float = 0.002
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters, those of the study's model."""
-        return MODEL_PARAMETERS[: len(self.start)]
+    def soil(self, theta: FloatArray) -> Soil:
+        """The soil of parameters (k,)."""
+        kind = LoadEffectSoil if set(LOAD_EFFECT) <= set(self.names) else Soil
+        return kind(**dict(zip(self.names, theta.tolist(), strict=True)))
 
     def free(self, names: tuple[str, ...]) -> list[int]:
         """Columns of those of ``names`` that are not held."""
-        return [MODEL_PARAMETERS.index(name) for name in names if name not in self.held]
+        return [self.names.index(name) for name in names if name not in self.held]
 
     def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
         """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
@@ -65,7 +67,7 @@ class Settings:
         )
         margin = 1e-4 * np.where(np.isfinite(width), width, 0.0)
         at = (theta < self.lower + margin) | (theta > self.upper - margin)
-        return tuple(MODEL_PARAMETERS[i] for i in columns if at[i])
+        return tuple(self.names[i] for i in columns if at[i])
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
         if name not in hold:
             _check_range(name, low[name], start[name], high[name])
     first, lower, upper = (_ordered(table, SOIL_PARAMETERS) for table in (start, low, high))
-    return Settings(first, lower, upper, _in_order(hold), asked.delta or 0.0)
+    return Settings(SOIL_PARAMETERS, first, lower, upper, _in_order(hold), asked.delta or 0.0)
 
 
 def joint_settings(study: Study, overrides: Overrides) -> Settings:
@@ -166,7 +168,7 @@ def joint_settings(study: Study, overrides: Overrides) -> Settings:
     start |= inside
     low, high = hold | low, hold | high
     first, lower, upper = (_ordered(table, names) for table in (start | hold, low, high))
-    return Settings(first, lower, upper, _in_order(hold))
+    return Settings(names, first, lower, upper, _in_order(hold))
 
 
 def _stiffness(study: Study) -> tuple[float, float, float]:

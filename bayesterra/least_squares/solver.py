@@ -158,7 +158,7 @@ class Clip:
 
     Attributes
     ----------
-    theta : (m, 9 or 13) parameters with which each row is modelled.
+    theta : (m, k) parameters with which each row is modelled.
     angle : (m,) how far θm/θ1 lies above (> 0) or below (< 0) its limits.
     exponent : (m,) how far N lies below its limit, ≤ 0.
     """
@@ -196,7 +196,7 @@ def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:
 
 
 def excess_jacobian(clipped: Clip, slip: FloatArray) -> FloatArray:
-    """Derivatives (2 m, 9 or 13) of the excesses: those of the angle, then those of the exponent."""
+    """Derivatives (2 m, k) of the excesses: those of the angle, then those of the exponent."""
     width = clipped.theta.shape[1]
     out = np.zeros((2, len(slip), width))
     angle, exponent = (clipped.angle != 0).astype(float), (clipped.exponent != 0).astype(float)
@@ -220,13 +220,13 @@ class ClippedModel:
         """Outcomes (m, 3) for parameters (9,); NaN where no sinkage carries the load."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
-            outcomes: FloatArray = part(row).values[0]
+            outcomes: FloatArray = part.drive.answers(part.model)(row, part.conditions, part.given)[0][0]
             return outcomes
 
         return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (3,))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Exact derivatives (m, 3, 9 or 13) of the outcomes."""
+        """Exact derivatives (m, 3, k) of the outcomes."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
             step = part.drive.slopes(part.model)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward, soil_at
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
 
@@ -46,12 +45,12 @@ def reference_load(study: Study) -> float:
 
 
 def drive(study: Study, soil: FloatArray) -> Response:
-    """Drive the study's first wheel under its median load on soils (n, 9 or 12)."""
+    """Drive the study's first wheel under its median load on soils (n, 16)."""
     return drive_wheel(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
 
 
 def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Response:
-    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 9 or 12)."""
+    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 16)."""
     conditions = Conditions.of(wheel, SLIP_GRID)
     forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
     z, pull, moment = forward(soil, every_row=True).values.transpose(2, 0, 1)
@@ -68,18 +67,14 @@ def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Condit
     return pull * speed / np.where(moment > 0, moment, np.nan)
 
 
-def _column(name: str) -> Callable[[FloatArray], FloatArray]:
-    return lambda soil: soil[:, SOIL_PARAMETERS.index(name)]
-
-
 def bearing_pressure(soil: FloatArray) -> FloatArray:
-    """Bekker pressure K_s z^n0 at ``REFERENCE_SINKAGE`` and zero slip, Pa, eq. (5); soils (n, 9)."""
-    return _column("Ks")(soil) * REFERENCE_SINKAGE ** _column("n0")(soil)
+    """Bekker pressure K_s z^n0 at ``REFERENCE_SINKAGE`` and zero slip, Pa, eq. (5); soils (n, 16)."""
+    return soil[:, SoilColumns.Ks] * REFERENCE_SINKAGE ** soil[:, SoilColumns.n0]
 
 
 def shear_strength(soil: FloatArray) -> FloatArray:
-    """Strength c + σ tan φ at σ = ``REFERENCE_STRESS``, Pa; soils (n, 9). Eq. (9) at large displacement."""
-    return _column("c")(soil) + REFERENCE_STRESS * np.tan(_column("phi")(soil))
+    """Strength c + σ tan φ at σ = ``REFERENCE_STRESS``, Pa; soils (n, 16). Eq. (9) at large displacement."""
+    return np.asarray(soil[:, SoilColumns.c] + REFERENCE_STRESS * np.tan(soil[:, SoilColumns.phi]))
 
 
 def derive(study: Study, soil: FloatArray) -> dict[str, FloatArray]:
@@ -90,7 +85,7 @@ def derive(study: Study, soil: FloatArray) -> dict[str, FloatArray]:
 def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> dict[str, FloatArray]:
     """All quantities of ``DERIVED`` for ``wheel`` under ``load`` (N), each (n,), SI.
 
-    ``soil`` (n, 9 or 12) as every forward model takes it; NaN where the model has no answer.
+    ``soil`` (n, 16) as every forward model takes it; NaN where the model has no answer.
     """
     driven, soil = drive_wheel(model, wheel, load, soil), soil_at(soil, wheel.width)
     pull, pull_slip = greatest(driven.drawbar_pull)

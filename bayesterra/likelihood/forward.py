@@ -10,22 +10,11 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
-from bayesterra.parameters import (
-    LOAD_EFFECT,
-    MODEL_PARAMETERS,
-    MODULI,
-    OFFSET,
-    PRIOR_PARAMETERS,
-    SOIL_PARAMETERS,
-)
+from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
 
 Codes = NDArray[np.int8]
-_SOILS = len(SOIL_PARAMETERS)
-_WIDTHS = (_SOILS, len(MODEL_PARAMETERS))
-_EFFECTS = len(PRIOR_PARAMETERS) - len(LOAD_EFFECT)
-_KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
 
 @dataclass(frozen=True)
@@ -43,33 +32,29 @@ class Outcomes:
 
 
 def soil_at(soil: FloatArray, width: float) -> FloatArray:
-    """The model's parameters (n, 9) under a wheel of ``width`` (m): K_s = k_c/b + k_φ where these are used.
+    """Soil arrays (n, 16) with the K_s of a wheel of ``width`` (m): k_c/b + k_φ where these are used.
 
-    ``soil`` (n, 9 or 12) is an array of :meth:`bayesterra.study.priors.Prior.soil_values`; the four columns
-    more of a load effect are kept, (n, 13). A modulus that is not positive is NaN: nothing carries the wheel.
+    A modulus that is not positive is NaN: nothing carries the wheel.
     """
-    plain = _plain(soil)
     if not _has_moduli(soil):
-        return plain
-    modulus = soil[:, _KC] / width + soil[:, _KPHI]
-    return np.column_stack([np.where(modulus > 0, modulus, np.nan), plain[:, 1:]])
+        return soil
+    modulus, under = soil[:, SoilColumns.kc] / width + soil[:, SoilColumns.kphi], soil.copy()
+    under[:, SoilColumns.Ks] = np.where(modulus > 0, modulus, np.nan)
+    return under
 
 
 def _has_moduli(soil: FloatArray) -> bool:
-    return soil.shape[1] not in _WIDTHS and not bool(np.isnan(soil[:, _KC]).all())
-
-
-def _plain(soil: FloatArray) -> FloatArray:
-    """The model's parameters (n, 9 or 13) as they stand in a soil array."""
-    if soil.shape[1] in _WIDTHS:
-        return soil
-    plain, effects = soil[:, :_SOILS], soil[:, _EFFECTS:]
-    return np.column_stack([plain, effects]) if effects.shape[1] else plain
+    return not bool(np.isnan(soil[:, SoilColumns.kc]).all())
 
 
 def offset_of(soil: FloatArray) -> FloatArray:
-    """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, 9 or 12)."""
-    return np.zeros((len(soil), 1)) if soil.shape[1] in _WIDTHS else soil[:, _OFFSET : _OFFSET + 1]
+    """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, 16)."""
+    return soil[:, [SoilColumns.sinkage_offset]]
+
+
+def model_columns(soil: FloatArray, model: WheelSoilModel) -> FloatArray:
+    """Columns (n, k) of soil arrays (n, 16) that a model names."""
+    return np.take(soil, [SoilColumns[name] for name in model.parameters], axis=1)
 
 
 @dataclass(frozen=True)
@@ -108,7 +93,7 @@ class Forward:
         return self.drive.outcomes
 
     def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
-        """Model all rows for soil arrays (n, 9 or 12).
+        """Model all rows for soil arrays (n, 16).
 
         A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
         with ``every_row`` each row that has an answer gets it.
@@ -123,7 +108,7 @@ class Forward:
     def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
         """Answers of the model (n, m, 3), and its status (n, m)."""
         run = self.drive.answers(self.model)
-        groups = list(by_wheel(soil, self.conditions))
+        groups = list(self.by_wheel(soil))
         if len(groups) == 1:
             return run(groups[0][1], self.conditions, inputs, every_row=every_row)
         values = np.empty((len(soil), len(self.conditions.slip), 3))
@@ -140,19 +125,18 @@ class Forward:
         force = np.where(np.isnan(values[:, :, 0]), np.nan, self.given)
         return np.insert(values, 1, force, axis=2)
 
+    def by_wheel(self, soil: FloatArray) -> Iterator[tuple[BoolArray, FloatArray]]:
+        """Rows (m,) that share the parameters of the model, and these (n, k), for soil arrays (n, 16)."""
+        if not _has_moduli(soil):
+            yield np.ones(len(self.conditions.slip), dtype=np.bool_), model_columns(soil, self.model)
+            return
+        for width in np.unique(self.conditions.width):
+            yield self.conditions.width == width, model_columns(soil_at(soil, float(width)), self.model)
+
     def row(self, i: int) -> Forward:
         """The same model at row ``i`` only."""
         chosen = np.arange(len(self.conditions.slip)) == i
         return replace(self, conditions=take(self.conditions, chosen), given=self.given[..., chosen])
-
-
-def by_wheel(soil: FloatArray, conditions: Conditions) -> Iterator[tuple[BoolArray, FloatArray]]:
-    """Rows (m,) that share the model's parameters, and these (n, 9 or 13)."""
-    if not _has_moduli(soil):
-        yield np.ones(len(conditions.slip), dtype=np.bool_), _plain(soil)
-        return
-    for width in np.unique(conditions.width):
-        yield conditions.width == width, soil_at(soil, float(width))
 
 
 def take(conditions: Conditions, rows: BoolArray) -> Conditions:

@@ -21,7 +21,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood import load_integrand as pn
-from bayesterra.likelihood.forward import Outcomes, by_wheel, offset_of, take
+from bayesterra.likelihood.forward import Outcomes, offset_of, take
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, compiled, inlined
@@ -54,7 +54,7 @@ class LatentLoad(Likelihood):
         return self._rows(soil, noise_values, None)[:, :, :1]
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 9 or 12)."""
+        """Log likelihood (n,) of soil arrays (n, 16)."""
         return np.asarray(self.log_terms(soil, noise_values).sum(axis=(1, 2)))
 
     def loads(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
@@ -78,7 +78,7 @@ class LatentLoad(Likelihood):
         out = np.empty((*shape, 2))
         out[:, :, 1] = -1.0 if rng is None else rng.random(shape)
         data = self._data(soil, noise_values)
-        for rows, theta in by_wheel(soil, self.forward.conditions):
+        for rows, theta in self.forward.by_wheel(soil):
             part = np.ascontiguousarray(out[:, rows])
             codes = np.empty(part.shape[:2], dtype=np.int8)
             model, conditions = self.forward.model, take(self.forward.conditions, rows)

@@ -58,7 +58,7 @@ class Likelihood:
         return np.where((outcomes.status == 0)[:, None, None], terms, -np.inf)
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 9 or 12); −inf where the model has no answer."""
+        """Log likelihood (n,) of soil arrays (n, 16); −inf where the model has no answer."""
         return self.log_density(self.forward(soil), noise_values)
 
     def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from bayesterra.likelihood.forward import Forward, Outcomes, soil_at
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.models import Status
-from bayesterra.parameters import NOISE_PREFIX, SIZES
+from bayesterra.parameters import NOISE_PREFIX, SIZES, SoilColumns
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
@@ -156,10 +156,10 @@ class Posterior:
 
     def _physical(self, x: FloatArray) -> BoolArray:
         soil = self.prior.soil_values(x)
-        _, _, _, c, phi, K, *_ = soil.T
+        K, c, phi = soil[:, SoilColumns.K], soil[:, SoilColumns.c], soil[:, SoilColumns.phi]
         inside = (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
         for width in np.unique(self.likelihood.forward.conditions.width):
-            inside &= soil_at(soil, float(width))[:, 0] > 0
+            inside &= soil_at(soil, float(width))[:, SoilColumns.Ks] > 0
         return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
 
 

@@ -36,16 +36,14 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
-from bayesterra.likelihood.forward import Forward, by_wheel, offset_of, take
+from bayesterra.likelihood.forward import Forward, offset_of, take
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions
-from bayesterra.parameters import MODULI, OFFSET, PRIOR_PARAMETERS
+from bayesterra.parameters import SoilColumns
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Prior
-
-_KC, _KPHI, _OFFSET = (PRIOR_PARAMETERS.index(name) for name in (*MODULI, OFFSET))
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     parameters, shape = forward.model.parameters, (len(x), len(inputs), 3)
     values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
     by_load = np.zeros(shape)
-    for rows, theta in by_wheel(soil, forward.conditions):
+    for rows, theta in forward.by_wheel(soil):
         part = take(forward.conditions, rows)
         at = inputs[rows] - offset if forward.drive.by_sinkage else inputs[rows]
         values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
@@ -137,22 +135,22 @@ def _by_soil_and_given(
 
 
 def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:
-    """Derivative (9, d) of the model's parameters under a wheel of ``width`` by the free ones: a constant."""
+    """Derivative (k, d) of the model's parameters under a wheel of ``width`` by the free ones: a constant."""
     slopes = _column_slopes(prior)
     if prior.uses_moduli:
-        slopes[0] = slopes[_KC] / width + slopes[_KPHI]
-    return slopes[[prior.soil_columns.index(name) for name in parameters]]
+        slopes[SoilColumns.Ks] = slopes[SoilColumns.kc] / width + slopes[SoilColumns.kphi]
+    return slopes[[SoilColumns[name] for name in parameters]]
 
 
 def _offset_slopes(prior: Prior) -> FloatArray:
     """Derivative (d,) of the zero error of the sinkage by the free parameters."""
-    slopes = _column_slopes(prior)
-    return slopes[_OFFSET] if OFFSET in prior.soil_columns else np.zeros(len(prior.names))
+    return np.asarray(_column_slopes(prior)[SoilColumns.sinkage_offset])
 
 
 def _column_slopes(prior: Prior) -> FloatArray:
-    template, into, source = prior.soil_template
-    slopes = np.zeros((len(template), len(prior.names)))
+    """Derivative (16, d) of the columns of a soil array by the free parameters."""
+    _, into, source = prior.soil_template
+    slopes = np.zeros((len(SoilColumns), len(prior.names)))
     slopes[into, source] = 1.0
     return slopes
 

@@ -50,7 +50,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.forward import soil_at
+from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Status, Wheel, WheelSoilModel
 from bayesterra.prediction.rover import Rover
 
@@ -108,7 +108,7 @@ class Ground(Protocol):
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soils, as every forward model takes them or as the model's own parameters, through a model."""
+    """Soils, as soil arrays (n, 16), through a model."""
 
     model: WheelSoilModel
     rover: Rover
@@ -116,10 +116,10 @@ class SoftGround:
 
     @cached_property
     def _parameters(self) -> tuple[FloatArray, ...]:
-        """The model's parameters (n, 9 or 13) under the wheels of each axle."""
-        if self.soil.shape[1] == len(self.model.parameters):
-            return (self.soil, self.soil)
-        return tuple(soil_at(self.soil, wheel.width) for wheel in self.rover.wheels)
+        """The model's parameters (n, k) under the wheels of each axle."""
+        return tuple(
+            model_columns(soil_at(self.soil, wheel.width), self.model) for wheel in self.rover.wheels
+        )
 
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray

@@ -16,12 +16,12 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
 from bayesterra.parameters import (
     LOAD_EFFECT,
-    MODEL_PARAMETERS,
     MODULI,
-    OFFSET,
     PARAMETERS,
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
+    SoilColumns,
+    soil_array,
 )
 from bayesterra.stats.laws import Law
 
@@ -198,50 +198,29 @@ class Prior:
         return tuple(self.laws)
 
     @cached_property
-    def soil_columns(self) -> tuple[str, ...]:
-        """Columns of soil arrays: the parameters of the model, or these with k_c, k_φ and the offset."""
-        model_columns = MODEL_PARAMETERS if self.uses_load_effect else SOIL_PARAMETERS
-        extended = self.uses_moduli or OFFSET in self.entries
-        return tuple(n for n in PRIOR_PARAMETERS if (extended and n not in LOAD_EFFECT) or n in model_columns)
-
-    @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
-        """Fixed soil values (k,), and which soil columns are filled from which columns of x."""
-        template = np.array([{OFFSET: 0.0, **self.fixed}.get(name, np.nan) for name in self.soil_columns])
-        roots = {name: self.root(name) for name in self.soil_columns if name in self.entries}
-        free = [name for name, root in roots.items() if root in self.laws]
-        return (
-            template,
-            [self.soil_columns.index(name) for name in free],
-            [self.names.index(roots[name]) for name in free],
-        )
+        """A soil array (1, 16) of what is fixed, and which of its columns are filled from which of x."""
+        roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
+        free = {name: self.names.index(root) for name, root in roots.items() if root in self.laws}
+        return soil_array(self.fixed), [SoilColumns[name] for name in free], list(free.values())
 
     def soil_values(self, x: FloatArray) -> FloatArray:
-        """Soil array of free parameter sets ``x`` (n, d), which every forward model takes.
-
-        Shape (n, 9), columns ``SOIL_PARAMETERS``; or (n, 12) with k_c, k_φ (NaN where K_s itself has a prior)
-        and the sinkage offset behind them, where one of these belongs to it. K_s is that of ``width``. The
-        load effect, where there is one, has the last four columns more, (n, 13) or (n, 16).
-        """
+        """Soil array (n, 16) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
         template, into, source = self.soil_template
-        soil = np.repeat(template[None, :], len(x), axis=0)
+        soil = np.repeat(template, len(x), axis=0)
         soil[:, into] = x[:, source]
         return self._with_modulus(soil)
 
     def soil_of(self, values: Mapping[str, float]) -> FloatArray:
-        """Soil array (1, 9 or 12) of values by name, which override what is fixed and free alike."""
-        roots = {name: self.root(name) for name in self.soil_columns if name in self.entries}
+        """Soil array (1, 16) of values by name, which override what is fixed and free alike."""
+        roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
         overrides = {name: values.get(name, values.get(root)) for name, root in roots.items()}
-        row = {
-            OFFSET: 0.0,
-            **self.fixed,
-            **{name: value for name, value in overrides.items() if value is not None},
-        }
-        return self._with_modulus(np.array([[row.get(name, np.nan) for name in self.soil_columns]]))
+        stated = {name: value for name, value in overrides.items() if value is not None}
+        return self._with_modulus(soil_array({**self.fixed, **stated}))
 
     def _with_modulus(self, soil: FloatArray) -> FloatArray:
         if self.uses_moduli:
-            soil[:, 0] = soil[:, len(SOIL_PARAMETERS)] / self.width + soil[:, len(SOIL_PARAMETERS) + 1]
+            soil[:, SoilColumns.Ks] = soil[:, SoilColumns.kc] / self.width + soil[:, SoilColumns.kphi]
         return soil
 
     @cached_property

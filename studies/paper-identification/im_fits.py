@@ -23,6 +23,7 @@ from paper_data import (
 
 import bayesterra as bt
 from bayesterra.least_squares.results import Fit
+from bayesterra.parameters import soil_array
 
 METHODS = ("IM1", "IM2", "IM3")
 DELTAS = (0.002, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -141,7 +142,7 @@ def predictions(wheels: tuple[str, ...] = tuple(SOILS)) -> pd.DataFrame:
         given = study_of(wheel, hold=True, model="M2")
         soil = bt.fit(given, ("IM2",))["IM2"].soil
         density = bt.posterior(given)
-        values = density.likelihood.forward(soil.as_array()[None, :]).values[0]
+        values = density.likelihood.forward(soil_array(vars(soil))).values[0]
         measured = density.likelihood.measured
         errors = 100 * np.abs(values - measured).max(axis=0) / np.abs(measured).max(axis=0)
         rows.append({"data": wheel, **dict(zip(OUTCOMES, errors, strict=True))})

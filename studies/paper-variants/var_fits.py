@@ -12,6 +12,7 @@ from paper_data import OUTCOMES, SOILS, field_values, hit_readings, readings, st
 
 import bayesterra as bt
 from bayesterra.least_squares.results import Fit
+from bayesterra.parameters import soil_array
 
 HERE = Path(__file__).parent
 HIT = "HIT"
@@ -136,6 +137,6 @@ PRIORS: Mapping[str, Any] = {
 def _chi2(given: bt.Study, fit: Fit) -> float:
     """Sum of squared residuals in standard deviations, load-driven."""
     likelihood = bt.posterior(given).likelihood
-    predicted = likelihood.predicted(likelihood.forward(fit.soil.as_array()[None, :]))
+    predicted = likelihood.predicted(likelihood.forward(soil_array(vars(fit.soil))))
     scales = likelihood.scales(predicted, np.empty((1, 0)))
     return float(np.nansum(((predicted - likelihood.measured) / scales) ** 2))

@@ -11,6 +11,7 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, Wheel
+from bayesterra.parameters import MODEL_PARAMETERS, soil_array
 from bayesterra.prediction.outlook import DEGREE
 from bayesterra.prediction.rover import Rover, read_rover
 from bayesterra.prediction.statics import (
@@ -71,10 +72,9 @@ def printed_soil(row: str) -> FloatArray:
 
 
 def ground(rover: Rover, model: str, soil: FloatArray) -> SoftGround:
-    """The soil through (42), or through M2, which leaves its last four columns out."""
-    if model == "M2L":
-        return SoftGround(M2L(mean_load=rover.mean_load), rover, soil)
-    return SoftGround(M2(), rover, soil[:, :9])
+    """The soil through (42), or through M2, which leaves its last four parameters out."""
+    soils = soil_array(dict(zip(MODEL_PARAMETERS, soil.T, strict=True)))
+    return SoftGround(M2L(mean_load=rover.mean_load) if model == "M2L" else M2(), rover, soils)
 
 
 def drive(rover: Rover, model: str, row: str, soil: FloatArray | None = None) -> Drive:

@@ -7,7 +7,7 @@ from bayesterra.analysis.run import RunResult
 from bayesterra.likelihood.derived import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Conditions, Soil, Wheel
-from bayesterra.parameters import DERIVED
+from bayesterra.parameters import DERIVED, soil_array
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 SOIL = Soil(Ks=2.5e6, n0=0.76, n1=1.30, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3)
@@ -58,8 +58,7 @@ def test_greatest_at_the_ends_and_without_answers() -> None:
 
 def test_bearing_pressure_knows_the_width() -> None:
     """With k_c and k_φ in place of K_s, the narrower wheel meets the stiffer soil."""
-    nine = SOIL.as_array()[None]
-    extended = np.concatenate([np.full((1, 1), np.nan), nine[:, 1:], [[15.6e3, 1.2e6, 0.0]]], axis=1)
+    extended = soil_array({**vars(SOIL), "Ks": np.nan, "kc": 15.6e3, "kphi": 1.2e6})
     for width in (0.165, 0.05):
         wheel = Wheel(0.15735, width, 0.010, 30, 0.65)
         found = derive_for(M1(), wheel, 80.0, extended)["bearing_pressure"][0]

@@ -11,7 +11,7 @@ import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis.run import RunResult
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.forward import soil_at
+from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Wheel
 from bayesterra.prediction.outlook import RoverSheet
 from bayesterra.prediction.page import rover_outlook
@@ -52,7 +52,7 @@ def test_every_draw_drives_on_its_own_soil(wide: RunResult, sheet: RoverSheet) -
     draw = wide.values().reshape(wide.draws["posterior"].sizes["chain"], -1, len(wide.names))[chain, number]
     study = wide.study
     wheel = study.wheels["Wh32"]
-    theta = soil_at(study.prior.soil_values(draw[None]), wheel.width)
+    theta = model_columns(soil_at(study.prior.soil_values(draw[None]), wheel.width), study.model)
     held = states.outcome[7] == Outcome.HELD
     assert held.sum() > 2
     for axle in (0, 1):

@@ -18,6 +18,7 @@ from bayesterra.least_squares.settings import Overrides, joint_settings
 from bayesterra.least_squares.solver import MARGIN, ClippedModel, clip
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Soil
+from bayesterra.parameters import soil_array
 from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
@@ -80,7 +81,7 @@ def test_estimated_noise_weighs_at_the_residuals_spread(
     found = fit(study, ("joint",))["joint"]
     assert found.passes == 4
     assert found.noise["sinkage"] == 5e-4
-    pull = posterior(study).likelihood.forward(found.soil.as_array()[None]).values[0, :, 1]
+    pull = posterior(study).likelihood.forward(soil_array(vars(found.soil))).values[0, :, 1]
     rms = np.sqrt(np.mean((pull - data["drawbar_pull [N]"]) ** 2) * 72 / (72 - 7))
     assert found.noise["drawbar_pull"] == pytest.approx(rms, rel=0.01)
     assert found.noise["drawbar_pull"] == pytest.approx(0.7, rel=0.3)

@@ -13,10 +13,11 @@ from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import in_a_sentence
 from bayesterra.identifiability.structure import structure
 from bayesterra.identifiability.verdicts import group_columns
+from bayesterra.likelihood.forward import model_columns
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import sensitivities
-from bayesterra.models import M2, M2L, LoadEffectSoil
-from bayesterra.parameters import LOAD_EFFECT, MODEL_PARAMETERS
+from bayesterra.models import M2L, LoadEffectSoil
+from bayesterra.parameters import LOAD_EFFECT, MODEL_PARAMETERS, PRIOR_PARAMETERS, soil_array
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study, load_study
@@ -221,7 +222,8 @@ def test_the_load_effect_is_a_group() -> None:
 
 
 def test_other_models_have_nine_parameters_still() -> None:
-    """The columns of a posterior of M2 are what they were."""
+    """The columns of a posterior of M2 are what they were, and it takes nine of a soil array."""
     study = make(model="M2", model_options={})
-    assert study.prior.soil_columns == M2.parameters
+    soil = soil_array({name: float(i) for i, name in enumerate(PRIOR_PARAMETERS)})
+    assert model_columns(soil, study.model).tolist() == [[float(i) for i in range(9)]]
     assert posterior(study).names == ("Ks", "n0", "n1", "c", "phi", "K", "c1", "c2")

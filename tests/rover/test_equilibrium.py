@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.models import M1, M2, M2L, Conditions, Wheel
+from bayesterra.models import M1, M2, M2L, Conditions, Wheel, WheelSoilModel
+from bayesterra.parameters import soil_array
 from bayesterra.prediction.rover import Rover
 from bayesterra.prediction.statics import (
     SLIPS,
@@ -38,6 +39,11 @@ def rover(ahead: float = 0.4, *, height: float = HEIGHT, speed: float = 1.0, fro
         wheels=(front, WHEEL),
         front_to_rear_speed=speed,
     )
+
+
+def soft(model: WheelSoilModel, machine: Rover, theta: FloatArray) -> SoftGround:
+    """Soils (n, k) of the model's own parameters under a rover."""
+    return SoftGround(model, machine, soil_array(dict(zip(model.parameters, theta.T, strict=True))))
 
 
 @dataclass(frozen=True)
@@ -163,7 +169,7 @@ def residuals(machine: Rover, state: State) -> FloatArray:
 def test_forces_and_moments_balance(model: M1 | M2, machine: Rover) -> None:
     """Sums over all forces on the rover vanish to 1e-8 of its weight, wherever a state is reported."""
     theta = soils()
-    ground = SoftGround(model, machine, theta)
+    ground = soft(model, machine, theta)
     found = states_at(
         machine, ground, sweep(machine, ground, len(theta), "slope", 10.0), np.radians([0, 4, 8, 12])
     )
@@ -175,7 +181,7 @@ def test_forces_and_moments_balance(model: M1 | M2, machine: Rover) -> None:
 def test_the_states_are_those_of_the_model() -> None:
     """Sinkage, pull and moment are the model's at each wheel's own slip and load; slips at one speed v."""
     machine, theta = rover(0.3, speed=1.1), soils(5)
-    ground = SoftGround(M2(), machine, theta)
+    ground = soft(M2(), machine, theta)
     found = states_at(machine, ground, sweep(machine, ground, 5, "slope"), np.radians([10.0]))
     front, rear = found.slip[:, 0].T
     np.testing.assert_allclose((1 - front) * 1.1, 1 - rear, rtol=1e-12)
@@ -189,7 +195,7 @@ def test_the_states_are_those_of_the_model() -> None:
 def test_the_load_effect_takes_the_mean_load_on_the_slope() -> None:
     """M2L answers with W̄ = G cos α / 4, whatever mean load its study had."""
     effects = np.column_stack([soils(3), np.tile([-0.3, 0.6, -0.4, 0.3], (3, 1))])
-    ground = SoftGround(M2L(mean_load=1.0), rover(), effects)
+    ground = soft(M2L(mean_load=1.0), rover(), effects)
     slope = np.radians(10.0)
     found = states_at(rover(), ground, sweep(rover(), ground, 3, "slope"), np.array([slope]))
     assert (found.outcome == Outcome.HELD).all()
@@ -201,7 +207,7 @@ def test_the_load_effect_takes_the_mean_load_on_the_slope() -> None:
 def test_more_tow_needs_more_slip_until_none_holds() -> None:
     """Slip and rear load rise with the tow force; what fails once fails against more."""
     theta = soils()
-    ground = SoftGround(M1(), rover(), theta)
+    ground = soft(M1(), rover(), theta)
     found = states_at(rover(), ground, sweep(rover(), ground, len(theta), "tow"), np.linspace(5, 140, 28))
     held = np.isin(found.outcome, (Outcome.HELD, Outcome.BRAKES))
     steps = np.diff(found.slip[:, :, 0], axis=1)[held[:, 1:]]
@@ -217,7 +223,7 @@ def test_draws_do_not_know_of_each_other() -> None:
     """The same soils in another order give the same states, to the last bit."""
     theta, order = soils(12), np.random.default_rng(2).permutation(12)
     slopes = np.radians([3, 11, 16])
-    one, other = (SoftGround(M1(), rover(), values) for values in (theta, theta[order]))
+    one, other = (soft(M1(), rover(), values) for values in (theta, theta[order]))
     first = states_at(rover(), one, sweep(rover(), one, 12, "slope"), slopes)
     second = states_at(rover(), other, sweep(rover(), other, 12, "slope"), slopes)
     for field in fields(State):
@@ -243,7 +249,7 @@ def test_a_soil_without_an_answer_at_high_slip_still_climbs_at_low_slip() -> Non
     """θm leaves the arc at some slip: below it slopes are held, above it the model is silent."""
     theta = soils(1)
     theta[0, 6:8] = 0.5, -2.0
-    ground = SoftGround(M1(), rover(), theta)
+    ground = soft(M1(), rover(), theta)
     found = sweep(rover(), ground, 1, "slope")
     assert 0.2 < SLIPS[found.runs[0]].max() < 0.25
     states = states_at(rover(), ground, found, np.radians([5.0, 30.0]))

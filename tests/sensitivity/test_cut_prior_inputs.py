@@ -18,6 +18,7 @@ from sensitivity.problems import columns_of, draw_base
 from sensitivity.shapley import shapley
 from sensitivity.sobol import Sobol, sobol
 
+from bayesterra.likelihood.forward import model_columns
 from bayesterra.likelihood.posterior import INSIDE, Posterior, draw_cut_prior, posterior
 from bayesterra.models import Soil, Wheel
 from bayesterra.stats.laws import Law
@@ -181,7 +182,7 @@ def test_other_conditions(study: Posterior) -> None:
     problem = study_problem(study, single_inputs(study), heavy)
     base = draw_base(problem, 100, np.random.default_rng(1))
     x = base.x[0]
-    soil = Soil(*study.prior.soil_values(base.x)[0])
+    soil = Soil(*model_columns(study.prior.soil_values(base.x), study.likelihood.forward.model)[0])
     depth = study.likelihood.forward.model.sinkage(soil, WHEELS["Wh32"], 0.5, 800.0)
     assert base.values[0, 0] == pytest.approx(1e3 * float(depth))
     assert problem.outputs["load [N]"].eq(800.0).all()

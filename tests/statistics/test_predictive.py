@@ -10,7 +10,7 @@ from bayesterra.checking.predictive import curve_forward, predict_curves, predic
 from bayesterra.likelihood.derived import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
-from bayesterra.parameters import DERIVED, SOIL_PARAMETERS
+from bayesterra.parameters import DERIVED, soil_array
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
 
@@ -124,9 +124,8 @@ def test_a_wheel_out_of_use_has_curves_too(
 
 
 def soils(truth: Mapping[str, float], **changes: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """One soil (1, 9)."""
-    values = {**truth, "c3": 0.0, **changes}
-    return np.array([[values[name] for name in SOIL_PARAMETERS]])
+    """One soil (1, 16)."""
+    return soil_array({**truth, "c3": 0.0, **changes})
 
 
 def test_derived_quantities_by_hand(make_study: MakeStudy, truth: Mapping[str, float], wheel: Wheel) -> None:

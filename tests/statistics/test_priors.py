@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from bayesterra.errors import StudyError
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
 from bayesterra.sampling.coordinates import NormalScore
 from bayesterra.stats.laws import SLOW, Law
 from bayesterra.study.priors import PAPER_BOX, Prior
@@ -183,7 +183,13 @@ def test_soil_values_put_free_and_fixed_in_place(prior: Prior) -> None:
     """Free columns and fixed values land on their own soil parameters."""
     x = np.array([[1e6, 2.0, 0.5, 0.3]])
     expected = {"Ks": 1e6, "c": 2.0, "phi": 0.5}
-    assert prior.soil_values(x).tolist() == [[expected.get(name, 0.25) for name in SOIL_PARAMETERS]]
+    soil = prior.soil_values(x)[0]
+    assert [soil[SoilColumns[name]] for name in SOIL_PARAMETERS] == [
+        expected.get(n, 0.25) for n in SOIL_PARAMETERS
+    ]
+    others = {column.name: soil[column] for column in SoilColumns if column.name not in SOIL_PARAMETERS}
+    assert others.pop("sinkage_offset") == 0.0
+    assert np.isnan(list(others.values())).all()
 
 
 def test_prior_draws_are_independent_draws_of_the_laws(prior: Prior) -> None:

@@ -17,7 +17,7 @@ from bayesterra.least_squares.fit import fit
 from bayesterra.likelihood.forward import soil_at
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
-from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.parameters import PRIOR_PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
 from bayesterra.study.priors import Prior, Tie
@@ -50,7 +50,7 @@ def test_ties_lead_through_others_and_to_fixed_values() -> None:
     assert prior.root("c3") == "c1"
     assert prior.fixed == {"n0": 0.3, "n1": 0.3}
     x = prior.sample(5, np.random.default_rng(1))
-    soil = dict(zip(SOIL_PARAMETERS, prior.soil_values(x).T, strict=True))
+    soil = dict(zip(PRIOR_PARAMETERS, prior.soil_values(x).T, strict=True))
     np.testing.assert_array_equal(soil["c3"], soil["c1"])
     np.testing.assert_array_equal(soil["n0"], 0.3)
 

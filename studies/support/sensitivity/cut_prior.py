@@ -21,7 +21,7 @@ from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.posterior import INSIDE, Posterior
 from bayesterra.models import Conditions
-from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
+from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES, SoilColumns
 from bayesterra.study.drive import Drive
 from sensitivity.groups import Setting
 from sensitivity.problems import Problem
@@ -60,7 +60,7 @@ def _rules(posterior: Posterior, x: FloatArray) -> dict[str, tuple[tuple[str, ..
     """Rules for few parameters, those they join, and which sets (n,) break them in some row."""
     soil, forward = posterior.prior.soil_values(x), posterior.likelihood.forward
     slip = forward.conditions.slip
-    _, n0, n1, *_, c1, c2, c3 = (column[:, None] for column in soil[:, :9].T)
+    n0, n1, c1, c2, c3 = (soil[:, [SoilColumns[name]]] for name in ("n0", "n1", "c1", "c2", "c3"))
     ratio = c1 + c2 * slip
     rules: dict[str, tuple[tuple[str, ...], BoolArray]] = {
         "θ2 < θm < θ1": (("c1", "c2", "c3"), ~((ratio > c3) & (ratio < 1) & (c3 >= -1)).all(axis=1)),
@@ -70,7 +70,7 @@ def _rules(posterior: Posterior, x: FloatArray) -> dict[str, tuple[tuple[str, ..
         ),
     }
     if posterior.prior.uses_moduli:
-        kc, kphi = (soil[:, [posterior.prior.soil_columns.index(name)]] for name in MODULI)
+        kc, kphi = (soil[:, [SoilColumns[name]]] for name in MODULI)
         modulus = kc / forward.conditions.width + kphi
         rules["k_c/b + k_φ > 0"] = (MODULI, np.asarray(~(modulus > 0).all(axis=1)))
     return rules
