@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayesterra.models.checks import FloatArray, as_floats, plain, require
 from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.contact import Contact
-from bayesterra.models.forces import Components, Forces
+from bayesterra.models.forces import SINKAGE, Components, Forces
 from bayesterra.models.geometry import SHEAR_STARTS, Floats, exponent, shear_start_radius
 from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
 from bayesterra.models.wheel import Wheel
@@ -98,7 +98,7 @@ class WheelSoilModel(ABC):
             pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True)
         )
         pairs.check(status)
-        return plain(values[:, 0, 0].reshape(pairs.shape))
+        return plain(values[:, 0, SINKAGE].reshape(pairs.shape))
 
     def stresses(
         self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats

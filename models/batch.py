@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesterra.models.checks import FloatArray
+from bayesterra.models.forces import SINKAGE
 from bayesterra.models.kernels import drivers
 
 Codes = NDArray[np.int8]
@@ -58,7 +59,7 @@ def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan
 
 def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:
     """d(z, F_DP, M_DR)/d theta (n, m, 3, 9 or 13), by implicit derivatives of F_N(z, theta) = W."""
-    at_root = jacobian(theta, rows, response(theta, rows, load, plan)[0][..., 0], plan)
+    at_root = jacobian(theta, rows, response(theta, rows, load, plan)[0][..., SINKAGE], plan)
     by_theta, by_sinkage = at_root[..., :-1], at_root[..., -1:]
     sinkage = -by_theta[..., :1, :] / by_sinkage[..., :1, :]
     return np.concatenate([sinkage, by_theta[..., 1:, :] + by_sinkage[..., 1:, :] * sinkage], axis=-2)

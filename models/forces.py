@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 from bayesterra.models.geometry import Floats
 
+SINKAGE = NORMAL_FORCE = 0
+DRAWBAR_PULL, RESISTANCE_MOMENT = 1, 2
+"""Places along the last axis of what the batch interface answers; first the sinkage, or F_N at a sinkage."""
+
 
 @dataclass(frozen=True)
 class Forces:

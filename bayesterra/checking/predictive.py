@@ -145,19 +145,18 @@ def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, r
     outcomes = forward(soil, every_row=True)
     curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)
     fresh = whole.fresh(forward, soil, values, rng)
-    readings = np.full(outcomes.values.shape, np.nan)
+    readings = replace(outcomes, values=np.full(outcomes.values.shape, np.nan))
     noises = [noise for noise in whole.noise if noise.channel in forward.outcomes]
-    places = [
-        (forward.outcomes.index(noise.channel), whole.channels.index(noise.channel)) for noise in noises
-    ]
-    for to, column in places:
-        outcomes.values[:, :, to] += curve[:, :, column]
+    columns = {noise.channel: whole.channels.index(noise.channel) for noise in noises}
+    for name, column in columns.items():
+        outcomes.add(name, curve[:, :, column])
     blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
     likelihood = Likelihood(forward, blank, noises)
     drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
-    for i, (to, column) in enumerate(places):
-        readings[:, :, to] = drawn[:, :, i] + fresh[:, :, column]
-    return Curves(wheel, forward.conditions.slip, forward.outcomes, outcomes.values, readings, forward.given)
+    for i, (name, column) in enumerate(columns.items()):
+        readings[name][...] = drawn[:, :, i] + fresh[:, :, column]
+    slip, given = forward.conditions.slip, forward.given
+    return Curves(wheel, slip, outcomes.names, outcomes.values, readings.values, given)
 
 
 def curve_forward(study: Study, wheel: str) -> Forward:

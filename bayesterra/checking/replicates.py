@@ -102,7 +102,7 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
     forward = posterior.likelihood.forward
     if not forward.drive.latent_load:
         return None
-    loads = outcomes.values[:, :, forward.outcomes.index("normal_force")]
+    loads = outcomes["normal_force"]
     moved = replace(forward, given=loads * (1 + LOAD_STEP))(posterior.prior.soil_values(x))
     difference = posterior.likelihood.predicted(moved) - posterior.likelihood.predicted(outcomes)
     return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
@@ -164,7 +164,7 @@ class _Pool:
         sets = near.propose(mixture, n, rng)
         outcomes = near.posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)
-        sets, outcomes = sets.take(kept), Outcomes(outcomes.values[kept], outcomes.status[kept])
+        sets, outcomes = sets.take(kept), outcomes.take(kept)
         return cls(sets, Modelled.of(near.posterior, sets.x, outcomes), outcomes)
 
     def weights(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
@@ -199,8 +199,7 @@ def replicates(
     rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)
     chosen = systematic(pool.weights(likelihood, likelihood.measured), options.number, rng)
-    outcomes = Outcomes(pool.outcomes.values[chosen], pool.outcomes.status[chosen])
-    tables = likelihood.draw(outcomes, posterior.noise_values(pool.sets.x[chosen]), rng)
+    tables = likelihood.draw(pool.outcomes.take(chosen), posterior.noise_values(pool.sets.x[chosen]), rng)
     tables[:, np.isnan(likelihood.measured)] = np.nan
 
     def judged(table: FloatArray, stream: SeedSequence) -> T:

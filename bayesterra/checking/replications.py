@@ -134,8 +134,8 @@ def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
         plain = soil_at(soil, float(forward.conditions.width[0]))
         derived: tuple[Callable[[FloatArray], FloatArray], ...] = (bearing_pressure, shear_strength)
         return {name: function(plain) for name, function in zip(names, derived, strict=True)}
-    values = forward(soil).values[:, int(np.argmax(forward.conditions.slip))]
-    return {name: values[:, forward.outcomes.index(name.removesuffix(AT_SLIP))] for name in names}
+    outcomes, row = forward(soil), int(np.argmax(forward.conditions.slip))
+    return {name: outcomes[name.removesuffix(AT_SLIP)][:, row] for name in names}
 
 
 _BATCH, _ATTEMPTS = 128, 2000

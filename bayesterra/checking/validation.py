@@ -24,7 +24,7 @@ from bayesterra.checking.predictive_checks import (
     predictive_checks,
     prior_checks,
 )
-from bayesterra.likelihood.forward import model_columns
+from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.parameters import MODEL_PARAMETERS, SIZES, soil_array
 from bayesterra.report.failures import Failures
@@ -150,13 +150,13 @@ def complete_soils(result: Result) -> dict[str, FloatArray]:
     return {n: soil for n, soil in soils.items() if np.isfinite(model_columns(soil, study.model)).all()}
 
 
-def method_curves(result: Result, wheel: str) -> dict[str, FloatArray]:
-    """Modelled outcomes (g, outcomes) of the least-squares estimates on the slip grid of the result's curves.
+def method_curves(result: Result, wheel: str) -> dict[str, Outcomes]:
+    """Modelled outcomes (1, g) of the least-squares estimates on the slip grid of the result's curves.
 
     All are run by the study's own model and drive; NaN where an estimate has no answer.
     """
     forward = curve_forward(result.study, wheel)
-    return {name: forward(soil, every_row=True).values[0] for name, soil in complete_soils(result).items()}
+    return {name: forward(soil, every_row=True) for name, soil in complete_soils(result).items()}
 
 
 def method_residuals(result: Result) -> dict[str, FloatArray]:

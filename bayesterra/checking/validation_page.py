@@ -233,12 +233,10 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
     for low, high, alpha in ((0, 4, 0.18), (1, 3, 0.32)):
         ax.fill_between(slip, bands[low], bands[high], color=POSTERIOR, alpha=alpha, linewidth=0)
     ax.plot(slip, bands[2], color=POSTERIOR)
-    at = result.draws["curves"]["outcome"].to_numpy().tolist().index(channel)
-    for method, values in validation.method_curves(result, wheel).items():
+    for method, outcomes in validation.method_curves(result, wheel).items():
         mark = MARKS[method]
-        ax.plot(
-            slip, field_values(channel, values[:, at]), color=mark.colour, dashes=mark.dashes, linewidth=1.2
-        )
+        values = field_values(channel, outcomes[channel][0])
+        ax.plot(slip, values, color=mark.colour, dashes=mark.dashes, linewidth=1.2)
     shown = _readings(ax, result, channel, wheel)
     _limit(ax, np.concatenate([bands[[0, 4]].ravel(), shown]))
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(CHANNELS[channel]))

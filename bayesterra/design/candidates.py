@@ -275,24 +275,24 @@ def _row(situation: Situation, row: Candidate) -> Reading:
     soil = situation.study.prior.soil_values(situation.draws)
     if situation.study.drive.latent_load:
         return _with_latent_load(situation, row, soil)
-    values = _modelled(situation.study, row, soil, row.load)
-    mean, scale = _read(situation, row, row.noise, values)
+    outcomes = _modelled(situation.study, row, soil, row.load)
+    mean, scale = _read(situation, row, row.noise, outcomes)
     return Reading(mean, _diagonal(1 / scale), row.noise)
 
 
-def _modelled(study: Study, row: Candidate, soil: FloatArray, load: FloatArray) -> FloatArray:
-    """Outcomes (n, 1, k) of the drive, as they are read but for noise."""
+def _modelled(study: Study, row: Candidate, soil: FloatArray, load: FloatArray) -> Outcomes:
+    """Outcomes (n, 1) of the drive, as they are read but for noise."""
     conditions = Conditions.of(row.wheels, row.slip)
     conditioned = load
     if study.drive.by_sinkage:
-        carried = Forward(study.model, Drive.LOAD, conditions, load)(soil).values[:, :, 0]
+        carried = Forward(study.model, Drive.LOAD, conditions, load)(soil)["sinkage"]
         conditioned = np.nanmedian(carried + offset_of(soil), axis=0) if np.isfinite(carried).any() else load
     outcomes = Forward(study.model, study.drive, conditions, frozen(conditioned), as_read=True)(soil)
-    return np.where(outcomes.status[:, None, None] == 0, outcomes.values, np.nan)
+    return replace(outcomes, values=np.where(outcomes.status[:, None, None] == 0, outcomes.values, np.nan))
 
 
 def _read(
-    situation: Situation, row: Candidate, noise: tuple[Noise, ...], values: FloatArray
+    situation: Situation, row: Candidate, noise: tuple[Noise, ...], outcomes: Outcomes
 ) -> tuple[FloatArray, FloatArray]:
     """Means and standard deviations (n, k) of some channels."""
     study, channels = situation.study, tuple(sensor.channel for sensor in noise)
@@ -300,7 +300,7 @@ def _read(
     conditions = Conditions.of(row.wheels, row.slip)
     likelihood = Likelihood(Forward(study.model, study.drive, conditions, row.load), blank, noise)
     estimated = situation.posterior.noise_values(situation.draws, channels)
-    mean = likelihood.predicted(Outcomes(values, np.zeros(len(values), dtype=np.int64)))
+    mean = likelihood.predicted(outcomes)
     return mean[:, 0], likelihood.scales(mean, estimated)[:, 0]
 
 
@@ -314,8 +314,8 @@ def _with_latent_load(situation: Situation, row: Candidate, soil: FloatArray) ->
     at = _modelled(situation.study, row, soil, row.load)
     mean, scale = _read(situation, row, others, at)
     up, down = (_modelled(situation.study, row, soil, row.load * (1 + step)) for step in (STEP, -STEP))
-    rise = (up - down) / (2 * STEP * row.load)
-    slope = _read(situation, row, others, rise)[0]
+    rise = (up.values - down.values) / (2 * STEP * row.load)
+    slope = _read(situation, row, others, replace(at, values=rise))[0]
     spread = _load_sd(situation, row, at)
     covariance = _diagonal(scale**2) + (slope * spread)[:, :, None] * (slope * spread)[:, None, :]
     answered: BoolArray = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
@@ -324,10 +324,10 @@ def _with_latent_load(situation: Situation, row: Candidate, soil: FloatArray) ->
     return Reading(np.where(answered[:, None], mean, np.nan), whitening, others)
 
 
-def _load_sd(situation: Situation, row: Candidate, at: FloatArray) -> FloatArray:
+def _load_sd(situation: Situation, row: Candidate, at: Outcomes) -> FloatArray:
     """Standard deviation (n, 1) of the load, from its range and, where it is read, the normal force."""
     low, high = situation.study.load_range or (0.0, np.inf)
-    weight = np.full((len(at), 1), 12 / (high - low) ** 2)
+    weight = np.full((len(at.status), 1), 12 / (high - low) ** 2)
     force = tuple(noise for noise in row.noise if noise.channel == NORMAL_FORCE)
     if force:
         weight = weight + 1 / _read(situation, row, force, at)[1] ** 2

@@ -11,7 +11,7 @@ likelihood, of all that is drawn in draws.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -42,16 +42,18 @@ TYPICAL = 200
 """Draws at which errors of slip are looked at."""
 
 
-def slip_slopes(forward: Forward, soil: FloatArray, values: FloatArray | None = None) -> FloatArray:
-    """Slopes (n, m, outcomes) of outcomes over slip, to both sides as far as the model goes.
+def slip_slopes(
+    forward: Forward, soil: FloatArray, channels: Sequence[str], outcomes: Outcomes | None = None
+) -> FloatArray:
+    """Slopes (n, m, channels) of outcomes over slip, to both sides as far as the model goes.
 
-    ``values`` are the outcomes themselves, where they are known already.
+    ``outcomes`` are themselves, where they are known already.
     """
-    values = forward(soil, every_row=True).values if values is None else values
+    values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
     slip, ends = forward.conditions.slip, []
     for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
         moved = replace(forward, conditions=replace(forward.conditions, slip=at))
-        shifted = moved(soil, every_row=True).values
+        shifted = moved(soil, every_row=True).of(channels)
         answered = np.isfinite(shifted)
         ends.append((np.where(answered, shifted, values), np.where(answered, at[:, None], slip[:, None])))
     (low, left), (high, right) = ends
@@ -142,12 +144,11 @@ class CorrelatedLikelihood(Likelihood):
 
         In standard deviations of a reading, at the channel where it is most; median over parameter sets.
         """
-        forward, columns = self.forward, self._columns
-        outcomes = forward(soil, every_row=True)
-        middle = outcomes.values[:, :, columns]
-        slopes = slip_slopes(forward, soil, outcomes.values)[:, :, columns] * sd
+        outcomes = self.forward(soil, every_row=True)
+        middle = self.predicted(outcomes)
+        slopes = slip_slopes(self.forward, soil, self.channels, outcomes) * sd
         nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-        values = np.stack([self._at_slip(soil, node * sd)[:, :, columns] for node in nodes])
+        values = np.stack([self._at_slip(soil, node * sd) for node in nodes])
         share = np.where(np.isfinite(values), weights[:, None, None, None], 0.0)
         share /= np.maximum(share.sum(axis=0), 1e-300)
         mean = (share * np.nan_to_num(values)).sum(axis=0)
@@ -157,10 +158,12 @@ class CorrelatedLikelihood(Likelihood):
         return np.asarray(np.median(np.where(self.known, np.nan_to_num(worst), 0.0).max(axis=2), axis=0))
 
     def _at_slip(self, soil: FloatArray, shift: float) -> FloatArray:
-        """Outcomes (n, m, all) at slips that differ by ``shift``, as far as the model goes."""
+        """Modelled values (n, m, k) at slips that differ by ``shift``, as far as the model goes."""
         rows = self.forward.conditions
         slip = np.clip(rows.slip + shift, 0.0, np.nextafter(1.0, 0.0))
-        return replace(self.forward, conditions=replace(rows, slip=slip))(soil, every_row=True).values
+        return self.predicted(
+            replace(self.forward, conditions=replace(rows, slip=slip))(soil, every_row=True)
+        )
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
@@ -221,8 +224,7 @@ class CorrelatedLikelihood(Likelihood):
             if isinstance(error, Ripple):
                 effects[:, :, self.channels.index(error.channel)] += draw
             elif error is self.errors.slip:
-                columns = [forward.outcomes.index(name) for name in self.channels]
-                effects += slip_slopes(forward, soil)[:, :, columns] * draw[:, :, None]
+                effects += slip_slopes(forward, soil, self.channels) * draw[:, :, None]
         return effects
 
     def reading(self, where: BoolArray) -> CorrelatedLikelihood:
@@ -233,20 +235,20 @@ class CorrelatedLikelihood(Likelihood):
 
     def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
         """The joint law of the readings at soils that have an answer in every row in use."""
-        return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes.values)
+        return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes)
 
     def law_at(
         self,
         soil: FloatArray,
         mean: FloatArray,
         noise_values: FloatArray,
-        values: FloatArray | None = None,
+        outcomes: Outcomes | None = None,
     ) -> TableLaw:
         """The same, where what the model says of the measured channels (n, m, k) is known."""
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
         slopes = None
         if self.errors.slip is not None:
-            slopes = slip_slopes(self.forward, soil, values)[:, :, self._columns]
+            slopes = slip_slopes(self.forward, soil, self.channels, outcomes)
         whitenings = self._constant
         if whitenings is None:
             whitenings = tuple(stack.whitening(scale, sizes, slopes) for stack in self.layout.stacks)
@@ -297,12 +299,11 @@ class CorrelatedLikelihood(Likelihood):
             if outcomes is None:
                 answers = self.forward(soil[part], every_row=not self.observations.use.all())
             else:
-                answers = Outcomes(outcomes.values[part], outcomes.status[part])
+                answers = outcomes.take(part)
             used = answers.values[:, self.observations.use]
             good = np.flatnonzero((np.abs(used) < HUGE).all(axis=(1, 2)))
             if good.size:
-                chosen = Outcomes(answers.values[good], answers.status[good])
-                yield first + good, self.law(soil[part][good], chosen, noise_values[part][good])
+                yield first + good, self.law(soil[part][good], answers.take(good), noise_values[part][good])
 
     def _drawn(
         self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool
@@ -310,6 +311,6 @@ class CorrelatedLikelihood(Likelihood):
         outcomes = self.forward(soil, every_row=True)
         for good, law in self._laws(soil, noise_values, outcomes):
             drawn: Drawn = law.draw(self.measured if conditioned else None, rng)
-            for i, column in enumerate(self._columns):
-                outcomes.values[good, :, column] += drawn.at_rows[:, :, i]
+            for i, name in enumerate(self.channels):
+                outcomes[name][good] += drawn.at_rows[:, :, i]
         return outcomes

@@ -53,8 +53,9 @@ def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArr
     """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 16)."""
     conditions = Conditions.of(wheel, SLIP_GRID)
     forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
-    z, pull, moment = forward(soil, every_row=True).values.transpose(2, 0, 1)
-    return Response(load, z, pull, moment, tractive_efficiency(pull, moment, conditions))
+    outcomes = forward(soil, every_row=True)
+    pull, moment = outcomes["drawbar_pull"], outcomes["resistance_moment"]
+    return Response(load, outcomes["sinkage"], pull, moment, tractive_efficiency(pull, moment, conditions))
 
 
 def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Conditions) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
+from bayesterra.models.forces import SINKAGE
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
@@ -19,16 +20,34 @@ Codes = NDArray[np.int8]
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Modelled outcomes of every observation for every parameter set.
+    """Modelled outcomes of every observation for every parameter set, by channel: ``outcomes["sinkage"]``.
 
     Attributes
     ----------
-    values : (n, m, k) in the order of ``Drive.outcomes``, NaN where the model has no answer.
+    names : the k channels.
+    values : (n, m, k), NaN where the model has no answer.
     status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
     """
 
+    names: tuple[str, ...]
     values: FloatArray
     status: IntArray
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """Values (n, m) of a channel, a view."""
+        return self.values[:, :, self.names.index(name)]
+
+    def add(self, name: str, amount: FloatArray) -> None:
+        """Add to the values of a channel in place."""
+        self[name][...] += amount
+
+    def of(self, names: Sequence[str]) -> FloatArray:
+        """Values (n, m, channels) of some channels in their order."""
+        return self.values[:, :, [self.names.index(name) for name in names]]
+
+    def take(self, chosen: IntArray | slice) -> Outcomes:
+        """Those of some parameter sets, also repeatedly."""
+        return Outcomes(self.names, self.values[chosen], self.status[chosen])
 
 
 def soil_at(soil: FloatArray, width: float) -> FloatArray:
@@ -98,12 +117,15 @@ class Forward:
         A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
         with ``every_row`` each row that has an answer gets it.
         """
-        offset = offset_of(soil) if self.as_read else 0.0
-        inputs = self.given - offset if self.drive.by_sinkage and self.as_read else self.given
+        inputs = self.given - offset_of(soil) if self.drive.by_sinkage and self.as_read else self.given
         values, status = self._answers(soil, inputs, every_row)
-        if not self.drive.by_sinkage:
-            values[:, :, 0] += offset
-        return Outcomes(self._with_normal_force(values), np.max(status, axis=1).astype(np.int64))
+        if self.drive.latent_load:  # it is what the normal force reads
+            force = np.where(np.isnan(values[:, :, SINKAGE]), np.nan, self.given)
+            values = np.insert(values, self.outcomes.index("normal_force"), force, axis=2)
+        outcomes = Outcomes(self.outcomes, values, np.max(status, axis=1).astype(np.int64))
+        if not self.drive.by_sinkage and self.as_read:
+            outcomes.add("sinkage", offset_of(soil))
+        return outcomes
 
     def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
         """Answers of the model (n, m, 3), and its status (n, m)."""
@@ -117,13 +139,6 @@ class Forward:
             part = take(self.conditions, rows)
             values[:, rows], status[:, rows] = run(theta, part, inputs[..., rows], every_row=every_row)
         return values, status
-
-    def _with_normal_force(self, values: FloatArray) -> FloatArray:
-        """A latent load is what the normal force reads."""
-        if not self.drive.latent_load:
-            return values
-        force = np.where(np.isnan(values[:, :, 0]), np.nan, self.given)
-        return np.insert(values, 1, force, axis=2)
 
     def by_wheel(self, soil: FloatArray) -> Iterator[tuple[BoolArray, FloatArray]]:
         """Rows (m,) that share the parameters of the model, and these (n, k), for soil arrays (n, 16)."""

@@ -100,17 +100,13 @@ class Likelihood:
         return np.column_stack([self.observations.values[name] for name in self.channels])
 
     @cached_property
-    def _columns(self) -> list[int]:
-        return [self.forward.outcomes.index(name) for name in self.channels]
-
-    @cached_property
     def _given_sd(self) -> dict[str, FloatArray]:
         none = np.full(len(self.observations), np.nan)
         return {name: self.observations.given_sd.get(name, none) for name in self.channels}
 
     def predicted(self, outcomes: Outcomes) -> FloatArray:
         """Modelled values of the measured channels, (n, m, channels)."""
-        return outcomes.values[:, :, self._columns]
+        return outcomes.of(self.channels)
 
     def scales(self, predicted: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, m, channels).

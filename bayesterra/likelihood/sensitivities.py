@@ -41,9 +41,12 @@ from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions
+from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Prior
+
+_FORCE = slice(NORMAL_FORCE, NORMAL_FORCE + 1)
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,8 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     if forward.drive.by_sinkage:
         slopes -= by_load[..., None] * shift
     else:
-        values[:, :, 0] += offset
-        slopes[:, :, 0] += shift
+        values[:, :, SINKAGE] += offset
+        slopes[:, :, SINKAGE] += shift
     if forward.drive.latent_load:
         return _with_normal_force(posterior, inputs, values, slopes, by_load)
     return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
@@ -124,13 +127,13 @@ def _by_soil_and_given(
         values, _ = model.forces_at(theta, conditions, inputs, every_row=True)
         return values, model.jacobian_at(theta, conditions, inputs)
     values, _ = model.response_at(theta, conditions, inputs, every_row=True)
-    slopes = model.jacobian_at(theta, conditions, values[..., 0])
+    slopes = model.jacobian_at(theta, conditions, values[..., SINKAGE])
     by_sinkage = slopes[..., -1:].copy()
-    sinkage = np.concatenate([-slopes[..., :1, :-1], np.ones_like(by_sinkage[..., :1, :])], axis=-1)
-    sinkage /= by_sinkage[..., :1, :]
+    sinkage = np.concatenate([-slopes[..., _FORCE, :-1], np.ones_like(by_sinkage[..., _FORCE, :])], axis=-1)
+    sinkage /= by_sinkage[..., _FORCE, :]
     slopes[..., -1] = 0.0
     slopes = slopes + by_sinkage * sinkage
-    slopes[..., 0, :] = sinkage[..., 0, :]
+    slopes[..., SINKAGE, :] = sinkage[..., 0, :]
     return values, model.known_under(inputs, slopes)
 
 
@@ -159,15 +162,16 @@ def _with_normal_force(
     posterior: Posterior, loads: FloatArray, values: FloatArray, slopes: FloatArray, by_load: FloatArray
 ) -> Sensitivities:
     """The normal force reads the load: it knows nothing of the soil."""
-    answered = np.isfinite(values[:, :, 0])
+    outcomes = posterior.likelihood.forward.outcomes
+    place, answered = outcomes.index("normal_force"), np.isfinite(values[:, :, SINKAGE])
     force = np.where(answered, loads, np.nan)
     zero = np.where(answered[..., None], np.zeros(slopes.shape[-1]), np.nan)
     return Sensitivities(
         posterior.names,
-        posterior.likelihood.forward.outcomes,
-        np.insert(values, 1, force, axis=2),
-        np.insert(slopes, 1, zero, axis=2),
-        np.insert(by_load, 1, np.where(answered, 1.0, np.nan), axis=2),
+        outcomes,
+        np.insert(values, place, force, axis=2),
+        np.insert(slopes, place, zero, axis=2),
+        np.insert(by_load, place, np.where(answered, 1.0, np.nan), axis=2),
     )
 
 

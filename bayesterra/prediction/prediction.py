@@ -320,8 +320,10 @@ def predict(
     soil = study.prior.soil_values(draws)
     blocks = [forward.row(i)(soil) for i in range(len(at))]
     rng = default_rng(seed)
-    outcomes = np.concatenate([block.values for block in blocks], axis=1)
-    outcomes = outcomes + _discrepancy(study, forward, driven, draws, rng)
+    outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
+    for channel, error in _discrepancy(study, driven, at, draws, rng).items():
+        if channel in outcomes.names:
+            outcomes.add(channel, error)
     rows = study.observations.used().slip
     return Prediction(
         title=study.title,
@@ -357,63 +359,55 @@ def _load(study: Study, load: float | str | None) -> float:
     return value
 
 
-def _with_efficiency(outcomes: FloatArray, conditions: Conditions) -> FloatArray:
-    efficiency = tractive_efficiency(outcomes[:, :, 1], outcomes[:, :, 2], conditions)
-    return np.concatenate([outcomes, efficiency[:, :, None]], axis=2)
+def _with_efficiency(outcomes: Outcomes, conditions: Conditions) -> FloatArray:
+    efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], conditions)
+    return np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2)
 
 
 def _discrepancy(
-    study: Study, forward: Forward, driven: Wheel, draws: FloatArray, rng: Generator
-) -> FloatArray:
-    """The model's own error (n, k, 3): as the readings of the same wheel tell it, else as stated before."""
-    slip, error = forward.conditions.slip, np.zeros((len(draws), len(forward.conditions.slip), 3))
+    study: Study, driven: Wheel, slip: FloatArray, draws: FloatArray, rng: Generator
+) -> dict[str, FloatArray]:
+    """The model's own error (n, k) by channel: as the readings of the same wheel tell it, else as stated."""
     if not study.errors.discrepancy:
-        return error
+        return {}
     target = posterior(study)
     name = next((name for name, wheel in study.wheels.items() if wheel == driven), None)
     values = target.noise_values(draws)
     curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
-    for column, channel in enumerate(target.likelihood.channels):
-        if channel in forward.outcomes:
-            error[:, :, forward.outcomes.index(channel)] = curve[:, :, column]
-    return error
+    return dict(zip(target.likelihood.channels, np.moveaxis(curve, 2, 0), strict=True))
 
 
 def _with_noise(
-    study: Study, forward: Forward, outcomes: FloatArray, draws: FloatArray, rng: Generator
+    study: Study, forward: Forward, outcomes: Outcomes, draws: FloatArray, rng: Generator
 ) -> FloatArray:
     """Readings (n, k, 4) of the study's instruments, with the zero error of the sinkage.
 
     NaN where a channel was not measured.
     """
     noise = tuple(noise for name, noise in study.noise.items() if name in forward.outcomes)
-    readings = np.full((*outcomes.shape[:2], len(PREDICTED)), np.nan)
+    readings = np.full((*outcomes.values.shape[:2], len(PREDICTED)), np.nan)
     if not noise:
         return readings
-    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(outcomes.shape[1])))
-    read = Outcomes(outcomes.copy(), np.zeros(len(outcomes), dtype=np.int64))
-    read.values[:, :, 0] += offset_of(study.prior.soil_values(draws))
+    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
+    read = replace(outcomes, values=outcomes.values.copy())
+    read.add("sinkage", offset_of(study.prior.soil_values(draws)))
     columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
     drawn = Likelihood(forward, blank, noise).draw(read, draws[:, columns], rng)
     fresh = _fresh(study, forward, draws, rng)
     for column, entry in enumerate(noise):
-        more = fresh[:, :, forward.outcomes.index(entry.channel)]
+        more = fresh.get(entry.channel, 0.0)
         readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column] + more
     return readings
 
 
-def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> FloatArray:
-    """Ripple and effect of slip errors (n, k, 3) of readings of another sweep."""
-    deviation = np.zeros((len(draws), len(forward.conditions.slip), 3))
-    if study.errors:
-        target = posterior(study)
-        channels = tuple(name for name in target.likelihood.channels if name in forward.outcomes)
-        values, soil = target.noise_values(draws), study.prior.soil_values(draws)
-        drawn = target.likelihood.fresh(forward, soil, values, rng)
-        for channel in channels:
-            column = target.likelihood.channels.index(channel)
-            deviation[:, :, forward.outcomes.index(channel)] = drawn[:, :, column]
-    return deviation
+def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> dict[str, FloatArray]:
+    """Ripple and effect of slip errors (n, k) of readings of another sweep, by channel."""
+    if not study.errors:
+        return {}
+    target = posterior(study)
+    values, soil = target.noise_values(draws), study.prior.soil_values(draws)
+    drawn = target.likelihood.fresh(forward, soil, values, rng)
+    return dict(zip(target.likelihood.channels, np.moveaxis(drawn, 2, 0), strict=True))
 
 
 def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:

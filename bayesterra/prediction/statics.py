@@ -52,6 +52,7 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Status, Wheel, WheelSoilModel
+from bayesterra.models.forces import DRAWBAR_PULL
 from bayesterra.prediction.rover import Rover
 
 SETTLED = 1e-11
@@ -192,7 +193,7 @@ def settle(
         load[active] = 0.5 * np.column_stack([held, across - held])
         responses, codes = ground.respond(soils[active], slip[active], load[active], 0.25 * across)
         values[active] = responses
-        pull = 2 * responses[:, :, 1].sum(axis=1)
+        pull = 2 * responses[:, :, DRAWBAR_PULL].sum(axis=1)
         if slope is None:
             alpha[active] = np.arcsin(np.clip((pull - pulled[active]) / weight, -1, 1))
         elif tow is None:

@@ -63,4 +63,4 @@ def test_an_estimate_that_leaves_parameters_open_is_not_complete(small_result: R
 def test_curves_of_the_joint_fit_pass_through_the_readings(small_result: Result) -> None:
     """Joint weights all channels by their noise, so its standardised residuals are small."""
     assert np.abs(validation.method_residuals(small_result)["joint"]).max() < 3
-    assert np.isfinite(validation.method_curves(small_result, "Wh32")["joint"]).all()
+    assert np.isfinite(validation.method_curves(small_result, "Wh32")["joint"].values).all()

@@ -37,7 +37,7 @@ class Reading:
 
     def forward(self, soil: FloatArray, *, every_row: bool) -> Outcomes:
         """The modelled reading."""
-        return Outcomes((soil @ self.slope)[:, None, None], np.zeros(len(soil), dtype=np.int64))
+        return Outcomes(("sinkage",), (soil @ self.slope)[:, None, None], np.zeros(len(soil), dtype=np.int64))
 
     def predicted(self, outcomes: Outcomes) -> FloatArray:
         """All of it."""

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.models import Conditions
@@ -25,17 +25,15 @@ def log_integrand(
     names = ("slip", "radius", "width", "lug_height", "shearing_radius")
     many = Conditions(*(np.repeat(getattr(forward.conditions, name), k) for name in names))
     held = Forward(forward.model, Drive.BOTH, many, loads, as_read=True)
-    values = held(soil, every_row=True).values
+    outcomes = held(soil, every_row=True)
     rows = whole.observations.take(np.arange(len(whole.observations)) == row)
     rows = replace(
         rows,
         values={name: np.repeat(column, k) for name, column in rows.values.items()},
         given_sd={name: np.repeat(column, k) for name, column in rows.given_sd.items()},
     )
-    density = Likelihood(held, rows, whole.noise).pointwise(
-        Outcomes(values, np.zeros(1, dtype=np.int64)), noise
-    )
-    return np.where(np.isfinite(values[0, :, 0]), density[0].sum(axis=1), -np.inf)
+    density = Likelihood(held, rows, whole.noise).pointwise(outcomes, noise)
+    return np.where(np.isfinite(outcomes["sinkage"][0]), density[0].sum(axis=1), -np.inf)
 
 
 def row_log_likelihood(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int) -> float:

@@ -124,7 +124,7 @@ def test_slopes_are_those_of_the_model() -> None:
     soil, forward = density.prior.soil_values(sets(density, 2)), density.likelihood.forward
     at = replace(forward.conditions, slip=np.array([0.0, 0.3, 0.998]))
     forward = replace(forward, conditions=at)
-    found = slip_slopes(forward, soil)
+    found = slip_slopes(forward, soil, forward.outcomes)
     for row, (low, high) in enumerate([(0.0, 1e-4), (0.2999, 0.3001), (0.9979, 0.998)]):
         ends = [
             replace(forward, conditions=replace(at, slip=np.full(3, s)))(soil).values[:, row]

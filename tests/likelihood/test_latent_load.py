@@ -11,7 +11,7 @@ from scipy import stats
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.forward import Forward, model_columns
 from bayesterra.likelihood.latent_load import LatentLoad
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
@@ -117,7 +117,9 @@ def test_soils_that_hardly_carry_the_lowest_load(share: float, brute_force: RowL
     """Where the wheel sinks to its axle under a load just above the lowest, rows still have a likelihood."""
     _, whole, _, soil = settled(latent_study(data=TABLE.iloc[[0, 4]]), 400)
     deep, none = np.full(2, 0.99999 * WHEEL.radius), np.empty((1, 0))
-    carried = whole.forward.model.forces_at(soil, whole.forward.conditions, deep)[0][:, :, 0].min(axis=1)
+    model = whole.forward.model
+    forces, _ = model.forces_at(model_columns(soil, model), whole.forward.conditions, deep)
+    carried = forces[:, :, 0].min(axis=1)
     compared = 0
     for k in np.flatnonzero(carried > 0.1):
         low = share * float(carried[k])
@@ -159,8 +161,9 @@ def test_sinkage_likelihood_is_the_limit_of_little_sinkage_noise() -> None:
         priors={"set": "paper-box"},
     )
     sinkage = driven.observations.values["sinkage"]
-    steps = driven.model.jacobian_at(soil, whole.forward.conditions, sinkage)[:, :, 0, 9]
-    force = driven.model.forces_at(soil, whole.forward.conditions, sinkage)[0][:, :, 0]
+    theta = model_columns(soil, driven.model)
+    steps = driven.model.jacobian_at(theta, whole.forward.conditions, sinkage)[:, :, 0, 9]
+    force = driven.model.forces_at(theta, whole.forward.conditions, sinkage)[0][:, :, 0]
     inside = ((force > low) & (force < high)).all(axis=1)
     assert inside.sum() > 10
     expected = posterior(driven).log_prior_and_likelihood(x)[1]

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import SupportError
+from bayesterra.likelihood.forward import model_columns
 from bayesterra.likelihood.posterior import (
     INSIDE,
     OUTSIDE_PHYSICS,
@@ -164,9 +165,9 @@ def test_density_of_a_single_point_needs_no_second_axis(two: Study) -> None:
 
 
 def reasons_by_hand(study: Study, wheel: Wheel, soil: FloatArray) -> FloatArray:
-    """Which support condition a soil (n, 9) breaks, from its definition and forces at many sinkages."""
+    """Which support condition a soil (n, 16) breaks, from its definition and forces at many sinkages."""
     slip, load = study.observations.slip, study.observations.load
-    reasons = np.zeros(len(soil), dtype=int)
+    reasons, theta = np.zeros(len(soil), dtype=int), model_columns(soil, study.model)
     exponent = soil[:, 1:2] + soil[:, 2:3] * slip
     ratio = soil[:, 6:7] + soil[:, 7:8] * slip
     depth = np.linspace(1e-4, wheel.radius * (1 - 1e-9), 400)
@@ -178,7 +179,7 @@ def reasons_by_hand(study: Study, wheel: Wheel, soil: FloatArray) -> FloatArray:
             reasons[i] = Status.EXPONENT
         else:
             carried = study.model.forces_at(
-                np.repeat(soil[i : i + 1], len(depth), axis=0),
+                np.repeat(theta[i : i + 1], len(depth), axis=0),
                 Conditions.of(wheel, slip),
                 np.repeat(depth[:, None], len(slip), axis=1),
             )[0][..., 0]
