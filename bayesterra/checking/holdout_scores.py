@@ -22,9 +22,10 @@ import pandas as pd
 from numpy.random import Generator, default_rng
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq, minimize
-from scipy.special import gammaln, logsumexp, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.stats.weights import log_mean
 
 PARTS = ("all", "inner", "end")
 """All rows; those at slips between the training rows' (interpolated); those beyond (extrapolated)."""
@@ -160,7 +161,7 @@ class Mixture:
             half = 0.5 * self.dof
             peak = gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(self.dof * np.pi)
             log = peak - (half + 0.5) * np.log1p(z**2 / self.dof)
-        return float(logsumexp(log - np.log(self.scale)) - np.log(len(z)))
+        return float(log_mean(log - np.log(self.scale)))
 
     def quantiles(self, levels: FloatArray) -> FloatArray:
         """Quantiles (k,) at levels (k,) inside (0, 1); one lies between those of the parts."""

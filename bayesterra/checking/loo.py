@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.replicates import normal_scores
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.sampling.importance import Pair, PosteriorProposal, refined, systematic
-from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
+from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw
+from bayesterra.stats.weights import log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
@@ -136,7 +136,7 @@ def leave_one_out(
     rows = posterior.likelihood.observations.rows
     return CrossValidation(
         tuple(case.left_out(row, result) for row, case, result in zip(rows, cases, results, strict=True)),
-        tuple((logsumexp(density, axis=0) - np.log(len(x))).tolist()),
+        tuple(log_mean(density, axis=0).tolist()),
         _pits(posterior, cases, results) if len(cases) >= few_rows else {},
     )
 
@@ -165,9 +165,7 @@ class _Weighted:
 
     def estimate(self) -> tuple[float, float]:
         """Elpd of the row and its Monte Carlo error."""
-        elpd = float(logsumexp(self.log_weights + self.log_row))
-        excess = np.exp(self.log_weights) * np.expm1(self.log_row - elpd)
-        return elpd, float(np.sqrt((excess**2).sum()))
+        return weighted_log_mean(self.log_weights, self.log_row)
 
     @property
     def reliable(self) -> bool:

@@ -22,14 +22,9 @@ from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.sampling.importance import (
-    PosteriorProposal,
-    Proposed,
-    effective_draws,
-    normalised,
-    systematic,
-)
+from bayesterra.sampling.importance import PosteriorProposal, Proposed
 from bayesterra.stats.mixture import ProposalLaw
+from bayesterra.stats.weights import effective_number, normalised, systematic
 
 T = TypeVar("T")
 
@@ -216,11 +211,11 @@ def _settled(
     likelihood = near.posterior.likelihood
     weights = pool.weights(likelihood, readings)
     for _ in range(options.searches):
-        if effective_draws(weights) >= options.fewest:
+        if effective_number(weights) >= options.fewest:
             break
         local = _Pool.of(near, near.shifted(weights @ pool.sets.u), options.local, rng)
         local_weights = local.weights(likelihood, readings)
-        if effective_draws(local_weights) > effective_draws(weights):
+        if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
     draws = pool.modelled.take(systematic(weights, options.draws, rng)).explaining(readings, rng)
-    return Replicate(readings, draws, effective_draws(weights))
+    return Replicate(readings, draws, effective_number(weights))

@@ -25,7 +25,8 @@ from bayesterra.report.failures import failed
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, interval, plain, probability, resolution, rounded, share
 from bayesterra.report.symbols import listed, symbol, symbols, unit
-from bayesterra.stats.diagnostics import calibrated, ecdf_band, pareto_limit
+from bayesterra.stats.diagnostics import calibrated, ecdf_band
+from bayesterra.stats.weights import pareto_limit
 from bayesterra.study.result import Result
 
 PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
-from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
@@ -16,8 +15,8 @@ from bayesterra.follow.rows import Rows
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.sampling.coordinates import Coordinates, coordinates
-from bayesterra.sampling.importance import systematic
 from bayesterra.stats.transport import Proposal, fit_proposal
+from bayesterra.stats.weights import effective_number, largest_power, relative, systematic, weighted_quantiles
 from bayesterra.study.study import Study
 
 
@@ -52,7 +51,7 @@ class Particles:
     @property
     def effective(self) -> float:
         """Effective number of particles (Kong 1992)."""
-        return effective_number(self.log_weights)
+        return effective_number(relative(self.log_weights))
 
     def weighed(self, log_terms: FloatArray) -> tuple[Particles, float]:
         """The particles with log factors (n,) taken into its weights, and the log of their weighted mean."""
@@ -76,26 +75,6 @@ class Particles:
         """Mean and standard deviation (d,) of every parameter."""
         mean = self.weights @ self.x
         return mean, np.sqrt(self.weights @ (self.x - mean) ** 2)
-
-
-def effective_number(log_weights: FloatArray) -> float:
-    """Effective number of log weights (n,) of any scale; 0 where all are −inf."""
-    top = log_weights.max()
-    if not np.isfinite(top):
-        return 0.0
-    weights = np.exp(log_weights - top)
-    return float(weights.sum() ** 2 / (weights**2).sum())
-
-
-def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: Sequence[float]) -> FloatArray:
-    """Quantiles (k, d) of weighted values (n, d); every value stands at the middle of its share."""
-    order = np.argsort(values, axis=0, kind="stable")
-    quantiles = np.empty((len(probabilities), values.shape[1]))
-    for column, ranks in enumerate(order.T):
-        share = weights[ranks]
-        below = np.cumsum(share) - 0.5 * share
-        quantiles[:, column] = np.interp(probabilities, below / share.sum(), values[ranks, column])
-    return quantiles
 
 
 KEEP = 0.5
@@ -167,18 +146,11 @@ def settled(particles: Particles) -> float:
 
 def _step(log_weights: FloatArray, newest: FloatArray, rest: float) -> float:
     """Power of the row's likelihood to take in next: the rest of it, if enough particles are left."""
-    if effective_number(log_weights + rest * newest) >= FLOOR * len(log_weights):
+    if effective_number(relative(log_weights + rest * newest)) >= FLOOR * len(log_weights):
         return rest
     alive = newest > -np.inf
     log_weights, newest = log_weights[alive], newest[alive]
-    wanted = STEP_KEEP * effective_number(log_weights)
-
-    def excess(step: float) -> float:
-        return effective_number(log_weights + step * newest) - wanted
-
-    if excess(rest) >= 0:
-        return rest
-    return float(brentq(excess, 0.0, rest, xtol=1e-300, rtol=1e-6, maxiter=1000))
+    return largest_power(newest, rest, STEP_KEEP * effective_number(relative(log_weights)), log_weights)
 
 
 PAIRS = 100_000

@@ -10,10 +10,11 @@ from numpy.random import Generator
 from scipy.special import ndtr
 
 from bayesterra.arrays import FloatArray
-from bayesterra.follow.particles import Particles, Rejuvenation, weighted_quantiles
+from bayesterra.follow.particles import Particles, Rejuvenation
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 
 LEVELS = (0.05, 0.5, 0.95)

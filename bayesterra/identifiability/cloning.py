@@ -37,11 +37,10 @@ from bayesterra.identifiability.verdicts import covariance, eigen_directions, in
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import NormalScore, coordinates
-from bayesterra.sampling.importance import effective_draws, normalised, systematic
 from bayesterra.sampling.sampler import Target
-from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.stats.laws import Law
 from bayesterra.stats.transport import fit_proposal
+from bayesterra.stats.weights import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
 
 POWERS = (1, 2, 4, 8, 16, 32, 64)
 DRAWS = 8192
@@ -111,7 +110,7 @@ class Cloud:
     @property
     def effective(self) -> float:
         """Effective number of draws."""
-        return effective_draws(np.exp(self.log_weights))
+        return effective_number(np.exp(self.log_weights))
 
     @property
     def reliable(self) -> bool:
@@ -156,7 +155,7 @@ def clouds(densities: Densities, start: FloatArray, powers: Sequence[int], rng: 
 def _lifted(cloud: Cloud, before: float, power: float, densities: Densities, rng: Generator) -> Cloud:
     """Draws at a power from those at a power before, by way of powers in between where it is far."""
     weights = normalised(cloud.log_weights + (power - before) * cloud.log_likelihood)
-    if effective_draws(weights) < ENOUGH and power / before > SHORTEST:
+    if effective_number(weights) < ENOUGH and power / before > SHORTEST:
         middle = float(np.sqrt(before * power))
         return _lifted(_lifted(cloud, before, middle, densities, rng), middle, power, densities, rng)
     points, components = cloud.u[systematic(weights, FITTED, rng)], COMPONENTS

@@ -26,8 +26,8 @@ from bayesterra.pooling.joint import JointPosterior
 from bayesterra.pooling.sampler import JointSamples, group_coordinates
 from bayesterra.sampling.coordinates import Coordinates
 from bayesterra.sampling.importance import Evidence, summed
-from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.stats.mixture import ProposalLaw
+from bayesterra.stats.weights import pareto_limit, pareto_smoothed
 
 OUTER, INNER = 4096, 16
 """Draws of shared values, and of every group's locals for each of them."""

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from scipy.optimize import brentq
-from scipy.special import logsumexp
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import FloatArray
 from bayesterra.stats.imis import EvaluatedPoints, add_components
 from bayesterra.stats.transport import Proposal, fit_proposal
+from bayesterra.stats.weights import effective_number, largest_power, log_mean, relative, systematic
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
@@ -84,7 +83,7 @@ class _Particles:
 
     def resampled(self, log_weights: FloatArray, rng: Generator) -> _Particles:
         """As many points, drawn by weight."""
-        chosen = _systematic(np.exp(log_weights - log_weights.max()), len(self.u), rng)
+        chosen = systematic(relative(log_weights), len(self.u), rng)
         return _Particles(self.u[chosen], self.log_prior[chosen], self.log_likelihood[chosen])
 
     def accept(self, new: _Particles, log_ratio: FloatArray, rng: Generator) -> None:
@@ -93,12 +92,6 @@ class _Particles:
         self.u[taken] = new.u[taken]
         self.log_prior[taken] = new.log_prior[taken]
         self.log_likelihood[taken] = new.log_likelihood[taken]
-
-
-def _systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
-    """Indices (n,) drawn in proportion to weights by systematic resampling."""
-    steps = np.cumsum(weights) / weights.sum()
-    return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
 
 
 def adapt(
@@ -136,16 +129,8 @@ def adapt(
 
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
     """Largest temperature step that keeps the wanted share of effective points."""
-    alive = log_likelihood > -np.inf  # a draw of the prior may round to just outside
-
-    def excess(step: float) -> float:
-        log_weights = step * log_likelihood[alive]
-        log_share = 2 * logsumexp(log_weights) - logsumexp(2 * log_weights) - np.log(len(alive))
-        return float(np.exp(log_share) - keep)
-
-    if excess(most) >= 0:
-        return most
-    return float(brentq(excess, 0.0, most, xtol=1e-300, rtol=1e-6, maxiter=1000))  # steps can be very short
+    alive = log_likelihood[log_likelihood > -np.inf]  # a draw of the prior may round to just outside
+    return largest_power(alive, most, keep * len(alive))
 
 
 def _fitted(
@@ -246,9 +231,9 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray]:
     """Points to fit, and their weights: draws resampled by truncated weights, and the anchor."""
     # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-    excess = log_weights - logsumexp(log_weights) + np.log(len(log_weights))
-    relative = np.minimum(excess, 0.5 * np.log(len(log_weights)))
-    chosen = _systematic(np.exp(FLATTENING * relative), 5 * len(anchor), rng)
+    excess = log_weights - log_mean(log_weights)
+    truncated = np.minimum(excess, 0.5 * np.log(len(log_weights)))
+    chosen = systematic(np.exp(FLATTENING * truncated), 5 * len(anchor), rng)
     weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(anchor), 0.5)])
     return np.concatenate([drawn[chosen], anchor]), weights
 
@@ -279,8 +264,7 @@ class _Drawn:
         self.log_proposals.append(proposal.log_density(self.u))
         self.proposals.append((proposal, n))
         alone = target - self.log_proposals[-1][-n:]
-        share = np.exp(2 * logsumexp(alone) - logsumexp(2 * alone)) / n
-        return float(share), float(logsumexp(alone) - np.log(n))
+        return effective_number(relative(alone)) / n, float(log_mean(alone))
 
     def log_weights(self) -> FloatArray:
         """Log importance weights against the mixture of all proposals."""

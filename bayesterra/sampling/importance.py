@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws, draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
-from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
 from bayesterra.stats.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
 from bayesterra.stats.transport import fit_proposal
+from bayesterra.stats.weights import effective_number, log_mean, pareto_limit, pareto_smoothed, relative
 
 COMPONENTS = 12
 FITTED = 4096
@@ -116,22 +115,6 @@ class Pair:
         return np.asarray(np.logaddexp(self.first.log_density(u), self.second.log_density(u)) - np.log(2.0))
 
 
-def normalised(log_weights: FloatArray) -> FloatArray:
-    """Weights (n,) that sum to one."""
-    return np.asarray(np.exp(log_weights - logsumexp(log_weights)))
-
-
-def effective_draws(weights: FloatArray) -> float:
-    """Effective number of draws of weights (n,) that sum to one (Kong 1992)."""
-    return float(1.0 / (weights**2).sum())
-
-
-def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
-    """Indices (n,) drawn in proportion to weights (k,) by systematic resampling."""
-    steps = np.cumsum(weights) / weights.sum()
-    return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
-
-
 DRAWS = 16384
 SPREAD = 0.3
 """Root mean square distance of the ensembles' own log evidences from the pooled one, above which it cannot be
@@ -192,7 +175,7 @@ def evidence(
     """
     each = -(-draws // len(proposals))
     u = np.concatenate([proposal.sample(each, rng) for proposal in proposals])
-    pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
+    pooled = log_mean([proposal.log_density(u) for proposal in proposals], axis=0)
     log_prior, log_likelihood = densities(u)
     log_weights = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood) - pooled
     return summed(log_weights.reshape(len(proposals), each))
@@ -200,16 +183,14 @@ def evidence(
 
 def summed(log_weights: FloatArray) -> Evidence:
     """Evidence of log weights (proposals, draws); draws of one proposal are a stratum."""
-    top = log_weights.max()
-    weights = np.exp(log_weights - top)
+    top, weights = log_weights.max(), relative(log_weights)
     mean, (strata, each) = weights.mean(), weights.shape
     error = np.sqrt(weights.var(axis=1, ddof=1).sum() / each) / strata
     k_hat = pareto_smoothed(log_weights[np.isfinite(log_weights)])[1]
-    efficiency = weights.sum() ** 2 / (weights**2).sum() / weights.size
     return Evidence(
         log_z=float(top + np.log(mean)),
         error=float(error / mean),
-        efficiency=float(efficiency),
+        efficiency=effective_number(weights) / weights.size,
         k_hat=k_hat,
         limit=pareto_limit(weights.size),
         draws=weights.size,

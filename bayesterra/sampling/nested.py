@@ -21,6 +21,7 @@ from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Evidence
 from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.weights import effective_number
 
 LIVE = (500, 1500)
 """Live points of the two settings."""
@@ -58,7 +59,7 @@ class Weighted:
         cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float
     ) -> Weighted:
         """Independent draws with weights; their effective number is Kish's."""
-        size = 1.0 / (weights**2).sum()
+        size = effective_number(weights)
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
 
     @classmethod

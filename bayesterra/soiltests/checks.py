@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
 from scipy.optimize import least_squares
-from scipy.special import logsumexp, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, kstest
 
 from bayesterra.arrays import FloatArray
@@ -32,7 +32,7 @@ from bayesterra.sampling.sampler import Target, sample_target
 from bayesterra.soiltests.observations import Readings
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, log_curve
 from bayesterra.soiltests.schema import COLUMNS, KINDS, QUANTITIES
-from bayesterra.stats.diagnostics import pareto_limit, pareto_smoothed
+from bayesterra.stats.weights import pareto_limit, pareto_smoothed, weighted_log_mean
 from bayesterra.study.schema import SamplingOptions
 
 METHODS = {"regression": "lines through each plate or curve", "nonlinear": "one fit to all readings"}
@@ -238,7 +238,7 @@ def _predicted(
     with np.errstate(all="ignore"):  # without this plate its modulus may be negative: no density, no weight
         densities = alone.log_likelihoods(x)[:, 0]
     possible = np.isfinite(densities)
-    elpd = float(logsumexp(log_weights[possible] + densities[possible]))
+    elpd = weighted_log_mean(log_weights[possible], densities[possible])[0]
     rng = np.random.default_rng(number)
     shares = np.exp(log_weights) * possible
     picked = rng.choice(len(x), size=DRAWS, p=shares / shares.sum())

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.random import default_rng
-from scipy.special import chdtrc, digamma, logsumexp, ndtri
+from scipy.special import chdtrc, digamma, ndtri
 from scipy.stats import binom, rankdata
 
 from bayesterra.arrays import FloatArray, IntArray
@@ -29,7 +29,7 @@ TAILS = (0.05, 0.95)
 
 
 @cache
-def _array_stats() -> Any:
+def array_stats() -> Any:
     """ArviZ's statistics of arrays, loaded where they are first used: they bring matplotlib with them."""
     from arviz_stats.base.array import array_stats
 
@@ -117,7 +117,7 @@ def r_hat(chains: FloatArray) -> float:
 def array_r_hat(chains: FloatArray) -> float:
     """ArviZ's rank-normalised split R-hat of chains (chains, draws); NaN where nothing varies."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return float(_array_stats().rhat(chains, chain_axis=0, draw_axis=1))
+        return float(array_stats().rhat(chains, chain_axis=0, draw_axis=1))
 
 
 def thinning(chains: FloatArray, loss: float = 0.1) -> int:
@@ -138,7 +138,7 @@ def thinning(chains: FloatArray, loss: float = 0.1) -> int:
 
 def hdi(draws: FloatArray, probability: float = 0.9) -> tuple[float, float]:
     """Highest-density interval of draws (n,)."""
-    low, high = _array_stats().hdi(np.asarray(draws).ravel(), prob=probability)
+    low, high = array_stats().hdi(np.asarray(draws).ravel(), prob=probability)
     return float(low), float(high)
 
 
@@ -146,44 +146,13 @@ def monte_carlo_error(chains: FloatArray, statistic: str) -> float:
     """Monte Carlo standard error of the ``mean``, ``median`` or ``sd`` of chains (chains, draws)."""
     if np.ptp(chains) == 0:
         return 0.0
-    return float(_array_stats().mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
+    return float(array_stats().mcse(chains, chain_axis=0, draw_axis=1, method=statistic))
 
 
 def array_ess(chains: FloatArray, method: str = "bulk") -> float:
     """ArviZ's own effective sample size of chains (chains, draws), to hold beside ours."""
     prob = TAILS if method == "tail" else None
-    return float(_array_stats().ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
-
-
-def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
-    """Importance weights (n,) with a Pareto-smoothed tail, and its shape k̂ (Vehtari et al. 2024).
-
-    Returns log weights that sum to one. A k̂ above :func:`pareto_limit` means that they cannot be relied on;
-    it is infinite where the tail cannot be fitted, as so few draws have all the weight or the tail is one
-    weight over and over, and 0 where the largest fifth of the weights are one and the same.
-    """
-    raw = np.asarray(log_weights, dtype=float)
-    plain = raw - logsumexp(raw)
-    ordered, tail = np.sort(raw), _pareto_tail(len(raw))
-    if np.ptp(ordered[-max(5, len(raw) // 5) :]) == 0.0:
-        return plain, 0.0
-    if tail < 5 or np.ptp(ordered[-tail:]) == 0.0:  # the same draw over and over, from a walker that stood
-        return plain, np.inf
-    with np.errstate(divide="ignore", invalid="ignore"):
-        smoothed, k = _array_stats().psislw(-raw)
-    if np.isnan(smoothed).any() or np.isnan(k):
-        return plain, np.inf
-    return np.asarray(smoothed), float(k)
-
-
-def _pareto_tail(draws: int) -> int:
-    """Number of the largest weights that the Pareto law is fitted to, as ArviZ takes them."""
-    return int(3 * draws**0.5 if draws > 225 else draws / 5)
-
-
-def pareto_limit(draws: int) -> float:
-    """Largest k̂ at which this number of draws gives reliable means (Vehtari et al. 2024, eq. (13))."""
-    return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
+    return float(array_stats().ess(chains, chain_axis=0, draw_axis=1, method=method, prob=prob))
 
 
 @dataclass(frozen=True)

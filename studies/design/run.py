@@ -23,8 +23,8 @@ from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M1
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
-from bayesterra.sampling.importance import effective_draws, normalised, systematic
 from bayesterra.sampling.sampler import Target
+from bayesterra.stats.weights import effective_number, normalised, systematic
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
@@ -116,7 +116,7 @@ class Weighted:
     @property
     def effective(self) -> float:
         """Effective number of draws."""
-        return effective_draws(normalised(self.log_weights))
+        return effective_number(normalised(self.log_weights))
 
 
 def posterior_of(study: bt.Study, rng: Generator) -> Weighted:

@@ -22,8 +22,8 @@ from bayesterra.models import M1, Soil, Wheel
 from bayesterra.runtime.parallel import chosen, completed
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
-from bayesterra.sampling.importance import normalised, systematic
 from bayesterra.sampling.sampler import Target
+from bayesterra.stats.weights import normalised, systematic
 from bayesterra.study.study import Study
 
 WHEEL = Wheel(0.135, 0.165, 0.015, 24, 0.75)

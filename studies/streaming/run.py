@@ -25,13 +25,13 @@ from numpy.random import Generator, SeedSequence, default_rng
 import bayesterra as bt
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.follow.page import bands_over_rows_png
-from bayesterra.follow.particles import weighted_quantiles
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.figures import new_figure, styled
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import evidence
 from bayesterra.sampling.sampler import Samples, Target, sample, thin
+from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 
 HERE = Path(__file__).parent

@@ -18,9 +18,9 @@ from bayesterra.checking.replicates import ReplicateOptions
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
-from bayesterra.sampling.importance import normalised, systematic
 from bayesterra.sampling.sampler import Target
 from bayesterra.stats.laws import Law
+from bayesterra.stats.weights import normalised, systematic
 from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]

@@ -15,7 +15,7 @@ from bayesterra.errors import ResultError
 from bayesterra.report.failures import PARTS, Failures, failed, failures_of
 from bayesterra.report.terminal import show
 from bayesterra.sampling import summary
-from bayesterra.stats.diagnostics import pareto_smoothed
+from bayesterra.stats.weights import pareto_smoothed
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
 
