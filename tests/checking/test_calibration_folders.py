@@ -160,7 +160,7 @@ def test_a_store_of_an_older_version_is_an_error_not_a_loss(tmp_path: Path) -> N
 
 
 def test_a_damaged_task_is_made_again(tmp_path: Path) -> None:
-    """A flipped digit, a renumbered task and what is no task are as good as never saved, and make room."""
+    """A flipped digit is as good as never saved, and makes room; a renumbered task is refused."""
     store = Checkpoints.opened(tmp_path, {"seed": 1}, "replications")
     store.add({task: {"rank": 0.123} for task in (1, 2, 3)})
     path = tmp_path / "task-1.segment"
