@@ -1,9 +1,9 @@
 """Degrees of pooling: complete, as stated, none, and the evidence of other roles of a parameter.
 
-It begins with the groups' own posteriors: what groups share is drawn from the product of their laws of it,
-the rest of each group from its law given that. Points drawn anew by their weights give the laws of the next
-round (population Monte Carlo: Cappé et al. 2004, J. Comput. Graph. Stat. 13, 907), which so find what lies
-far out in the tail of every group. The last round weighs fresh draws of laws that have not seen them.
+The posterior of other roles begins with the groups' own: what groups share is drawn from the product of their
+laws of it, the rest of each group from its law given that. Walkers move from there, and laws are fitted to
+where they went. Fresh draws of these laws are weighed, which no fit has seen. Draws weighed alone would not
+do: of a hundred that have weight no law of eight parameters of a group can be fitted.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
-from scipy.optimize import brentq
 from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.pooling.evidence import (
@@ -30,27 +30,32 @@ from bayesterra.pooling.evidence import (
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import Walkers
-from bayesterra.pooling.sampler import JointSamples, fit_laws, group_coordinates, starting_points
+from bayesterra.pooling.moves import PooledEnsemble, Walkers
+from bayesterra.pooling.sampler import (
+    JointSamples,
+    fit_laws,
+    group_coordinates,
+    starting_points,
+    warmed_up,
+)
 from bayesterra.sampling.importance import Evidence, summed
 from bayesterra.sampling.sampler import Samples
 from bayesterra.study.groups import Population
 
-DRAWN, INNER = 512, 8
-"""Draws of what groups share in a round, and of each group's own for each of them; the last has ``LAST``."""
-LAST = 2048
-ROUNDS, MOST = 3, 8
-"""Rounds of adaptation, and how many more there may be where the weights remain too uneven."""
+WALKERS, STARTS = 128, 2048
+"""Walkers of an adaptation, and draws of each group's own posterior, at most, that it begins with."""
+WARM_UPS, SWEEPS = (16, 32), (40, 80, 160, 320, 640)
+"""Sweeps of each warm-up, and after them of those that laws are fitted to, more while weights are uneven."""
+OUTER, INNER = 2048, 32
+"""Weighed draws of what groups share, and of each group's own for each of them."""
 REPEATS = 2
 """Adaptations that have nothing in common but the study."""
-EVEN = 0.1
-"""Effective share of draws below which weights are tempered before laws are fitted to what they leave."""
 FEWEST = 100
 """Points inside the support below which no law is fitted and no evidence estimated."""
 SHARE_DRAWS, SHARE_INNER = 2000, 8
 """Draws for the share of a prior inside the physical support."""
-SURE = 0.25
-"""Largest error of a log evidence that does with the usual number of rounds."""
+SURE = 0.1
+"""Largest error of a log evidence that does with the fewest sweeps."""
 
 
 @dataclass(frozen=True)
@@ -91,88 +96,59 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     ----------
     chains : draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
     """
-    family = JointFamily(joint)
-    ensembles = len(next(iter(chains.values())))
-    laws: list[OuterLaws] = []
+    family, count = JointFamily(joint), len(next(iter(chains.values())))
+    ensembles: list[PooledEnsemble] = []
     alone: list[Draws] = []
-    for e in range(REPEATS):
-        own = {name: chain[e % ensembles] for name, chain in chains.items()}
-        D, L = starting_points(family, own, rng)
-        inside = np.isfinite(Walkers.at(family, D, L).log_density)
-        if inside.sum() < FEWEST:
-            return UNKNOWN
-        alone.append([group_coordinates(family, g, chain, rng) for g, chain in enumerate(own.values())])
-        laws.append(_fitted(family, alone[e], D[inside], L[:, inside], rng))
-    for _ in range(ROUNDS):
-        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
-    evidence = _evidence(family, laws, rng)
-    for _ in range(MOST - ROUNDS):
-        if evidence is not None and evidence.reliable and evidence.error < SURE:
-            break
-        laws = [_improved(family, *pair, rng) for pair in zip(alone, laws, strict=True)]
-        evidence = _evidence(family, laws, rng)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a share of next to nothing, which no draw hits
-        share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
+    evidence: Evidence | None = None
+    with threadpool_limits(limits=1):
+        for e in range(REPEATS):
+            own = {name: _some(chain[e % count], rng) for name, chain in chains.items()}
+            D, L = starting_points(family, own, rng)
+            if np.isfinite(Walkers.at(family, D, L).log_density).sum() < FEWEST:
+                return UNKNOWN
+            alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(own.values())])
+            ensembles.append(warmed_up(family, D, L, WALKERS, WARM_UPS, rng))
+        for sweeps in SWEEPS:
+            laws = [_moved(family, *pair, sweeps, rng) for pair in zip(ensembles, alone, strict=True)]
+            evidence = _evidence(family, laws, rng)
+            if evidence is not None and evidence.reliable and evidence.error < SURE:
+                break
+        with np.errstate(divide="ignore", invalid="ignore"):  # a share of nothing, which no draw hits
+            share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
     if evidence is None or not np.isfinite([share.whole, share.error]).all():
         return UNKNOWN
     error = float(np.hypot(evidence.error, share.error))
     return Level(evidence.log_z - share.whole, error, evidence.reliable)
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """Draws of laws, their log weights (n,), and one of each group's own chosen by its weight."""
-
-    D: FloatArray
-    L: FloatArray
-    log_weights: FloatArray
+def _some(chain: FloatArray, rng: Generator) -> FloatArray:
+    flat = chain.reshape(-1, chain.shape[-1])
+    return flat[rng.choice(len(flat), size=min(STARTS, len(flat)), replace=False)]
 
 
-def _fitted(family: JointFamily, alone: Draws, D: FloatArray, L: FloatArray, rng: Generator) -> OuterLaws:
-    return outer_laws(family, fit_laws(family, D, L, rng), alone, D, L, rng)
+def _moved(
+    family: JointFamily, ensemble: PooledEnsemble, alone: Draws, sweeps: int, rng: Generator
+) -> OuterLaws:
+    """Laws to weigh with, fitted to where an ensemble went."""
+    D, L, _ = ensemble.run(sweeps)
+    flat = D.reshape(-1, D.shape[-1])
+    own = np.moveaxis(L, 1, 0).reshape(family.groups, len(flat), -1)
+    ensemble.laws = fit_laws(family, flat, own, rng)
+    return outer_laws(family, ensemble.laws, alone, flat, own, rng)
 
 
-def _drawn(
+def _weights(
     family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator
-) -> _Drawn:
-    """Weigh shared values (n, k) with log densities ``log_law`` (n,), every group's locals integrated out."""
-    total = family.log_prior(D) - log_law
-    repeated, chosen = np.repeat(D, INNER, axis=0), []
+) -> FloatArray:
+    """Log weights (n,) of shared values (n, k) with log densities ``log_law`` (n,), locals integrated out."""
+    total, repeated = family.log_prior(D) - log_law, np.repeat(D, INNER, axis=0)
     for g, law in enumerate(laws.locals):
         L, log_own = law.sample(D, INNER, rng)
         population, likelihood = family.terms(g, repeated, L)
         inside = np.isfinite(population) & np.isfinite(likelihood)
         each = np.where(inside, population + np.where(inside, likelihood, 0.0), -np.inf) - log_own
-        each = each.reshape(len(D), INNER)
-        total = total + np.logaddexp.reduce(each, axis=1) - np.log(INNER)
-        best = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
-        chosen.append(L.reshape(len(D), INNER, -1)[np.arange(len(D)), best])
-    return _Drawn(D, np.array(chosen), np.where(np.isnan(total), -np.inf, total))
-
-
-def _improved(family: JointFamily, alone: Draws, laws: OuterLaws, rng: Generator) -> OuterLaws:
-    """Laws fitted to draws of the given ones by their weights; the same where no draw has any."""
-    D = laws.drivers.sample(DRAWN, rng)
-    drawn = _drawn(family, laws, D, laws.drivers.log_density(D), rng)
-    if np.isfinite(drawn.log_weights).sum() < FEWEST:
-        return laws
-    weights = _tempered(drawn.log_weights)
-    kept = rng.choice(len(D), size=4 * DRAWN, p=weights)
-    return _fitted(family, alone, D[kept], drawn.L[:, kept], rng)
-
-
-def _tempered(log_weights: FloatArray) -> FloatArray:
-    """Weights (n,) that sum to 1, to a power at which they are even enough to fit laws to."""
-    level = log_weights - log_weights.max()
-    finite = level[np.isfinite(level)]
-
-    def excess(power: float) -> float:
-        share = 2 * logsumexp(power * finite) - logsumexp(2 * power * finite) - np.log(len(level))
-        return float(np.exp(share) - EVEN)
-
-    power = 1.0 if excess(1.0) >= 0 else float(brentq(excess, 0.0, 1.0, rtol=1e-3))
-    weights = np.exp(np.where(np.isfinite(level), power * level, -np.inf))
-    return np.asarray(weights / weights.sum())
+        total = total + np.logaddexp.reduce(each.reshape(len(D), INNER), axis=1) - np.log(INNER)
+    return np.where(np.isnan(total), -np.inf, total)
 
 
 def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
@@ -181,12 +157,12 @@ def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) ->
     Each draw has the laws of locals that belong to its law of shared values. What every adaptation finds
     alone, its draws against its own law, joins the error: adaptations that disagree have not seen the same.
     """
-    each = LAST // len(laws)
+    each = OUTER // len(laws)
     D = [law.drivers.sample(each, rng) for law in laws]
     levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
     pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
     adaptations = zip(laws, D, pooled, strict=True)
-    weights = np.array([_drawn(family, law, at, level, rng).log_weights for law, at, level in adaptations])
+    weights = np.array([_weights(family, law, at, level, rng) for law, at, level in adaptations])
     if np.isfinite(weights).sum() < FEWEST:
         return None
     own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]

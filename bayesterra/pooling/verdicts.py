@@ -98,7 +98,7 @@ class Evidences:
     ----------
     joint : the study's own.
     chains : draws of each group's posterior alone, physical (ensembles, steps, walkers, parameters).
-    rng : of the estimates.
+    rng : of the estimates, each of which has a stream of its own.
     complete, stated, none : of what is known beforehand: all shared, the study's own roles, nothing shared.
     """
 
@@ -121,7 +121,7 @@ class Evidences:
         if key == _key(self.joint):
             return self.stated
         if key not in self.levels:
-            self.levels[key] = level_of(joint, self.chains, self.rng)
+            self.levels[key] = level_of(joint, self.chains, *self.rng.spawn(1))
         return self.levels[key]
 
     def population(self, name: str) -> Population:

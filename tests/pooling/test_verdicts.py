@@ -18,6 +18,7 @@ from bayesterra.study.study import Study
 from tests.support.two_wheels import HELD
 
 from .gaussian import STANDARD, Gaussian, gaussian
+from .linear_soils import COMMON, POPULATION, linear_soils
 
 MakeStudy = Callable[..., Study]
 FIXED = {**HELD, "phi": 0.5, "K": 0.01, "n0": STANDARD, "n1": STANDARD}
@@ -76,6 +77,31 @@ def test_factors_are_those_of_normal_laws(
         assert abs(level.log_z - exact) < 4.5 * level.error + 0.005
     assert case.log_factor == pytest.approx(factor, abs=1e-6)
     assert found.verdict == ("wheel-dependent" if factor < -3.0 else "cannot tell")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("common", "populations", "spread"),
+    [
+        (("c",), (), 0.3),
+        ((), ("c",), 0.3),
+        (("c", "phi"), ("K",), 0.3),
+        (("c", "phi"), (), 2.0),
+    ],
+)
+def test_six_groups_of_eight_parameters_have_the_evidence_of_normal_laws(
+    common: tuple[str, ...], populations: tuple[str, ...], spread: float
+) -> None:
+    """Some 40 parameters: the laws of locals are good enough, in the far tails of all groups too."""
+    soils, rng = linear_soils(6, default_rng(1), spread), default_rng(2)
+    exact = soils.log_evidence(dict.fromkeys(common, COMMON) | dict.fromkeys(populations, POPULATION))
+    joint = with_roles(soils.joint(), common, {name: Population() for name in populations})
+    level = level_of(joint, soils.chains(2, 4000, rng), rng)
+    assert level.reliable
+    assert level.error < 0.1
+    assert abs(level.log_z - exact) < 4.5 * level.error + 0.005
+    if spread > 1.0:
+        assert exact - soils.log_evidence({}) < -100.0
 
 
 @pytest.mark.slow
