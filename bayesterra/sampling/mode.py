@@ -14,6 +14,8 @@ from bayesterra.parameters import SIZES
 from bayesterra.stats.optimiser import descend
 
 STARTS = 8
+MOST = 400
+"""Steps of a descent: bent valleys take many."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping
     starts = np.vstack([starts, *others])
     starts = starts[posterior.log_density(starts) > -np.inf]
     target = Target(posterior, chart(posterior, np.vstack([held, starts])), with_prior=True, anchor=None)
-    y = descend(target, target.chart.from_physical(starts), np.broadcast_to(~soil, starts.shape)).y
+    y = descend(target, target.chart.from_physical(starts), np.broadcast_to(~soil, starts.shape), MOST).y
     ends = np.where(soil, target.chart.to_physical(y), starts)
     levels = posterior.log_density(ends)
     best = int(levels.argmax())

@@ -10,7 +10,7 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 
 MOST = 40
-"""Steps after which a descent ends in any case."""
+"""Steps after which a descent ends in any case, unless told otherwise."""
 STIFF = 1e7
 """Damping at which a descent is stuck."""
 
@@ -63,20 +63,20 @@ def begin(problem: Problem, y: FloatArray, fixed: IntArray, places: FloatArray) 
     return np.where(held, places[:, None], np.clip(moved, 0.0, 1.0))
 
 
-def descend(problem: Problem, y: FloatArray, held: BoolArray) -> Ends:
-    """Descend from points y (n, d), parameters held where ``held`` (n, d) says so."""
+def descend(problem: Problem, y: FloatArray, held: BoolArray, most: int = MOST) -> Ends:
+    """Descend from points y (n, d), parameters where ``held`` (n, d) held, in at most so many steps."""
     y, value = y.copy(), problem.value(y)
     going = np.flatnonzero(np.isfinite(value) & (problem.slack(y) >= -1e-7).all(axis=1))
     value[np.setdiff1d(np.arange(len(y)), going)] = np.inf
     damping = np.full(len(y), 1e-3)
     local = problem.local(y[going]) if going.size else None
-    for _ in range(MOST):
+    for _ in range(most):
         if local is None or not going.size:
             break
         at, stay = y[going], held[going]
         move = _damped(problem, at, local, stay, shift=np.zeros_like(at), damping=damping[going])
-        promised = _promise(local, move)
         new = np.clip(at + move, 0.0, 1.0)
+        promised = _promise(local, new - at)
         level = problem.value(new)
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(level), (value[going] - level) / np.maximum(promised, 1e-300), -1.0)
