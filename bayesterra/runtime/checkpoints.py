@@ -88,7 +88,7 @@ class Checkpoints:
 
         Raises
         ------
-        ResultError : it belongs to another work.
+        ResultError : it belongs to another work, or to someone who lets nobody read it.
         """
         loaded: dict[str, NDArray[Any]] | None = self._load(name, _arrays)
         return loaded
@@ -127,6 +127,8 @@ class Checkpoints:
         try:
             about, content = _read(self._path(name))
             loaded = read(content)
+        except PermissionError as error:  # whole or not, who may not read it may not make it again
+            raise _unreadable(self._path(name), error) from error
         except (*UNREADABLE, BadZipFile):
             return None
         if about != {"run": self.run, "segment": name}:
@@ -214,12 +216,18 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
 
 
 def identity_in(folder: Path) -> Any:
-    """Identity with which work was begun; None where that cannot be read, and its pieces must tell."""
+    """Identity with which work was begun; None where that is missing or damaged, and its pieces must tell."""
     try:
         record = read_json(folder / BEGUN)
         return record["identity"] if record["run"] == _digest(record["identity"]) else None
+    except PermissionError as error:
+        raise _unreadable(folder / BEGUN, error) from error
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _unreadable(path: Path, error: OSError) -> ResultError:
+    return ResultError(f"'{path}' cannot be read ({error.strerror}): ask its owner for leave to read it")
 
 
 def _digest(identity: Any) -> str:

@@ -12,6 +12,7 @@ import pytest
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints, difference
 from bayesterra.runtime.ownership import BEGUN
+from bayesterra.runtime.reading import read_bytes
 from bayesterra.study.canonical import identity, source_digest, write_study
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
@@ -197,3 +198,22 @@ def test_the_code_is_part_of_a_run(study: Study, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("bayesterra.study.canonical.version", lambda name: "9.9")
     assert "not 9.9" in difference(before, identity(study, 1))
     assert before["build of bayesterra"] == source_digest()
+
+
+def test_a_piece_that_may_not_be_read_is_no_damaged_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another user's segment stays where it is; a line names it and says what to do."""
+    run = opened(tmp_path)
+    run.save("one", {"a": np.zeros(3)})
+
+    def forbidden(path: Path, most: int) -> bytes:
+        if path.name == "one.segment":
+            raise PermissionError(13, "Permission denied")
+        return read_bytes(path, most)
+
+    monkeypatch.setattr("bayesterra.runtime.checkpoints.read_bytes", forbidden)
+    message = r"one\.segment' cannot be read \(Permission denied\): ask its owner for leave to read it"
+    with pytest.raises(ResultError, match=message):
+        opened(tmp_path)
+    assert (run.folder / "one.segment").is_file()
