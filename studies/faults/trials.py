@@ -137,7 +137,8 @@ class Process:
             try:
                 _in_session(notes)
                 code = _outcome(work, before)
-                (notes / "modules").write_text("\n".join(sys.modules), encoding="utf-8")
+                with suppress(OSError):  # where it may not write, nobody asks for them
+                    (notes / "modules").write_text("\n".join(sys.modules), encoding="utf-8")
                 os._exit(code)
             finally:  # whatever happens, nothing of the parent's is cleaned up here
                 os._exit(71)

@@ -197,3 +197,21 @@ def test_the_code_is_part_of_a_run(study: Study, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("bayesterra.study.canonical.version", lambda name: "9.9")
     assert "not 9.9" in difference(before, identity(study, 1))
     assert before["build of bayesterra"] == source_digest()
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On opening and on saving, in one line; what was saved before stays."""
+
+    def full(path: Path, content: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    work = opened(tmp_path)
+    work.save("one", {"a": np.arange(3)})
+    monkeypatch.setattr("bayesterra.runtime.checkpoints.write_bytes", full)
+    monkeypatch.setattr("bayesterra.runtime.checkpoints.write_text", full)
+    with pytest.raises(ResultError, match=r"checkpoint' cannot be written: No space left on device"):
+        work.save("two", {"a": np.arange(3)})
+    with pytest.raises(ResultError, match=r"begun\.json' cannot be read or written: No space left on device"):
+        opened(tmp_path / "new")
+    assert work.holds("one")
+    assert not work.holds("two")
