@@ -65,6 +65,14 @@ class Checkpoints:
         ResultError : the work was begun with something else; the message says with what. Or something else
             than a file is in the place of one, or the folder cannot be written.
         """
+        try:
+            return cls._opened(folder, identity, kind)
+        except OSError as error:
+            place = error.filename or folder
+            raise ResultError(f"'{place}' cannot be read or written: {error.strerror or error}") from error
+
+    @classmethod
+    def _opened(cls, folder: Path, identity: Identity, kind: str) -> Checkpoints:
         _refuse_what_is_no_file(folder)
         present = json.loads(json.dumps(identity))
         begun = identity_in(folder)

@@ -217,3 +217,21 @@ def test_a_piece_that_may_not_be_read_is_no_damaged_one(
     with pytest.raises(ResultError, match=message):
         opened(tmp_path)
     assert (run.folder / "one.segment").is_file()
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On opening and on saving, in one line; what was saved before stays."""
+
+    def full(path: Path, content: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    work = opened(tmp_path)
+    work.save("one", {"a": np.arange(3)})
+    monkeypatch.setattr("bayesterra.runtime.checkpoints.write_bytes", full)
+    monkeypatch.setattr("bayesterra.runtime.checkpoints.write_text", full)
+    with pytest.raises(ResultError, match=r"checkpoint' cannot be written: No space left on device"):
+        work.save("two", {"a": np.arange(3)})
+    with pytest.raises(ResultError, match=r"begun\.json' cannot be read or written: No space left on device"):
+        opened(tmp_path / "new")
+    assert work.holds("one")
+    assert not work.holds("two")
