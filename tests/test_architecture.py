@@ -183,3 +183,15 @@ def test_help_comes_without_the_heavy_libraries() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_tests_stand_where_their_subjects_do() -> None:
+    """In a folder named after a room every test file names a file of that room, as itself or with more."""
+    strays = []
+    for path in sorted((ROOT / "tests").glob("*/test_*.py")):
+        room = ROOT / "bayesterra" / path.parent.name
+        subjects = [source.stem for source in room.rglob("*.py")] if room.is_dir() else []
+        name = path.stem.removeprefix("test_")
+        if subjects and not any(name == one or name.startswith(f"{one}_") for one in subjects):
+            strays.append(path.relative_to(ROOT).as_posix())
+    assert strays == []
