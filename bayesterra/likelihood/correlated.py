@@ -216,7 +216,10 @@ class CorrelatedLikelihood(Likelihood):
     def fresh(
         self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
     ) -> FloatArray:
-        """Draw ripple and effect of slip errors (n, g, k) of readings of another sweep, each by itself."""
+        """Draw ripple and effect of slip errors (n, g, k) of readings of another sweep, each by itself.
+
+        A channel that is no outcome of ``forward``, as its other drive is given it, has no effect of slip.
+        """
         sizes, g = self.sizes(len(soil), noise_values), len(forward.conditions.slip)
         effects = np.zeros((len(soil), g, len(self.channels)))
         for which, error in enumerate(self.errors):
@@ -224,7 +227,9 @@ class CorrelatedLikelihood(Likelihood):
             if isinstance(error, Ripple):
                 effects[:, :, self.channels.index(error.channel)] += draw
             elif error is self.errors.slip:
-                effects += slip_slopes(forward, soil, self.channels) * draw[:, :, None]
+                columns = [i for i, name in enumerate(self.channels) if name in forward.outcomes]
+                slopes = slip_slopes(forward, soil, [self.channels[i] for i in columns])
+                effects[:, :, columns] += slopes * draw[:, :, None]
         return effects
 
     def reading(self, where: BoolArray) -> CorrelatedLikelihood:

@@ -10,11 +10,13 @@ from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import CorrelatedLikelihood, slip_doubts, slip_slopes
+from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.models import Wheel
+from bayesterra.models import Conditions, Wheel
+from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
-from tests.support.joint_rows import HELD, NOISE, joined, sets
+from tests.support.joint_rows import HELD, NOISE, TABLE, WHEELS, joined, sets
 
 ROWS = pd.DataFrame(
     {
@@ -132,3 +134,21 @@ def test_slopes_are_those_of_the_model() -> None:
         ]
         expected = (ends[1] - ends[0]) / (high - low)
         np.testing.assert_allclose(found[:, row], expected, rtol=0.05)
+
+
+def test_slip_errors_of_a_study_by_sinkage_reach_predictions_by_load() -> None:
+    """Readings under a given load feel them where the channel is an outcome there; the load does not."""
+    data = TABLE.assign(
+        **{"normal_force [N]": 80.0, "sinkage [mm]": [6.6, 10.0, 15.0, 14.2, 13.0, 26.0, 19.0]}
+    )
+    noise = {"normal_force": 1.0, "drawbar_pull": 0.5, "resistance_moment": 0.1}
+    study = joined("c", data=data, drive="sinkage", noise=noise, slip={"sd": 0.01})
+    likelihood = posterior(study).likelihood
+    slips = np.array([0.2, 0.4])
+    by_load = Forward(study.model, Drive.LOAD, Conditions.of(WHEELS["A"], slips), np.full(2, 80.0))
+    soil = study.prior.soil_values(np.full((400, 1), HELD["c"]))
+    drawn = likelihood.fresh(by_load, soil, np.empty((400, 0)), np.random.default_rng(1))
+    force, pull = (likelihood.channels.index(name) for name in ("normal_force", "drawbar_pull"))
+    assert np.all(drawn[:, :, force] == 0.0)
+    slopes = slip_slopes(by_load, soil[:1], ["drawbar_pull"])[0, :, 0]
+    np.testing.assert_allclose(drawn[:, :, pull].std(axis=0), 0.01 * np.abs(slopes), rtol=0.15)
