@@ -138,9 +138,8 @@ def test_slopes_are_those_of_the_model() -> None:
 
 def test_slip_errors_of_a_study_by_sinkage_reach_predictions_by_load() -> None:
     """Readings under a given load feel them where the channel is an outcome there; the load does not."""
-    data = TABLE.assign(
-        **{"normal_force [N]": 80.0, "sinkage [mm]": [6.6, 10.0, 15.0, 14.2, 13.0, 26.0, 19.0]}
-    )
+    data = TABLE.assign(normal_force=80.0).rename(columns={"normal_force": "normal_force [N]"})
+    data["sinkage [mm]"] = [6.6, 10.0, 15.0, 14.2, 13.0, 26.0, 19.0]
     noise = {"normal_force": 1.0, "drawbar_pull": 0.5, "resistance_moment": 0.1}
     study = joined("c", data=data, drive="sinkage", noise=noise, slip={"sd": 0.01})
     likelihood = posterior(study).likelihood
