@@ -134,6 +134,7 @@ class Process:
         notes.mkdir(parents=True)
         sys.stdout.flush()
         sys.stderr.flush()
+        before_fork = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it waits for the session
         child = os.fork()
         if child == 0:
             try:
@@ -144,6 +145,7 @@ class Process:
                 os._exit(code)
             finally:  # whatever happens, nothing of the parent's is cleaned up here
                 os._exit(71)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before_fork)
         return cls(child, notes)
 
     def import_the_same(self) -> None:
@@ -195,6 +197,7 @@ class Process:
 def _in_session(notes: Path) -> None:
     """Begin a session of its own, whose words and acknowledgements go to files."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     os.setsid()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(notes / "said", os.O_WRONLY | os.O_CREAT), 2)

@@ -14,17 +14,8 @@ from bayesterra.models import Wheel
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+from tests.support.one_wheel import TRUTH as HELD
 
-HELD = {
-    "Ks": 2.5e6,
-    "n0": 0.85,
-    "n1": 1.06,
-    "c": 268.0,
-    "phi": float(np.radians(29.3)),
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
 TABLE = pd.DataFrame(
     {
         "slip": [0.1, 0.2, 0.3, 0.4],
