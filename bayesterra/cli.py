@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,9 +66,12 @@ def _options(
     """Options that need no command."""
 
 
-def hushed(quiet: bool) -> bool:
-    """Value of --quiet, which keeps back the notes of the package, too."""
-    logging.getLogger("bayesterra").setLevel(logging.ERROR if quiet else logging.NOTSET)
+def hushed(context: typer.Context, quiet: bool) -> bool:
+    """Value of --quiet, which keeps back the notes of the package, too, until the command has ended."""
+    if quiet:
+        notes = logging.getLogger("bayesterra")
+        context.call_on_close(partial(notes.setLevel, notes.level))
+        notes.setLevel(logging.ERROR)
     return quiet
 
 

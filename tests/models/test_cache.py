@@ -9,7 +9,9 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+import typer
 from numba.core import config
+from typer.main import get_command
 
 import bayesterra
 from bayesterra.cli import app, hushed
@@ -106,10 +108,17 @@ def test_without_a_folder_it_works_and_says_so_once(
     assert note.endswith("NUMBA_CACHE_DIR may name a folder that can be written")
     caplog.clear()
     kernel_cache._told.clear()
-    assert hushed(True)
-    assert hits() == 0
-    assert not hushed(False)
+    command = typer.Context(get_command(app))
+    with command:
+        assert hushed(command, True)
+        assert hits() == 0
     assert not caplog.messages
+    kernel_cache._told.clear()
+    command = typer.Context(get_command(app))
+    with command:
+        assert not hushed(command, False)
+        assert hits() == 0
+    assert len(caplog.messages) == 1  # --quiet of one command says nothing of the next
 
 
 def test_a_folder_that_can_only_be_read_is_read(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
