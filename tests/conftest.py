@@ -1,10 +1,13 @@
 """A real result, small enough to make once for all tests that need one."""
 
+from __future__ import annotations
+
 import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,7 +16,10 @@ from bayesterra.models import warm_up
 from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
 
-pytest_plugins = ["tests.support.one_wheel", "tests.support.folder", "tests.support.followed"]
+if TYPE_CHECKING:
+    from tests.support.shared import Shared
+
+pytest_plugins = [f"tests.support.{name}" for name in ("one_wheel", "folder", "followed", "shared")]
 """Fixtures of several rooms."""
 
 STUDIES = Path(__file__).parent.parent / "studies"
@@ -43,7 +49,7 @@ def study_script() -> Callable[[str], ModuleType]:
 
 
 @pytest.fixture(scope="session")
-def small_result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+def small_result(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """A short run on the shipped HIT study: 400 effective draws of ensembles of 32 walkers."""
     folder = tmp_path_factory.mktemp("small")
     study = (HIT / "study.toml").read_text(encoding="utf-8")
@@ -51,4 +57,4 @@ def small_result(tmp_path_factory: pytest.TempPathFactory) -> Result:
         f"{study}\n[sampling]\ntarget_ess = 400\nwalkers = 32\n", encoding="utf-8"
     )
     (folder / "measurements.csv").write_bytes((HIT / "measurements.csv").read_bytes())
-    return run(load_study(folder), seed=1)
+    return shared("small", lambda: run(load_study(folder), seed=1))

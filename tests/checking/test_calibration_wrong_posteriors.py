@@ -46,6 +46,7 @@ def test_the_right_posterior_passes(make_small: MakeStudy, quick: ShortRuns) -> 
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_dropped_jacobian_fails(
     make_small: MakeStudy, quick: ShortRuns, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -61,6 +62,7 @@ def test_a_dropped_jacobian_fails(
     assert shift_and_width(found.ranks("K"))[0] < -0.4
 
 
+@pytest.mark.slow
 def test_a_posterior_that_believes_in_half_of_the_noise_fails(
     make_small: MakeStudy, quick: ShortRuns
 ) -> None:

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 HELD = 'n0 = 0.85\nn1 = 1.06\nKs = "2500 kPa"\nK = "10 mm"\nc = "0.3 kPa"\nc2 = 0.0\n'
 SHORT = "\n[sampling]\ntarget_ess = 2000\nwalkers = 32\nmax_steps = 30\n"
@@ -28,6 +30,7 @@ def small_study(folder: Path) -> None:
     shutil.copy(HIT / "measurements.csv", folder)
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_draws(tmp_path: Path) -> None:
     """After 20 random kills, further ones while resuming, and damage, all draws are there bit for bit."""
     small_study(tmp_path)

@@ -259,6 +259,7 @@ def one_condition(columns: Mapping[str, FloatArray], noise: Mapping[str, float])
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_noise", [1.0, 6.0])
 def test_a_latent_load_costs_what_the_score_says(force_noise: float) -> None:
     """The score of the likelihood that integrates over the load has the Schur complement for covariance."""

@@ -149,6 +149,7 @@ def _sampled(family: Linear, seed: int) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=2), accepted
 
 
+@pytest.mark.slow
 def test_moves_have_the_exact_posterior() -> None:
     """Where the groups have one value, so that the spread piles up at zero: the hard case."""
     family = simulated(4, 0.0, 0.2, 3)

@@ -153,6 +153,7 @@ def test_page_says_what_is_shared(result: PooledResult) -> None:
         assert group in page
 
 
+@pytest.mark.slow
 def test_a_run_stands_without_degrees_and_verdicts(
     make: MakeStudy, small: PoolingOptions, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],

@@ -45,6 +45,7 @@ def words(result: SoilTestResult) -> dict[str, str]:
     return {name: str(table[name]) for name in result.test.soil}
 
 
+@pytest.mark.slow
 def test_two_radii_give_both_moduli_back_and_one_does_not(analysed: Analysed) -> None:
     """Determined and covered with two; with one only the sum, by the words of wheel studies."""
     two, one = analysed("plates"), analysed("one plate")

@@ -70,6 +70,7 @@ def test_the_readme_says_what_is_stored(tables: ModuleType) -> None:
     assert tables.plain("divide.csv") in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize("space", ["raw", "ours"])
 def test_scalar_peers_sample_the_same_density(drive: str, space: str, problems: ModuleType) -> None:

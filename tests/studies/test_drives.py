@@ -6,6 +6,7 @@ from types import ModuleType
 
 import numpy as np
 import pandas as pd
+import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.likelihood.posterior import posterior
@@ -16,6 +17,7 @@ from bayesterra.study.schema import SamplingOptions
 STUDY = Path(__file__).parents[2] / "studies" / "drives"
 
 
+@pytest.mark.slow
 def test_a_short_run_agrees_with_the_stored_study(study_script: Callable[[str], ModuleType]) -> None:
     """Posterior medians of drive ``both`` are the stored ones within their Monte Carlo errors."""
     density = posterior(study_script("drives").study("both"))

@@ -17,6 +17,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     return study_script("identifiability")
 
 
+@pytest.mark.slow
 def test_a_case_is_remade(script: ModuleType) -> None:
     """Contractions of all directions come out as stored."""
     found = script.tables(CASE, 1)["directions"]

@@ -30,6 +30,7 @@ def agree(found: pd.DataFrame, kept: pd.DataFrame, keys: list[str], columns: lis
     np.testing.assert_allclose(left, right.loc[left.index], rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_fits_are_remade(script: ModuleType) -> None:
     """IM2 gives the stored values of Tables 11 to 13 again, the joint fit the stored misfits."""
     columns = ["printed_Ks", "printed_n", "Ks", "n", "error", "Ks_bounded", "n_bounded", "error_bounded"]
@@ -77,6 +78,7 @@ def test_below_zero_meets_the_package(script: ModuleType) -> None:
         assert grid[data, -0.999] == pytest.approx(joint[data], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_evidence_agrees_with_the_stored_one(script: ModuleType) -> None:
     """The constant exponent on HIT, M2: the evidence comes out again; all samplings converged."""
     table = stored("comparison")

@@ -16,6 +16,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     return study_script("planted-misfits")
 
 
+@pytest.mark.slow
 def test_the_first_runs_are_remade(script: ModuleType) -> None:
     """Run 0 without and with a misfit comes out as stored."""
     stored = pd.read_csv(STUDY / "results.csv").set_index(["case", "run"])

@@ -16,6 +16,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     return study_script("recovery")
 
 
+@pytest.mark.slow
 def test_one_case_is_remade(script: ModuleType) -> None:
     """M2 data are recovered now, in both drives, and not when noise on the sinkage is ignored."""
     cases = [("Wh22", "M2", "load", 0.0), ("Wh22", "M2", "sinkage", 0.0), ("Wh22", "M2", "sinkage", 0.0005)]

@@ -20,6 +20,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     return study_script("verdicts")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [*PROBLEMS, PLATEAU])
 def test_the_first_run_of_every_problem_is_right_and_as_stored(script: ModuleType, problem: str) -> None:
     """Every word and the open combination are the right ones, the figures behind them the stored ones."""
