@@ -406,7 +406,10 @@ def read_state(folder: Path, identity: Identity) -> State:
     ResultError : it is missing or damaged, or belongs to another study or other rows.
     """
     with damage(ResultError, folder / STATE / BEGUN):
-        begun: dict[str, Any] = read_json(folder / STATE / BEGUN)["identity"]
+        record = read_json(folder / STATE / BEGUN)
+        begun: dict[str, Any] = record["identity"]
+        if record["run"] != digest(begun):
+            raise ValueError("this is not what was written")
         compared = ("study", "rows") if begun.get("form") == identity["form"] else ("rows",)
         if any(begun[name] != identity[name] for name in compared):
             raise ResultError(f"'{folder}' is damaged: its particles belong to another study or other rows")

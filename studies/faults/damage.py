@@ -209,6 +209,20 @@ def resumed(table: Table, work: Path, made: Path, share: float, only: tuple[str,
             table.add("damage", where, number, *row)
 
 
+def _mend(said: str, damaged: Path, part: Path) -> Callable[[], str] | None:
+    """What an error asks for, which gives the option to go on with; None where it names nothing to mend."""
+    named = [path for path in part.rglob("*") if f"'{path}'" in said]
+    if "move it away" in said and named:
+        return lambda: _moved_away(*named)
+    return (lambda: "--overwrite") if damaged.name in said else None
+
+
+def _moved_away(*paths: Path) -> str:
+    for path in paths:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return "--resume"
+
+
 def _begun(arguments: tuple[object, ...], out: Path, notes: Path, *more: str) -> Process:
     return Process.begun(command(*arguments, "--out", out, *more), notes)
 
@@ -225,9 +239,9 @@ def _resumed(
     process, said = begun("--resume"), ""
     if process.code() == 2:
         said = process.error
-        if path.name.removesuffix("-wal").removesuffix("-shm") not in said or not part.exists():
+        if not part.exists() or (mend := _mend(said, path, part)) is None:
             return [moment, "no clear error", said]
-        process = begun("--overwrite")
+        process = begun(mend())
     if process.code() != code:
         return [moment, "no clear error", process.error]
     same = content(out) == after and {path.name for path in place.iterdir()} == {"out"}

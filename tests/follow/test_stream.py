@@ -213,6 +213,10 @@ def test_a_stream_of_an_earlier_plain_form_is_read(streamed: bt.Stream, tmp_path
     segment.write_bytes(sha256(body).hexdigest().encode() + b"\n" + body)
     (tmp_path / "stream" / "SHA256SUMS").unlink()
     assert np.array_equal(bt.load_stream(tmp_path / "stream").cloud.x, streamed.cloud.x)
-    begun.write_text(json.dumps({"run": digest(identity), "identity": {**identity, "rows": "others"}}))
+    others = {**identity, "rows": "others"}
+    begun.write_text(json.dumps({"run": digest(identity), "identity": others}))
+    with pytest.raises(bt.ResultError, match=r"begun\.json' is damaged: this is not what was written"):
+        bt.load_stream(tmp_path / "stream")
+    begun.write_text(json.dumps({"run": digest(others), "identity": others}))
     with pytest.raises(bt.ResultError, match="its particles belong to another study or other rows"):
         bt.load_stream(tmp_path / "stream")
