@@ -18,6 +18,7 @@ from bayesterra.analysis.prior_only import run_prior
 from bayesterra.analysis.run import load_result, load_single, run
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.pooling import degrees as pooling_degrees
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, row_likelihoods, run_pooled
@@ -34,8 +35,11 @@ MakeStudy = Callable[..., Study]
 
 @pytest.fixture(scope="module")
 def result(make: MakeStudy, small: PoolingOptions) -> PooledResult:
-    """A small run."""
-    return run_pooled(make(), seed=1, plan=small)
+    """A small run, whose evidences for other roles come from few walkers: what they are worth is tested apart."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pooling_degrees, "WALKERS", 32)
+        patch.setattr(pooling_degrees, "SWEEPS", (40,))
+        return run_pooled(make(), seed=1, plan=small)
 
 
 def test_tables_name_everything(result: PooledResult) -> None:
