@@ -1,6 +1,7 @@
 """A real result, small enough to make once for all tests that need one."""
 
 import importlib.util
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +32,7 @@ def study_script() -> Callable[[str], ModuleType]:
     """Import the script of a study by the name of its folder."""
 
     def load(name: str) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(name.replace("-", "_"), STUDIES / name / "run.py")
+        spec = importlib.util.spec_from_file_location(re.sub(r"\W", "_", name), STUDIES / name / "run.py")
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)

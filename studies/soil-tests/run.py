@@ -133,7 +133,8 @@ WIDTHS = {"two": (0.165, 0.080), "one": (0.165,)}
 WHEEL_SOIL = {"Ks": 1.0, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": float(np.radians(29.3)), "K": 0.0101,
               "c1": 0.339, "c2": -0.017, "c3": 0.0}  # fmt: skip
 MODULI = {"kc": 1e5, "kphi": 0.6e6}
-"""About Table 10 of the paper, wheel Wh32, with a K_s that hangs on the width; as in ``studies/verdicts``."""
+"""About Table 10 of the paper, wheel Wh32, with a K_s that hangs on the width; as in
+``studies/identifiability/verdicts``."""
 WHEEL_NOISE = {"sinkage": 0.5e-3, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 WHEEL_PRIORS = {
     "kc": Law("uniform", lower=0.0, upper=2e5),

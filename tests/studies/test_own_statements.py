@@ -11,7 +11,7 @@ STUDIES = Path(__file__).parents[2] / "studies"
 
 
 @pytest.mark.parametrize(
-    ("study", "script"), [("soil-tests", "soil_statements"), ("leave-slip-out", "slip_statements")]
+    ("study", "script"), [("soil-tests", "soil_statements"), ("misfit/leave-slip-out", "slip_statements")]
 )
 def test_statements_follow_from_the_tables(study: str, script: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is stored is what the tables beside it give."""

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-STUDY = Path(__file__).parents[2] / "studies" / "paper-identification"
+STUDY = Path(__file__).parents[2] / "studies" / "paper" / "identification"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-identification")
+    return study_script("paper/identification")
 
 
 def stored(name: str) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from sensitivity.responses import OUTCOMES
 from bayesterra.models import SOIL_FIELDS
 
 STUDIES = Path(__file__).parents[2] / "studies"
-STUDY = STUDIES / "paper-sensitivity"
+STUDY = STUDIES / "paper" / "sensitivity"
 DIFFERS = [
     "Table 4: F_Nτ/F_N of G1 at slip 0.6 for six wheels, 35 to 150 N",
     "Fig. 5(b, c): F_DPσ is lower than F_DPτ",
@@ -32,7 +32,7 @@ DIFFERS = [
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-sensitivity")
+    return study_script("paper/sensitivity")
 
 
 def stored(name: str) -> pd.DataFrame:
@@ -140,9 +140,9 @@ def test_every_study_can_be_remade() -> None:
     assert spec.loader is not None
     remake = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(remake)
-    folders = {file.parent.name for file in STUDIES.glob("*/README.md")}
+    folders = {file.parent.relative_to(STUDIES).as_posix() for file in STUDIES.glob("*/**/README.md")}
     assert folders == {*remake.COMMANDS, *remake.NOTHING_TO_RUN}
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     assert all(f"[{name}]({name})" in text for name in folders)
-    assert remake.commands("drives") == [[str(STUDIES / "drives" / "run.py")]]
+    assert remake.commands("recovery/drives") == [[str(STUDIES / "recovery" / "drives" / "run.py")]]
     assert remake.main(["nothing"]) == 2

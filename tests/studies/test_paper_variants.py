@@ -10,13 +10,13 @@ import pytest
 
 from bayesterra.models import M2
 
-STUDY = Path(__file__).parents[2] / "studies" / "paper-variants"
+STUDY = Path(__file__).parents[2] / "studies" / "paper" / "variants"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-variants")
+    return study_script("paper/variants")
 
 
 def stored(name: str) -> pd.DataFrame:
