@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from sensitivity.groups import WHEELS
+from paper_wheels import WHEELS
 
 import bayesterra as bt
 from bayesterra.models import M1, Soil

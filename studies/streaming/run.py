@@ -35,17 +35,11 @@ from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 
 HERE = Path(__file__).parent
-WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
-TRUTH = {
-    "Ks": 2499.3e3,
-    "n0": 0.849,
-    "n1": 1.063,
-    "c": 268.0,
-    "phi": float(np.radians(29.3)),
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import SOILS, WHEELS  # noqa: E402
+
+WHEEL, TRUTH = WHEELS["Wh32"], dict(SOILS["Wh32"])
 """Wheel Wh32 and its soil, Ding et al. 2015, Tables 1 and 10."""
 NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
 SLIPS, LOADS = (0.05, 0.6), (60.0, 100.0)

@@ -8,6 +8,7 @@ holds 200, so that it can be stopped at any time and goes on where it was; then 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -33,12 +34,12 @@ from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.schema import SamplingOptions
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from paper_wheels import WHEELS as PAPER_WHEELS  # noqa: E402
+
 SEED = 7
-WHEELS = {
-    "Wh11": bt.Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75),
-    "Wh22": bt.Wheel(0.135, 0.110, 0.010, 24, shearing_radius_coefficient=0.65),
-    "Wh32": bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
-}
+WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh22", "Wh32")}
 SLIPS = (0.05, 0.15, 0.3, 0.45, 0.6)
 ENOUGH = 400
 """Effective draws of a fit."""

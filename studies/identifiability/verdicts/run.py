@@ -31,19 +31,11 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.result import COUPLED
 
 HERE = Path(__file__).parent
-WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, 0.65)
-SOIL = {
-    "Ks": 2.5e6,
-    "n0": 0.85,
-    "n1": 1.06,
-    "c": 268.0,
-    "phi": float(np.radians(29.3)),
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-    "c3": 0.0,
-}
-"""About Table 10 of Ding et al. 2015, wheel Wh32."""
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from paper_wheels import ABOUT_WH32, WHEELS  # noqa: E402
+
+SOIL = {**ABOUT_WH32, "c3": 0.0}
 LOAD = 80.0
 NOISE = {"sinkage": 0.5e-3, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 """SI; a third to a half of what is assumed for the digitised readings of ``studies/hit-wh32``."""
@@ -150,8 +142,8 @@ def study(problem: Problem, seed: int) -> bt.Study:
         "truth": soil,
         "sampling": {"target_ess": 1000, "walkers": 32},
     }
-    made = bt.simulate(bt.Study(blank, {"Wh32": WHEEL}, **tables), seed=seed)
-    return bt.Study(made, {"Wh32": WHEEL}, **tables)
+    made = bt.simulate(bt.Study(blank, {"Wh32": WHEELS["Wh32"]}, **tables), seed=seed)
+    return bt.Study(made, {"Wh32": WHEELS["Wh32"]}, **tables)
 
 
 def margin(found: Evidence) -> float:

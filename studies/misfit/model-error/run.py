@@ -12,6 +12,7 @@ planted errors of slip (``slip``) or with ripple (``ripple``).
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,6 +34,10 @@ from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from paper_wheels import MEAN_COHESION, SOILS, WHEELS  # noqa: E402
+
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
 BETWEEN, BEYOND = (0.125, 0.225, 0.325, 0.45, 0.55), (0.7, 0.8)
 LOAD = 80.0
@@ -47,15 +52,6 @@ SLOWER = replace(FIT, short=replace(FIT.short, max_steps=900))
 """Where sizes are estimated the chains forget more slowly."""
 DRAWS = 800
 
-# Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; K_s and c in kPa, φ in deg, K in mm
-WHEELS = {
-    "Wh11": (135.0, 165.0, 15, 24, 2499.0, 0.823, 1.257, 0.19, 30.1, 13.1, 0.388, -0.258),
-    "Wh12": (135.0, 165.0, 10, 24, 2499.3, 0.913, 1.013, 0.19, 30.1, 11.3, 0.299, -0.083),
-    "Wh21": (135.0, 110.0, 15, 24, 2499.3, 0.873, 1.059, 0.19, 30.1, 13.8, 0.443, -0.234),
-    "Wh22": (135.0, 110.0, 10, 24, 2499.6, 0.933, 0.824, 0.19, 30.1, 10.6, 0.465, -0.204),
-    "Wh31": (157.35, 165.0, 15, 30, 2499.0, 0.776, 1.266, 0.19, 30.1, 11.0, 0.400, -0.253),
-    "Wh32": (157.35, 165.0, 10, 30, 2499.3, 0.849, 1.063, 0.19, 30.1, 10.1, 0.339, -0.017),
-}
 SIZES = {"sinkage": 0.001, "drawbar_pull": 2.0, "resistance_moment": 0.4}
 """Stated sizes of the discrepancy: about a tenth of the largest readings, set before any fit was made."""
 LENGTH = 0.3
@@ -64,16 +60,9 @@ RIPPLE = {"drawbar_pull": 1.0, "resistance_moment": 0.2}
 """Planted errors of slip, and ripple with its memory in rows."""
 
 
-def wheel(name: str) -> bt.Wheel:
-    """A wheel of Table 1, its shearing-radius coefficient as IM1 takes it."""
-    r, b, h, lugs, *_ = WHEELS[name]
-    return bt.Wheel(r * 1e-3, b * 1e-3, h * 1e-3, lugs, shearing_radius_coefficient=0.75 if h == 15 else 0.65)
-
-
 def truth(name: str) -> dict[str, float]:
     """True values of a wheel's soil, SI; c and φ are the means of Table 10."""
-    names = ("Ks", "n0", "n1", "c", "phi", "K", "c1", "c2")
-    return {n: value * PARAMETERS[n].scale for n, value in zip(names, WHEELS[name][4:], strict=True)}
+    return {**SOILS[name], **MEAN_COHESION}
 
 
 def _discrepancy(factor: float, *, estimated: bool = False) -> dict[str, Any]:
@@ -115,8 +104,8 @@ def table(part: str, name: str, rng: Generator) -> pd.DataFrame:
     true = read + (SLIP_SD * rng.standard_normal(len(read)) if part == "slip" else 0.0)
     model, soil = (M1() if part in OF_M1 else M2()), bt.Soil(**truth(name))
     true = np.clip(true, 0.001, 0.98)
-    z = np.asarray(model.sinkage(soil, wheel(name), true, LOAD))
-    forces = model.forces(soil, wheel(name), true, z)
+    z = np.asarray(model.sinkage(soil, WHEELS[name], true, LOAD))
+    forces = model.forces(soil, WHEELS[name], true, z)
     values = {
         "sinkage": z,
         "drawbar_pull": np.asarray(forces.drawbar_pull),
@@ -141,7 +130,7 @@ def simulated(part: str, name: str, seed: int, told: dict[str, Any]) -> Study:
     place = (("model", "slip", "ripple", "precise").index(part), list(WHEELS).index(name), seed)
     return bt.Study(
         table(part, name, default_rng(SeedSequence(place))),
-        {name: wheel(name)},
+        {name: WHEELS[name]},
         slip_reference="shearing",
         title=f"{name}, {part} (simulated)",
         model="M2",

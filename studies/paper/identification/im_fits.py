@@ -164,7 +164,7 @@ def without_shear() -> pd.DataFrame:
 
     M3 leaves the shear stress out of the normal force; this is what it finds where there is none.
     """
-    from sensitivity.groups import WHEELS
+    from paper_wheels import WHEELS
 
     from bayesterra.models import M1
 

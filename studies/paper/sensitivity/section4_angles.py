@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import section4_curves as curves
+from paper_wheels import WHEELS
 from section4_curves import BEARING, CONTACT, curve, errors
 from section4_findings import FIT, Finding
 from section4_tables import error_bounds_of, table_9
-from sensitivity.groups import GROUPS, WHEELS
+from sensitivity.groups import GROUPS
 
 from bayesterra.models import M1
 

@@ -7,8 +7,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from paper_wheels import WHEELS
 from scipy.optimize import least_squares
-from sensitivity.groups import GROUPS, SECTION_4, WHEELS, Group, Setting, soil_array
+from sensitivity.groups import GROUPS, SECTION_4, Group, Setting, soil_array
 from sensitivity.influence import relative_change
 from sensitivity.responses import error_figures, respond, respond_groups
 from sensitivity.shares import Shares, Stresses, group_shares, stress_distributions

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import section4_curves as curves
+from paper_wheels import WHEELS
 from section4_curves import BEARING, SHEARING, curve, errors, part
 from section4_findings import FIT, Finding
 from section4_tables import tables_6_to_8
-from sensitivity.groups import REFERENCE, WHEELS, Setting, soil_array
+from sensitivity.groups import REFERENCE, Setting, soil_array
 from sensitivity.shares import force_shares
 
 from bayesterra.models import M1, SOIL_FIELDS

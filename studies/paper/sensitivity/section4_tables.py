@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from paper_wheels import WHEELS
 from sensitivity.cut_prior import group_inputs, study_problem
-from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
+from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Setting, soil_array
 from sensitivity.influence import influences
 from sensitivity.responses import (
     OUTCOMES,

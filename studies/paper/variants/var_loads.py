@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from paper_data import LOAD, NOISE, OUTCOMES, TRANSITION, hit_readings
 from paper_data import readings as made
+from paper_wheels import WHEELS as RIGS
 from scipy.optimize import least_squares
-from sensitivity.groups import WHEELS as RIGS
 from var_fits import CONSTANT, HIT, LOAD_DRIVEN, LOWEST, REFERENCE, WHEELS, im2, study_of
 
 from bayesterra.arrays import FloatArray
