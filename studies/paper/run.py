@@ -16,9 +16,10 @@ import pandas as pd
 HERE = Path(__file__).parent
 STUDIES = HERE.parent
 SECTION_4 = "paper/sensitivity"
-sys.path.insert(0, str(HERE))
+sys.path.append(str(STUDIES / "support"))
 
-from paper_statements import COLUMNS, FILE, filled, mark, markdown, read  # noqa: E402
+from paper_statements import COLUMNS, FILE, read  # noqa: E402
+from readme import filled, mark, markdown, minus  # noqa: E402
 
 TITLES = {
     "Table 2": "soil parameters by conventional tests",
@@ -256,11 +257,12 @@ def blocks(tables: dict[str, pd.DataFrame]) -> dict[str, str]:
         for study, t in tables.items()
     ]
     missing = [name for name in WANTED if name not in {line.place for line in index}]
-    return {
+    made = {
         "studies": markdown(["study", *SEVERAL, "remade by"], rows, "|rrr|"),
         "index": markdown(head, [line.cells() for line in index]),
         "missing": "Not yet in a study: " + ", ".join(missing) + "." if missing else "Nothing is missing.",
     }
+    return {name: minus(block) for name, block in made.items()}
 
 
 def page(text: str) -> str:

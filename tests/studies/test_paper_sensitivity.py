@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from readme import filled
 from sensitivity.groups import GROUPS
 from sensitivity.responses import OUTCOMES
 
@@ -73,7 +74,7 @@ def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
     """The tables of the README are those made from the stored files."""
     text = (STUDY / "README.md").read_text(encoding="utf-8")
     names = ("index", "table-4", "tables-6-8", "table-9", "sobol")
-    assert script.page.filled(text, {name: stored(name) for name in names}) == text
+    assert filled(text, script.page.blocks({name: stored(name) for name in names})) == text
 
 
 def test_the_headline_holds(script: ModuleType) -> None:

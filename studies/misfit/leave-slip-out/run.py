@@ -29,6 +29,7 @@ from bayesterra.likelihood.posterior import posterior
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
+from readme import filled  # noqa: E402
 from shipped import FILES  # noqa: E402
 
 ESTIMATED = {
@@ -179,13 +180,8 @@ def tables() -> None:
     skill().to_csv(HERE / "skills.csv", index=False, float_format="%.4g")
     file = HERE / "README.md"
     text = file.read_text(encoding="utf-8")
-    for name, lines in readme_tables().items():
-        before, start, rest = text.partition(f"<!-- {name} -->\n")
-        _, end, after = rest.partition("<!-- end -->")
-        if not end:
-            raise ValueError(f"README.md has no place for the table '{name}'")
-        text = "\n".join([before + start, *lines, "", end + after])
-    file.write_text(text, encoding="utf-8")
+    blocks = {name: "\n".join(["", *lines, ""]) for name, lines in readme_tables().items()}
+    file.write_text(filled(text, blocks), encoding="utf-8")
 
 
 def _by_study() -> Iterator[tuple[str, pd.DataFrame]]:

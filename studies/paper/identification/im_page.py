@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import pandas as pd
 from im_statements import span, stops_of
 from paper_data import NAMES, printed
-from paper_statements import markdown, statement_rows
+from paper_statements import statement_rows
+from readme import markdown, minus
 
 Kept = Mapping[str, pd.DataFrame]
 UNITS = {"Ks": "K_s, kPa/m^N", "n0": "n0", "n1": "n1", "c": "c, kPa", "phi": "φ, deg", "K": "K, mm",
@@ -18,7 +19,7 @@ MODELS = ("M1", "M2", "M3")
 
 def blocks(kept: Kept, found: pd.DataFrame) -> dict[str, str]:
     """Every table by the name of its comment."""
-    return {
+    tables = {
         "statements": statement_rows(found),
         "delta": delta(kept),
         "beside": beside(kept),
@@ -26,6 +27,7 @@ def blocks(kept: Kept, found: pd.DataFrame) -> dict[str, str]:
         "model-errors": model_errors(kept),
         "comparison": comparison(kept),
     }
+    return {name: minus(block) for name, block in tables.items()}
 
 
 def delta(kept: Kept) -> str:

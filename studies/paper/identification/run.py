@@ -21,6 +21,7 @@ import im_page as page  # noqa: E402
 import im_posteriors as posteriors  # noqa: E402
 import im_statements as statements  # noqa: E402
 import paper_statements  # noqa: E402
+from readme import filled  # noqa: E402
 
 FITS: dict[str, Callable[[], pd.DataFrame]] = {
     "fits": fits.fits,
@@ -53,7 +54,7 @@ def write_page() -> None:
     figures.beside(kept["posteriors"], kept["fits"]).savefig(HERE / "beside.png", dpi=144, facecolor="white")
     readme = HERE / "README.md"
     text = readme.read_text(encoding="utf-8")
-    readme.write_text(paper_statements.filled(text, page.blocks(kept, found)), encoding="utf-8")
+    readme.write_text(filled(text, page.blocks(kept, found)), encoding="utf-8")
     print(found.to_string(columns=["table_or_figure", "statement", "verdict"]))
 
 

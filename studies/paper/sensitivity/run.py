@@ -20,6 +20,7 @@ import section4_forces as forces  # noqa: E402
 import section4_page as page  # noqa: E402
 import section4_soils as soils  # noqa: E402
 import section4_tables as tables  # noqa: E402
+from readme import filled  # noqa: E402
 
 CHECKS = (
     forces.shares_of_normal_force,
@@ -79,7 +80,7 @@ def main() -> None:
         HERE / "table-9.png", dpi=144, facecolor="white"
     )
     readme = HERE / "README.md"
-    readme.write_text(page.filled(readme.read_text(encoding="utf-8"), stored), encoding="utf-8")
+    readme.write_text(filled(readme.read_text(encoding="utf-8"), page.blocks(stored)), encoding="utf-8")
     print(found["index"].to_string(columns=["place", "statement", "verdict"]))
 
 

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 
 import pandas as pd
+from readme import mark, markdown, minus
 
 Stored = Mapping[str, pd.DataFrame]
 OUTCOMES = {"sinkage": "z", "drawbar_pull": "F_DP", "resistance_moment": "M_DR"}
 BOXES = {"near G1": "20 % about G1", "planetary": "`planetary`", "paper-box": "`paper-box`"}
 
 
-def filled(text: str, stored: Stored) -> str:
-    """The README with every table between its two comments replaced by that of the stored files."""
-    for name, make in BLOCKS.items():
-        before, opened, rest = text.partition(f"<!-- {name} -->\n")
-        _, closed, after = rest.partition("<!-- end -->")
-        if not (opened and closed):
-            raise ValueError(f"the README must hold the comments of the table '{name}'")
-        text = f"{before}{opened}{make(stored)}\n{closed}{after}"
-    return text
+def blocks(stored: Stored) -> dict[str, str]:
+    """Every table by the name of its comment."""
+    return {name: make(stored) for name, make in BLOCKS.items()}
 
 
 def _rows(table: pd.DataFrame) -> list[SimpleNamespace]:
@@ -34,8 +28,7 @@ def _rows(table: pd.DataFrame) -> list[SimpleNamespace]:
 def index(stored: Stored) -> str:
     """Every statement with its verdict."""
     rows = [
-        [row.place, row.statement, row.reading, row.ours, _mark(row.verdict)]
-        for row in _rows(stored["index"])
+        [row.place, row.statement, row.reading, row.ours, mark(row.verdict)] for row in _rows(stored["index"])
     ]
     return _table(["where", "the paper says", "read as", "M1 gives", ""], rows)
 
@@ -45,7 +38,7 @@ def table_4(stored: Stored) -> str:
     rows = [
         [
             row.wheel, f"{row.load_N}", f"{row.share_percent:.1f}", f"{row.ours_percent:.2f}",
-            f"{row.difference:+.2f}", f"{row.needed_mm:+.2f} of {row.sinkage_mm:.1f}", _mark(row.verdict),
+            f"{row.difference:+.2f}", f"{row.needed_mm:+.2f} of {row.sinkage_mm:.1f}", mark(row.verdict),
         ]
         for row in _rows(stored["table-4"])
     ]  # fmt: skip
@@ -62,8 +55,8 @@ def tables_6_to_8(stored: Stored) -> str:
             for row in _rows(some)
         ]
         out = some[some["verdict"] == "differs"]
-        mark = "reproduced" if out.empty else "**differs**: " + ", ".join(OUTCOMES[o] for o in out["outcome"])
-        rows.append([str(number), str(group), *cells, mark])
+        word = "reproduced" if out.empty else "**differs**: " + ", ".join(OUTCOMES[o] for o in out["outcome"])
+        rows.append([str(number), str(group), *cells, word])
     return _table(["table", "group", *OUTCOMES.values(), ""], rows)
 
 
@@ -77,7 +70,7 @@ def table_9(stored: Stored) -> str:
         at = [found[box, row.parameter_group, row.outcome] for box in BOXES]
         cells = [f"{_share(each['first'])} / {_share(each['total'])}" for each in at]
         words = [OUTCOMES[row.outcome], row.printed, row.word, f"{row.influence:.2f}"]
-        rows.append([row.parameter_group, *words, _mark(row.verdict), *cells])
+        rows.append([row.parameter_group, *words, mark(row.verdict), *cells])
     head = ["", "", "printed", "our word", "influence", "", *(f"Sobol, {name}" for name in BOXES.values())]
     return _table(head, rows, "||||r|rrr")
 
@@ -87,15 +80,9 @@ def _share(value: float) -> str:
     return f"{max(value, 0.0):.2f}"
 
 
-def _mark(word: str) -> str:
-    return f"**{word}**" if word == "differs" else word
-
-
 def _table(head: list[str], rows: list[list[str]], align: str = "") -> str:
-    """A Markdown table; r in ``align`` is a column of numbers."""
-    rule = ["---:" if letter == "r" else "---" for letter in align.ljust(len(head), "|")[: len(head)]]
-    text = "\n".join("| " + " | ".join(row) + " |" for row in [head, rule, *rows])
-    return re.sub(r"(?<=[ \[(])-(?=\d)", "−", text)
+    """A table with minus signs."""
+    return minus(markdown(head, rows, align))
 
 
 BLOCKS: Mapping[str, Callable[[Stored], str]] = {

@@ -22,6 +22,7 @@ import var_loads as loads  # noqa: E402
 import var_page as page  # noqa: E402
 import var_posteriors as posteriors  # noqa: E402
 import var_statements as statements  # noqa: E402
+from readme import filled  # noqa: E402
 
 FITS: dict[str, Callable[[], pd.DataFrame]] = {
     "table-11": fits.table_11,
@@ -51,7 +52,7 @@ def write_page() -> None:
     figures.normal_forces(kept["normal-force"]).savefig(HERE / "normal-force.png", dpi=144, facecolor="white")
     readme = HERE / "README.md"
     text = readme.read_text(encoding="utf-8")
-    readme.write_text(paper_statements.filled(text, page.blocks(kept, found)), encoding="utf-8")
+    readme.write_text(filled(text, page.blocks(kept, found)), encoding="utf-8")
     print(found.to_string(columns=["table_or_figure", "statement", "verdict"]))
 
 

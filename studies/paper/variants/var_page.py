@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import pandas as pd
-from paper_statements import markdown, statement_rows
+from paper_statements import statement_rows
+from readme import markdown, minus
 
 Kept = Mapping[str, pd.DataFrame]
 SYMBOLS = {"c": "c, kPa", "phi": "φ, deg", "K": "K, mm", "error": "error of M_DR, %"}
@@ -13,13 +14,14 @@ SYMBOLS = {"c": "c, kPa", "phi": "φ, deg", "K": "K, mm", "error": "error of M_D
 
 def blocks(kept: Kept, found: pd.DataFrame) -> dict[str, str]:
     """Every table by the name of its comment."""
-    return {
+    tables = {
         "statements": statement_rows(found),
         "table-11": table_11(kept),
         "tables-12-13": tables_12_13(kept),
         "load": load(kept),
         "comparison": comparison(kept),
     }
+    return {name: minus(block) for name, block in tables.items()}
 
 
 def table_11(kept: Kept) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pandas as pd
+from readme import mark, markdown, minus
 
 FILE = "statements.csv"
 COLUMNS = ("table_or_figure", "statement", "printed", "ours", "difference", "verdict", "why")
@@ -62,33 +62,6 @@ def read(folder: Path) -> pd.DataFrame:
             f"'{folder.name}/{FILE}': 'verdict' must be one of {', '.join(VERDICTS)} (got {odd[0]!r})"
         )
     return table
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], align: str = "") -> str:
-    """A Markdown table; r in ``align`` is a column of numbers."""
-    rule = ["---:" if letter == "r" else "---" for letter in align.ljust(len(head), "|")[: len(head)]]
-    return "\n".join("| " + " | ".join(row) + " |" for row in [list(head), rule, *rows])
-
-
-def filled(text: str, blocks: dict[str, str]) -> str:
-    """A README with what stands between ``<!-- name -->`` and ``<!-- end -->`` replaced."""
-    for name, block in blocks.items():
-        before, opened, rest = text.partition(f"<!-- {name} -->\n")
-        _, closed, after = rest.partition("<!-- end -->")
-        if not (opened and closed):
-            raise ValueError(f"the README must hold the comments of the table '{name}'")
-        text = f"{before}{opened}{minus(block)}\n{closed}{after}"
-    return text
-
-
-def minus(text: str) -> str:
-    """Minus signs in place of hyphens before numbers."""
-    return re.sub(r"(?<=[ (\[])-(?=\d)", "−", text)
-
-
-def mark(word: str) -> str:
-    """The verdict as it stands in a README."""
-    return f"**{word}**" if word == "differs" else word
 
 
 def statement_rows(table: pd.DataFrame) -> str:
