@@ -1,13 +1,10 @@
 """A real result, small enough to make once for all tests that need one."""
 
-import importlib.util
-import re
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import pytest
+from scripts import STUDIES, loaded
 
 from bayesterra.analysis.inference import run
 from bayesterra.models import warm_up
@@ -17,7 +14,6 @@ from bayesterra.study.study import load_study
 pytest_plugins = ["tests.support.one_wheel", "tests.support.folder", "tests.support.followed"]
 """Fixtures of several rooms."""
 
-STUDIES = Path(__file__).parent.parent / "studies"
 HIT = STUDIES / "hit-wh32"
 
 
@@ -30,17 +26,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope="session")
 def study_script() -> Callable[[str], ModuleType]:
     """Import the script of a study by the name of its folder."""
-
-    def load(name: str) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(re.sub(r"\W", "_", name), STUDIES / name / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # dataclasses look for their module there
-        spec.loader.exec_module(module)
-        return module
-
-    return load
+    return lambda name: loaded(STUDIES / name / "run.py")
 
 
 @pytest.fixture(scope="session")

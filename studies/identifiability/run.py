@@ -24,6 +24,7 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
 
 from paper_wheels import SOILS, WHEELS  # noqa: E402
+from stored import append, done  # noqa: E402
 
 SLIPS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
 LOAD = 80.0
@@ -126,14 +127,11 @@ def _truths(name: str, names: tuple[str, ...]) -> list[float]:
 def main(seeds: int = 1) -> None:
     """Make the cases that the tables do not hold yet, then draw them."""
     file = HERE / "groups.csv"
-    done = set()
-    if file.exists():
-        done = set(pd.read_csv(file)[["case", "seed"]].itertuples(index=False, name=None))
+    made = done(file, "case", "seed")
     jobs = [(HIT, 1), *((name, seed) for seed in range(1, seeds + 1) for name in CASES)]
-    for name, seed in (job for job in jobs if job not in done):
+    for name, seed in (job for job in jobs if job not in made):
         for stem, rows in tables(name, seed).items():
-            path = HERE / f"{stem}.csv"
-            rows.to_csv(path, mode="a", header=not path.exists(), index=False, float_format="%.4g")
+            append(HERE / f"{stem}.csv", rows)
     print(overview(pd.read_csv(file)).to_string())
     draw(pd.read_csv(HERE / "directions.csv")).savefig(HERE / "directions.png", dpi=80)
 

@@ -1,22 +1,20 @@
 """Section 4 of the paper: its tables and statements remade now, the stored study checked."""
 
 import importlib
-import importlib.util
 import re
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pandas as pd
 import pytest
 from readme import filled
+from scripts import STUDIES, loaded
 from sensitivity.groups import GROUPS
 from sensitivity.responses import OUTCOMES
 
 from bayesterra.models import SOIL_FIELDS
 
-STUDIES = Path(__file__).parents[2] / "studies"
 STUDY = STUDIES / "paper" / "sensitivity"
 DIFFERS = [
     "Table 4: F_Nτ/F_N of G1 at slip 0.6 for six wheels, 35 to 150 N",
@@ -136,11 +134,7 @@ def test_wrong_statements_are_not_confirmed(script: ModuleType, monkeypatch: pyt
 
 def test_every_study_can_be_remade() -> None:
     """Each folder of studies has its command and its line in the index."""
-    spec = importlib.util.spec_from_file_location("remake", STUDIES / "remake.py")
-    assert spec is not None
-    assert spec.loader is not None
-    remake = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(remake)
+    remake = loaded(STUDIES / "remake.py")
     folders = {file.parent.relative_to(STUDIES).as_posix() for file in STUDIES.glob("*/**/README.md")}
     assert folders == {*remake.COMMANDS, *remake.NOTHING_TO_RUN}
     text = (STUDIES / "README.md").read_text(encoding="utf-8")

@@ -7,7 +7,6 @@ holds 20 of every true factor, and prints what is reported. ``--levels`` compute
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -25,23 +24,18 @@ from bayesterra.runtime.tables import csv_text
 from bayesterra.study.groups import Pooling
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from scripts import loaded  # noqa: E402
+
+FORMS = HERE.parents[2] / "tests" / "pooling" / "gaussian.py"
+"""The closed forms that the tests hold evidences against."""
 SEED = 7
 LEVELS = {-30: (3, 4000, 0.05), -6: (4, 400, 0.2), -3: (2, 1000, 0.1), 2: (12, 4000, 0.05)}
 """Groups, draws of each group's posterior and error of its reading, by true log Bayes factor."""
 WHEEL = bt.Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75)
 HELD = {"Ks": 2.5e6, "c": 268.0, "phi": 0.5, "K": 0.01, "c1": 0.339, "c2": -0.017}
 STANDARD = {"dist": "norm", "loc": 0.0, "scale": 1.0}
-
-
-def conjugate() -> ModuleType:
-    """The closed forms that the tests hold evidences against."""
-    name = "conjugate_groups"
-    spec = importlib.util.spec_from_file_location(name, HERE.parents[2] / "tests" / "pooling" / "gaussian.py")
-    assert spec is not None
-    assert spec.loader is not None
-    sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
 
 
 def conditions() -> bt.Study:
@@ -115,7 +109,7 @@ def main() -> None:
     parser.add_argument("--levels", type=int, nargs="*", default=list(LEVELS), choices=list(LEVELS))
     parser.add_argument("--out", type=Path, default=HERE / "factors.csv")
     given = parser.parse_args()
-    study, forms = conditions(), conjugate()
+    study, forms = conditions(), loaded(FORMS)
     table = pd.read_csv(given.out) if given.out.is_file() else pd.DataFrame({"level": [], "number": []})
     done = set(zip(table["level"], table["number"], strict=True))
     for level in given.levels:

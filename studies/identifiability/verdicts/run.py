@@ -34,6 +34,7 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
 from paper_wheels import ABOUT_WH32, WHEELS  # noqa: E402
+from stored import append, done  # noqa: E402
 
 SOIL = {**ABOUT_WH32, "c3": 0.0}
 LOAD = 80.0
@@ -249,15 +250,13 @@ def overview(found: pd.DataFrame, combined: pd.DataFrame) -> pd.DataFrame:
 def main(seeds: int = 20) -> None:
     """Make the runs that the tables do not hold yet and print the overview."""
     files = HERE / "verdicts.csv", HERE / "combinations.csv"
-    done = set()
-    if files[1].exists():
-        done = set(pd.read_csv(files[1])[["problem", "seed"]].itertuples(index=False, name=None))
+    made = done(files[1], "problem", "seed")
     for seed in range(1, seeds + 1):
         for name in EVERY:
-            if (name, seed) in done:
+            if (name, seed) in made:
                 continue
             for file, rows in zip(files, one(name, seed), strict=True):
-                rows.to_csv(file, mode="a", header=not file.exists(), index=False, float_format="%.4g")
+                append(file, rows)
     print(overview(*(pd.read_csv(file) for file in files)).to_string())
 
 

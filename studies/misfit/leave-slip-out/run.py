@@ -31,6 +31,7 @@ sys.path.append(str(HERE.parents[1] / "support"))
 
 from readme import filled  # noqa: E402
 from shipped import FILES  # noqa: E402
+from stored import append, done  # noqa: E402
 
 ESTIMATED = {
     'sinkage = "0.55 mm"': 'sinkage = { estimate = { dist = "halfnorm", scale = "3 mm", lower = "0.3 mm" } }',
@@ -83,7 +84,7 @@ def study(name: str, model: str = "M1", changes: Mapping[str, str] | None = None
 def measured() -> None:
     """Every measured study and model that the tables do not hold yet: scores.csv and refits.csv."""
     for name, model, called, changes in CASES:
-        if (name, called) in _done("refits.csv", ["study", "model"]):
+        if (name, called) in done(HERE / "refits.csv", "study", "model"):
             continue
         one = holdout_of(study(name, model, changes))
         table, own = one.table, one.table["predictor"] == model
@@ -91,23 +92,9 @@ def measured() -> None:
         kept = table if called == "M1" else table[own]  # baselines are the same for every model
         for file, rows in {"scores": kept, "refits": one.refits}.items():
             head = {"study": name, "data": one.study.kind, "model": called}
-            _append(
-                f"{file}.csv",
-                pd.DataFrame(head, index=rows.index).join(rows.drop(columns="model", errors="ignore")),
-            )
+            rest = rows.drop(columns="model", errors="ignore")
+            append(HERE / f"{file}.csv", pd.DataFrame(head, index=rows.index).join(rest), "%.5g")
         print(name, called, one.refits["status"].value_counts().to_dict(), flush=True)
-
-
-def _done(file: str, columns: list[str]) -> set[tuple[object, ...]]:
-    """What a table holds already."""
-    if not (HERE / file).exists():
-        return set()
-    return set(pd.read_csv(HERE / file)[columns].itertuples(index=False, name=None))
-
-
-def _append(file: str, rows: pd.DataFrame) -> None:
-    path = HERE / file
-    rows.to_csv(path, mode="a", header=not path.exists(), index=False, float_format="%.5g")
 
 
 def simulated_table(number: int) -> bt.Study:
@@ -121,13 +108,12 @@ def simulated() -> None:
     columns = ["predictor", "level", "row", "slip", "channel", "unit", "extrapolated", "observed"]
     columns += ["q05", "q50", "q95", "pit", "crps", "covered50", "covered90", "no_answer", "status"]
     for number in range(1, TABLES + 1):
-        if (number,) in _done("simulated.csv", ["table"]):
+        if (number,) in done(HERE / "simulated.csv", "table"):
             continue
         one = holdout_of(simulated_table(number), seed=number, fit=ShortRuns())
         rows = one.table.merge(one.refits[["level", "status"]], on="level")[columns]
-        _append(
-            "simulated.csv", pd.DataFrame({"data": "simulated", "table": number}, index=rows.index).join(rows)
-        )
+        head = pd.DataFrame({"data": "simulated", "table": number}, index=rows.index)
+        append(HERE / "simulated.csv", head.join(rows), "%.5g")
         print("simulated", number, one.refits["status"].value_counts().to_dict(), flush=True)
 
 

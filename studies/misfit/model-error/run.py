@@ -37,6 +37,7 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
 from paper_wheels import MEAN_COHESION, SOILS, WHEELS  # noqa: E402
+from stored import done  # noqa: E402
 
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
 BETWEEN, BEYOND = (0.125, 0.225, 0.325, 0.45, 0.55), (0.7, 0.8)
@@ -315,10 +316,9 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--figure", action="store_true", help="only summarise and draw")
     given = parser.parse_args()
-    known = stored("fits")
-    done = set(map(tuple, known[["part", "wheel", "seed", "arm"]].to_numpy())) if len(known) else set()
+    made = done(HERE / "fits.csv", "part", "wheel", "seed", "arm")
     for case in cases() if not given.figure else ():
-        if case in done:
+        if case in made:
             continue
         for name, rows in analysed(*case).items():
             if rows.empty:

@@ -7,6 +7,7 @@ goes on where that ends; remove it to start anew.
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,13 @@ from bayesterra.sampling.sampler import Target
 from bayesterra.stats.weights import normalised, systematic
 from bayesterra.study.study import Study
 
-WHEEL = Wheel(0.135, 0.165, 0.015, 24, 0.75)
+HERE = Path(__file__).parent
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from paper_wheels import WHEELS  # noqa: E402
+from stored import append, done  # noqa: E402
+
+WHEEL = WHEELS["Wh11"]
 SMOOTH = Wheel(0.135, 0.165)
 SLIPS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6)
 LOADS = (40.0, 80.0, 120.0)
@@ -135,14 +142,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--scheduler", help="address of a Dask scheduler, whose workers compute")
     given = parser.parse_args()
-    file = Path(__file__).parent / "results.csv"
-    old = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=["case", "run"])
-    done = set(zip(old["case"], old["run"], strict=True))
+    file = HERE / "results.csv"
+    made = done(file, "case", "run")
     jobs = [(name, number) for number in range(given.runs) for name in CASES]
     with chosen(given.workers, given.scheduler) as engine:
-        for _, row in completed(one, [job for job in jobs if job not in done], engine):
-            line = pd.DataFrame([row])
-            line.to_csv(file, mode="a", header=not file.exists(), index=False, float_format="%.4g")
+        for _, row in completed(one, [job for job in jobs if job not in made], engine):
+            append(file, pd.DataFrame([row]))
     table = pd.read_csv(file)
     counts = table.groupby("case")["alarm"].agg(["size", "sum", "mean"]).loc[list(CASES)]
     print(f"alarm: overall p below {ALARM:g}\n{counts.to_string()}")
