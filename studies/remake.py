@@ -12,42 +12,45 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 RUN = ("-m", "bayesterra", "run", "{folder}")
+SCRIPT = (("{folder}/run.py",),)
 COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "tutorial": (("{folder}/tutorial.py",),),
     "hit-wh32": (RUN,),
-    "paper-sensitivity": (("{folder}/run.py",),),
-    "paper-identification": (("{folder}/run.py",),),
-    "paper-variants": (("{folder}/run.py",),),
-    "recovery": (("{folder}/run.py",),),
-    "cmu-grouser": (RUN,),
-    "cmu-grouser-wide": (RUN,),
-    "drives": (("{folder}/run.py",),),
-    "load-effect": (("{folder}/run.py",),),
-    "sequential": (("{folder}/run.py",),),
-    "plates-then-wheel": (("{folder}/run.py",),),
-    "soil-tests": (("{folder}/run.py",),),
-    "identifiability": (("{folder}/run.py",),),
-    "verdicts": (("{folder}/run.py",),),
+    "cmu-grouser": (
+        RUN,
+        ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result"),
+    ),
+    "paper/sensitivity": SCRIPT,
+    "paper/identification": SCRIPT,
+    "paper/variants": SCRIPT,
+    "paper/load-effect": SCRIPT,
+    "rover": SCRIPT,
+    "soil-tests": SCRIPT,
+    "soil-tests/plates-then-wheel": SCRIPT,
+    "recovery": SCRIPT,
+    "recovery/drives": SCRIPT,
+    "identifiability": SCRIPT,
+    "identifiability/verdicts": SCRIPT,
     "design": tuple(("{folder}/run.py", part) for part in ("additions", "slips", "estimator")),
-    "rover": (("{folder}/run.py",),),
-    "streaming": (("{folder}/run.py",),),
-    "hostile-input": (("{folder}/run.py",),),
-    "planted-misfits": (("{folder}/run.py",),),
-    "leave-slip-out": (("{folder}/run.py",),),
-    "model-error": (("{folder}/run.py",),),
-    "calibration": (("{folder}/run.py",),),
-    "calibration-groups": (("{folder}/run.py",), ("{folder}/factors.py",)),
-    "many-wheels": (("{folder}/run.py",),),
-    "faults": (("{folder}/run.py",),),
-    "scale-out": (("{folder}/run.py",),),
-    "benchmark-kernel": (("{folder}/run.py",),),
-    "benchmark-samplers": tuple(
+    "streaming": SCRIPT,
+    "streaming/sequential": SCRIPT,
+    "many-wheels": SCRIPT,
+    "misfit/planted": SCRIPT,
+    "misfit/leave-slip-out": SCRIPT,
+    "misfit/model-error": SCRIPT,
+    "calibration": SCRIPT,
+    "calibration/groups": (*SCRIPT, ("{folder}/factors.py",)),
+    "faults": SCRIPT,
+    "faults/hostile-input": SCRIPT,
+    "benchmarks/kernel": SCRIPT,
+    "benchmarks/samplers": tuple(
         ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")
     ),
-    "paper": (("{folder}/run.py",),),  # last: it gathers the statements of the others
+    "benchmarks/scale-out": SCRIPT,
+    "paper": SCRIPT,  # last: it gathers the statements of the others
 }
 """Arguments of the interpreter, by study."""
-NOTHING_TO_RUN = ("priors",)
+NOTHING_TO_RUN = ("priors", "misfit", "benchmarks")
 
 
 def commands(name: str) -> list[list[str]]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
+from scripts import STUDIES, loaded
 
 from bayesterra.analysis.inference import run
 from bayesterra.models import warm_up
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
 pytest_plugins = [f"tests.support.{name}" for name in ("one_wheel", "folder", "followed", "shared")]
 """Fixtures of several rooms."""
 
-STUDIES = Path(__file__).parent.parent / "studies"
 HIT = STUDIES / "hit-wh32"
 
 
@@ -35,17 +32,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope="session")
 def study_script() -> Callable[[str], ModuleType]:
     """Import the script of a study by the name of its folder."""
-
-    def load(name: str) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(name.replace("-", "_"), STUDIES / name / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # dataclasses look for their module there
-        spec.loader.exec_module(module)
-        return module
-
-    return load
+    return lambda name: loaded(STUDIES / name / "run.py")
 
 
 @pytest.fixture(scope="session")

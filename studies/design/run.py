@@ -30,6 +30,7 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
 
 from nested import Sizes, nested_gain  # noqa: E402
+from paper_wheels import SOILS, WHEELS  # noqa: E402
 
 ABOUT = ("c", "phi")
 LOAD = 80.0
@@ -45,29 +46,10 @@ NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
 PLAN = AdaptationOptions(particles=512, components=12, refinements=(4, 4), shores=12)
 DRAWS = 8192
 
-# Ding et al. 2015, Tables 1 and 10: r [mm], b [m], h [mm], lugs; c1, c2, K_s [kPa], n0, n1, c [kPa], φ [deg],
-# K [mm]
-WHEELS = {
-    "Wh11": (135.0, 0.165, 15, 24, 0.388, -0.258, 2499.0, 0.823, 1.257, 0.103, 30.9, 13.1),
-    "Wh12": (135.0, 0.165, 10, 24, 0.299, -0.083, 2499.3, 0.913, 1.013, 0.218, 29.6, 11.3),
-    "Wh21": (135.0, 0.110, 15, 24, 0.443, -0.234, 2499.3, 0.873, 1.059, 0.212, 31.1, 13.8),
-    "Wh22": (135.0, 0.110, 10, 24, 0.465, -0.204, 2499.6, 0.933, 0.824, 0.236, 29.2, 10.6),
-    "Wh31": (157.35, 0.165, 15, 30, 0.400, -0.253, 2499.0, 0.776, 1.266, 0.097, 30.5, 11.0),
-    "Wh32": (157.35, 0.165, 10, 30, 0.339, -0.017, 2499.3, 0.849, 1.063, 0.268, 29.3, 10.1),
-}
-
-
-def wheel_and_truth(name: str) -> tuple[bt.Wheel, dict[str, float]]:
-    """A wheel of Table 1 and the soil of Table 10 for it, SI."""
-    r, b, h, lugs, c1, c2, Ks, n0, n1, c, phi, K = WHEELS[name]
-    wheel = bt.Wheel(r * 1e-3, b, h * 1e-3, lugs, shearing_radius_coefficient=0.75 if h == 15 else 0.65)
-    truth = {"Ks": Ks * 1e3, "n0": n0, "n1": n1, "c": c * 1e3, "phi": np.radians(phi), "K": K * 1e-3}
-    return wheel, {**truth, "c1": c1, "c2": c2}
-
 
 def simulated(name: str, slips: FloatArray, rng: Generator) -> bt.Study:
     """A study of one wheel at some slips under 80 N, its readings simulated with noise by M1."""
-    wheel, truth = wheel_and_truth(name)
+    wheel, truth = WHEELS[name], dict(SOILS[name])
     blank = pd.DataFrame({"slip": slips, "load [N]": LOAD, **{f"{n} [{u}]": 1e-3 for n, u in UNITS.items()}})
     blank["sinkage [m]"] = M1().sinkage(bt.Soil(**truth), wheel, slips, LOAD)
     tables: dict[str, Any] = {"model": "M1", "noise": NOISE, "truth": truth, "slip_reference": "shearing"}
@@ -162,7 +144,7 @@ def addition(run: int) -> dict[str, Any]:
 def _after(study: bt.Study, known: Weighted, candidate: Candidate, rng: Generator) -> FloatArray:
     """Spread after one reading of the true soil at a candidate, by reweighting."""
     (name,) = study.wheels
-    _, truth = wheel_and_truth(name)
+    truth = SOILS[name]
     soil = np.array([[truth[parameter] for parameter in known.density.names]])
     true = readings_of(Situation(study, known.density, soil, "truth"), candidate)[0]
     reading = true.draw(rng.standard_normal(true.mean.shape))
@@ -223,7 +205,7 @@ def estimator(run: int) -> dict[str, Any]:
 
 def _three_parameters(noise: float) -> bt.Study:
     """Wheel Wh32, all but c, φ and K known; nothing measured yet."""
-    wheel, truth = wheel_and_truth("Wh32")
+    wheel, truth = WHEELS["Wh32"], SOILS["Wh32"]
     blank = pd.DataFrame({"slip": [0.1, 0.5], "load [N]": LOAD})
     priors: dict[str, Any] = {name: bt.Law("uniform", lower=low, upper=high) for name, low, high in BOX}
     tables: dict[str, Any] = {"model": "M2", "slip_reference": "shearing", "kind": "simulated"}

@@ -13,7 +13,8 @@ from typing import Any
 
 import pandas as pd
 from numpy.random import Generator
-from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, one_study, quick_study, rng_of
+from short_runs import quick_study
+from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, one_study, rng_of
 
 from bayesterra.analysis.run import load_result, opened_for_design, opened_for_stream
 from bayesterra.errors import BayesterraError

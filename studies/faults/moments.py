@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench import Bench, Saving, nothing
+from short_runs import quick_study
 from trials import (
     Process,
     Table,
@@ -19,7 +20,6 @@ from trials import (
     kept_segments,
     on_a_grid,
     one_study,
-    quick_study,
     rng_of,
 )
 

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, everything, one_study, quick_study
+from short_runs import quick_study
+from trials import CLEAR, RIGHT, Process, Table, command, content, emptied, everything, one_study
 
 HERE = Path(__file__).parent
 NOTES = "years of work\n"

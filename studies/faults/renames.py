@@ -18,6 +18,7 @@ from io import StringIO
 from pathlib import Path
 
 from points import KINDS, arm, counted
+from short_runs import quick_study
 from trials import (
     RIGHT,
     Process,
@@ -26,7 +27,6 @@ from trials import (
     content,
     emptied,
     everything,
-    quick_study,
     rng_of,
     sums_hold,
 )

@@ -33,7 +33,7 @@ MARK = "<!-- table: made by run.py from the stored trials -->\n"
 
 def make(names: list[str], out: Path, share: float, only: tuple[str, ...]) -> None:
     """Make the trials of some parts; in a process of its own, where everything is made quick."""
-    sys.path.insert(0, str(HERE))
+    sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
     import damage
     import disks
     import moments

@@ -21,52 +21,29 @@ from functools import partial
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence, default_rng
+from shipped import FILES
+from short_runs import HELD, PAGE, make_runs_quick, quick_study
 
 from bayesterra.__main__ import main
-from bayesterra.analysis import inference
-from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.record import RunRecord
 from bayesterra.checking import calibration_page
 from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import warm_up
-from bayesterra.report.failures import Failures
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import SEGMENT, WORK
 from bayesterra.runtime.tasks import read_tasks
-from bayesterra.sampling import sampler
-from bayesterra.sampling.adaptation import AdaptationOptions
 
-HIT = Path(__file__).parent.parent / "hit-wh32"
-HELD = 'n0 = 0.85\nn1 = 1.06\nKs = "2500 kPa"\nK = "10 mm"\nc = "0.3 kPa"\nc2 = 0.0\n'
-SHORT = "\n[sampling]\ntarget_ess = 2000\nwalkers = 32\nmax_steps = 30\n"
+HIT = FILES["hit-wh32"].parent
 COLUMNS = ("fault", "where", "trial", "moment", "outcome", "detail")
 RIGHT, CLEAR = "right", "clear error"
 """Outcomes that keep the promise; every other one breaks it."""
 SEED = 2026
-
-
-def quick_study(folder: Path) -> Path:
-    """The HIT study with model M2 and two free parameters, stopped by its step budget."""
-    text = (HIT / "study.toml").read_text(encoding="utf-8")
-    for old, new in {
-        'model = "M1"': 'model = "M2"',
-        'set = "paper-box"\n': f'set = "paper-box"\n{HELD}',
-        'hold = { Ks = "2500 kPa" }': 'methods = ["joint"]',
-    }.items():
-        assert old in text
-        text = text.replace(old, new)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "study.toml").write_text(text + SHORT, encoding="utf-8")
-    shutil.copy(HIT / "measurements.csv", folder)
-    return folder / "study.toml"
 
 
 def one_study(folder: Path) -> Path:
@@ -98,16 +75,9 @@ def make_results(made: Path) -> None:
 
 
 def make_quick() -> None:
-    """Short rounds, a small adaptation, few draws, and little but files after the sampling."""
-    small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
-    prior = partial(draw_cut_prior, batch=256)
-    vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
-    vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
-    vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
-    type.__setattr__(RunRecord, "check", lambda content, name: None)  # which now lacks the checks
-    page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
-    vars(analysis_pages)["page"] = lambda _: page
-    vars(calibration_page)["calibration_page"] = lambda _: page
+    """Quick runs, calibrations of one parameter on a grid, and everything compiled."""
+    make_runs_quick()
+    vars(calibration_page)["calibration_page"] = lambda _: PAGE
     type.__setattr__(ShortRuns, "__call__", lambda self, study, seed: on_a_grid(study, seed))
     warm_up()
 

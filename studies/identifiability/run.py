@@ -23,7 +23,8 @@ from bayesterra.stats.laws import Law
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
 
-from sensitivity.groups import WHEELS  # noqa: E402
+from paper_wheels import SOILS, WHEELS  # noqa: E402
+from stored import append, done  # noqa: E402
 
 SLIPS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
 LOAD = 80.0
@@ -31,15 +32,6 @@ NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 """SI; what ``studies/hit-wh32`` assumes for the digitised readings."""
 C3 = Law("uniform", lower=-0.5, upper=0.5)
 """Prior of c3 where it is free; the paper varies it by 0.2 about 0 (Ding et al. 2015, Table 8)."""
-SOILS = {
-    "Wh11": (2499.0e3, 0.823, 1.257, 103.0, 30.9, 13.1e-3, 0.388, -0.258),
-    "Wh12": (2499.3e3, 0.913, 1.013, 218.0, 29.6, 11.3e-3, 0.299, -0.083),
-    "Wh21": (2499.3e3, 0.873, 1.059, 212.0, 31.1, 13.8e-3, 0.443, -0.234),
-    "Wh22": (2499.6e3, 0.933, 0.824, 236.0, 29.2, 10.6e-3, 0.465, -0.204),
-    "Wh31": (2499.0e3, 0.776, 1.266, 97.0, 30.5, 11.0e-3, 0.400, -0.253),
-    "Wh32": (2499.3e3, 0.849, 1.063, 268.0, 29.3, 10.1e-3, 0.339, -0.017),
-}
-"""Ding et al. 2015, Table 10: K_s (Pa/m^N), n0, n1, c (Pa), φ (degrees), K (m), c1, c2."""
 GROUPS = {"P_I": "K_s, n0, n1", "P_II": "c, φ, K", "P_III": "c1, c2 (c3)"}
 
 
@@ -77,8 +69,8 @@ SHOWN += ["bound", "profile", "lower_95", "upper_95", "excluded", "cloned", "aga
 
 def truth(case: Case) -> dict[str, float]:
     """The soil, SI."""
-    values = dict(zip(("Ks", "n0", "n1", "c", "phi", "K", "c1", "c2"), SOILS[case.wheel], strict=True))
-    return {**values, "phi": float(np.radians(values["phi"])), "c3": case.true_c3}
+    values = SOILS[case.wheel]
+    return {**values, "K": round(values["K"], 6), "c3": case.true_c3}  # K: the digits that are printed
 
 
 def study(case: Case, seed: int) -> bt.Study:
@@ -135,14 +127,11 @@ def _truths(name: str, names: tuple[str, ...]) -> list[float]:
 def main(seeds: int = 1) -> None:
     """Make the cases that the tables do not hold yet, then draw them."""
     file = HERE / "groups.csv"
-    done = set()
-    if file.exists():
-        done = set(pd.read_csv(file)[["case", "seed"]].itertuples(index=False, name=None))
+    made = done(file, "case", "seed")
     jobs = [(HIT, 1), *((name, seed) for seed in range(1, seeds + 1) for name in CASES)]
-    for name, seed in (job for job in jobs if job not in done):
+    for name, seed in (job for job in jobs if job not in made):
         for stem, rows in tables(name, seed).items():
-            path = HERE / f"{stem}.csv"
-            rows.to_csv(path, mode="a", header=not path.exists(), index=False, float_format="%.4g")
+            append(HERE / f"{stem}.csv", rows)
     print(overview(pd.read_csv(file)).to_string())
     draw(pd.read_csv(HERE / "directions.csv")).savefig(HERE / "directions.png", dpi=80)
 

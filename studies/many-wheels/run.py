@@ -7,6 +7,7 @@ the figure beside it. ``--case NAME`` remakes one case.
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,10 @@ from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, new_
 from bayesterra.sampling.sampler import Progress
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import SOILS, WHEELS  # noqa: E402
+
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6])
 LOAD = 80.0
 NOISE = {"sinkage": 0.0002, "drawbar_pull": 0.25, "resistance_moment": 0.05}
@@ -31,15 +36,6 @@ SOIL = ("c", "phi")
 OWN = ("Ks", "n0", "n1", "K", "c1", "c2")
 LEVELS = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 
-# Ding et al. 2015, Tables 1 and 10: r, b, h in mm, lugs; c1, c2, K_s in kPa, n0, n1, K in mm
-WHEELS = {
-    "Wh11": (135.0, 165.0, 15, 24, 0.388, -0.258, 2499.0, 0.823, 1.257, 13.1),
-    "Wh12": (135.0, 165.0, 10, 24, 0.299, -0.083, 2499.3, 0.913, 1.013, 11.3),
-    "Wh21": (135.0, 110.0, 15, 24, 0.443, -0.234, 2499.3, 0.873, 1.059, 13.8),
-    "Wh22": (135.0, 110.0, 10, 24, 0.465, -0.204, 2499.6, 0.933, 0.824, 10.6),
-    "Wh31": (157.35, 165.0, 15, 30, 0.400, -0.253, 2499.0, 0.776, 1.266, 11.0),
-    "Wh32": (157.35, 165.0, 10, 30, 0.339, -0.017, 2499.3, 0.849, 1.063, 10.1),
-}
 CASES = {
     "one-soil": dict.fromkeys(WHEELS, (0.19, 30.1)),
     "six-soils": dict(
@@ -59,17 +55,9 @@ ROLES: dict[str, dict[str, object]] = {
 
 
 def truth(case: str, name: str) -> dict[str, float]:
-    """True values of a wheel's soil, SI."""
-    _, _, _, _, c1, c2, Ks, n0, n1, K = WHEELS[name]
+    """True values of a wheel's soil, SI: Table 10, but for c and φ."""
     c, phi = CASES[case][name]
-    own = {"Ks": Ks * 1e3, "n0": n0, "n1": n1, "K": K * 1e-3, "c1": c1, "c2": c2}
-    return {**own, "c": c * 1e3, "phi": float(np.radians(phi))}
-
-
-def wheel(name: str) -> bt.Wheel:
-    """A wheel of Table 1, its shearing-radius coefficient as IM1 takes it."""
-    r, b, h, lugs, *_ = WHEELS[name]
-    return bt.Wheel(r * 1e-3, b * 1e-3, h * 1e-3, lugs, shearing_radius_coefficient=0.75 if h == 15 else 0.65)
+    return {**SOILS[name], "c": c * 1e3, "phi": float(np.radians(phi))}
 
 
 def simulated(case: str, seed: int = 1) -> bt.Study:
@@ -77,8 +65,8 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
     frames = []
     for stream, name in zip(np.random.SeedSequence(seed).spawn(len(WHEELS)), WHEELS, strict=True):
         soil, rng = bt.Soil(**truth(case, name)), np.random.default_rng(stream)
-        z = np.asarray(M1().sinkage(soil, wheel(name), SLIPS, LOAD))
-        forces = M1().forces(soil, wheel(name), SLIPS, z)
+        z = np.asarray(M1().sinkage(soil, WHEELS[name], SLIPS, LOAD))
+        forces = M1().forces(soil, WHEELS[name], SLIPS, z)
         exact = {
             "sinkage": z,
             "drawbar_pull": forces.drawbar_pull,
@@ -99,7 +87,7 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
         )
     return bt.Study(
         pd.concat(frames, ignore_index=True),
-        {name: wheel(name) for name in WHEELS},
+        dict(WHEELS),
         slip_reference="shearing",
         title=f"Six wheels, {case.replace('-', ' ')} (simulated)",
         model="M1",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from sensitivity.groups import WHEELS
+from paper_wheels import WHEELS
 
 import bayesterra as bt
 from bayesterra.models import M1, Soil
@@ -23,7 +23,7 @@ TRANSITION = (0.1, 0.5)
 NOISE: Mapping[str, float] = {
     "normal_force": 2.0, "sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3,
 }  # fmt: skip
-"""Standard deviations, SI: those of studies/hit-wh32 and studies/drives, which are estimates."""
+"""Standard deviations, SI: those of studies/hit-wh32 and studies/recovery/drives, which are estimates."""
 NAMES = ("Ks", "n0", "n1", "c", "phi", "K", "c1", "c2")
 SCALES: Mapping[str, float] = {"Ks": 1e3, "c": 1e3, "phi": float(np.radians(1)), "K": 1e-3}
 """SI value of one field unit (kPa/m^N, kPa, degrees, mm)."""
@@ -35,7 +35,9 @@ SYMBOLS = {"sinkage": "z", "normal_force": "F_N", "drawbar_pull": "F_DP", "resis
 
 def printed(number: int) -> pd.DataFrame:
     """Table 10 or 14 by wheel, columns ``NAMES`` in field units."""
-    table = pd.read_csv(STUDIES / "paper-identification" / f"printed-table-{number}.csv").set_index("wheel")
+    table = pd.read_csv(STUDIES / "paper" / "identification" / f"printed-table-{number}.csv").set_index(
+        "wheel"
+    )
     return table.rename(columns={column: name for name, column in COLUMNS.items()})[list(NAMES)]
 
 

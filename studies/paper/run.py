@@ -1,7 +1,7 @@
 """The index of the source paper: every table and figure in a line, from the studies' ``statements.csv``.
 
 Run it with ``python studies/paper/run.py`` after other studies; it rewrites the tables in its README. It
-picks up every ``studies/*/statements.csv``, and the older ``index.csv`` of paper-sensitivity by a reader.
+picks up every ``statements.csv`` below ``studies``, and the older ``index.csv`` of Section 4 by a reader.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ import pandas as pd
 
 HERE = Path(__file__).parent
 STUDIES = HERE.parent
-sys.path.insert(0, str(HERE))
+SECTION_4 = "paper/sensitivity"
+sys.path.append(str(STUDIES / "support"))
 
-from paper_statements import COLUMNS, FILE, filled, mark, markdown, read  # noqa: E402
+from paper_statements import COLUMNS, FILE, read  # noqa: E402
+from readme import filled, mark, markdown, minus  # noqa: E402
 
 TITLES = {
     "Table 2": "soil parameters by conventional tests",
@@ -80,7 +82,7 @@ WHY = {
     " Table 8 agrees"
     " with us",
 }
-"""Reasons that the README of paper-sensitivity gives, by statement."""
+"""Reasons that the README of the study of Section 4 gives, by statement."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class Line:
     Attributes
     ----------
     place : e.g. ``Table 10``.
-    study : folder of the study.
+    study : folder of the study below ``studies``.
     statements : its statements on the place, in the study's order.
     """
 
@@ -118,8 +120,14 @@ class Line:
         why = "; ".join(dict.fromkeys(each for each in self.off["why"] if each))
         return [
             self.place, TITLES.get(self.place, ""), _said(first), first["ours"], _value(first["difference"]),
-            tally, why, f"[{self.study}](../{self.study})", f"`python studies/remake.py {self.study}`",
+            tally, why, _link(self.study), f"`python studies/remake.py {self.study}`",
         ]  # fmt: skip
+
+
+def _link(study: str) -> str:
+    """The folder of a study, from that of the index."""
+    here = f"{HERE.name}/"
+    return f"[{study}]({study.removeprefix(here) if study.startswith(here) else f'../{study}'})"
 
 
 def _said(first: dict[str, str]) -> str:
@@ -158,7 +166,7 @@ def places(text: str) -> list[str]:
     return list(dict.fromkeys(firm or names)) or [text]
 
 
-def of_paper_sensitivity(folder: Path) -> pd.DataFrame:
+def of_section_4(folder: Path) -> pd.DataFrame:
     """Statements of the study of Section 4 in the common columns, with the numbers of Tables 4 and 6 to 8."""
     table = pd.read_csv(folder / "index.csv", keep_default_na=False, dtype=str)
     reading = [f"{s} ({r})" if r else s for s, r in zip(table["statement"], table["reading"], strict=True)]
@@ -205,11 +213,12 @@ def _spans(parts: dict[str, pd.DataFrame], column: str, form: str) -> str:
 def found(studies: Path = STUDIES) -> dict[str, pd.DataFrame]:
     """Statements by study."""
     tables = {}
-    for folder in sorted(path for path in studies.iterdir() if path.is_dir()):
+    for folder in sorted(path for path in studies.rglob("*") if path.is_dir()):
+        name = folder.relative_to(studies).as_posix()
         if (folder / FILE).is_file():
-            tables[folder.name] = read(folder)
-        elif folder.name == "paper-sensitivity":
-            tables[folder.name] = of_paper_sensitivity(folder)
+            tables[name] = read(folder)
+        elif name == SECTION_4:
+            tables[name] = of_section_4(folder)
     return tables
 
 
@@ -241,18 +250,19 @@ def blocks(tables: dict[str, pd.DataFrame]) -> dict[str, str]:
     ]
     rows = [
         [
-            f"[{study}](../{study})",
+            _link(study),
             *(f"{(t['verdict'] == word).sum()}" for word in SEVERAL),
             f"`python studies/remake.py {study}`",
         ]
         for study, t in tables.items()
     ]
     missing = [name for name in WANTED if name not in {line.place for line in index}]
-    return {
+    made = {
         "studies": markdown(["study", *SEVERAL, "remade by"], rows, "|rrr|"),
         "index": markdown(head, [line.cells() for line in index]),
         "missing": "Not yet in a study: " + ", ".join(missing) + "." if missing else "Nothing is missing.",
     }
+    return {name: minus(block) for name, block in made.items()}
 
 
 def page(text: str) -> str:

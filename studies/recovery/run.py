@@ -5,6 +5,7 @@ Run it with ``python studies/recovery/run.py``; it takes a few minutes and rewri
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,10 @@ from bayesterra.models import MODELS
 from bayesterra.sampling.sampler import sample, thin
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import SOILS, WHEELS  # noqa: E402
+
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6])
 LOAD = 80.0
 NOISE = {
@@ -26,27 +31,12 @@ NOISE = {
 }
 """Standard deviations, SI: half a millimetre, 2 % of the load, 2 to 3 % of the pull and of the moment."""
 
-# Ding et al. 2015, Tables 1 and 10 (r, h in mm; K_s in kPa, c in kPa, phi in deg, K in mm)
-WHEELS = {
-    "Wh11": (135.0, 0.165, 15, 24, 0.388, -0.258, 2499.0, 0.823, 1.257, 0.103, 30.9, 13.1),
-    "Wh22": (135.0, 0.110, 10, 24, 0.465, -0.204, 2499.6, 0.933, 0.824, 0.236, 29.2, 10.6),
-    "Wh32": (157.35, 0.165, 10, 30, 0.339, -0.017, 2499.3, 0.849, 1.063, 0.268, 29.3, 10.1),
-}
-
-
-def wheel_and_truth(name: str) -> tuple[bt.Wheel, dict[str, float]]:
-    """A wheel of Table 1 and the soil of Table 10 for it, SI."""
-    r, b, h, lugs, c1, c2, Ks, n0, n1, c, phi, K = WHEELS[name]
-    wheel = bt.Wheel(r * 1e-3, b, h * 1e-3, lugs, shearing_radius_coefficient=0.75 if h == 15 else 0.65)
-    truth = {"Ks": Ks * 1e3, "n0": n0, "n1": n1, "c": c * 1e3, "phi": np.radians(phi), "K": K * 1e-3}
-    return wheel, {**truth, "c1": c1, "c2": c2}
-
 
 def simulated_study(
     name: str, model: str, drive: str, rng: np.random.Generator, blur: float = 0.0
 ) -> bt.Study:
     """Data made by ``model`` with the soil of ``name``; ``blur`` (m) is noise on a sinkage taken as exact."""
-    wheel, truth = wheel_and_truth(name)
+    wheel, truth = WHEELS[name], dict(SOILS[name])
     exact = MODELS[model]().sinkage(bt.Soil(**truth), wheel, SLIPS, LOAD)
     blank = pd.DataFrame(
         {

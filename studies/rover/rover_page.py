@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from readme import markdown
 from rover_drives import MODELS, drive
 
 from bayesterra.prediction.rover import Rover
@@ -40,17 +41,9 @@ def figure(rover: Rover, rovers: list[Rover]) -> bytes:
     return buffer.getvalue()
 
 
-def fill(folder: Path) -> None:
-    """Put the stored tables into the README, between their comments."""
-    readme = folder / "README.md"
-    text = readme.read_text(encoding="utf-8")
-    for name, make in BLOCKS.items():
-        before, opened, rest = text.partition(f"<!-- {name} -->\n")
-        _, closed, after = rest.partition("<!-- end -->")
-        if not (opened and closed):
-            raise ValueError(f"the README must hold the comments of the table '{name}'")
-        text = f"{before}{opened}{make(folder)}\n{closed}{after}"
-    readme.write_text(text, encoding="utf-8")
+def blocks(folder: Path) -> dict[str, str]:
+    """Every table by the name of its comment."""
+    return {name: make(folder) for name, make in BLOCKS.items()}
 
 
 def answer_block(folder: Path) -> str:
@@ -94,7 +87,7 @@ def statements_block(folder: Path) -> str:
     found["verdict"] = found["verdict"].where(
         found["verdict"] == "reproduced", "**" + found["verdict"] + "**"
     )
-    return _table(
+    return markdown(
         ["where", "the paper says", "printed", "ours", "difference", "verdict", "why"], found.to_numpy()
     )
 
@@ -121,7 +114,7 @@ def climbs_block(folder: Path) -> str:
                 ]
             )
     head = ["slope, °", "tow, N", "slip", "sinkage of the rear wheels, mm", "cannot, %", "no answer, %"]
-    return _table(head, rows)
+    return markdown(head, rows)
 
 
 def greatest_block(folder: Path) -> str:
@@ -136,12 +129,7 @@ def greatest_block(folder: Path) -> str:
         ]
         for _, row in found.iterrows()
     ]
-    return _table(["", "slips", "5 %", "25 %", "median", "75 %", "95 %", ""], rows)
-
-
-def _table(head: list[str], rows: object) -> str:
-    lines = [head, ["---"] * len(head), *rows]  # type: ignore[misc]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    return markdown(["", "slips", "5 %", "25 %", "median", "75 %", "95 %", ""], rows)
 
 
 BLOCKS = {

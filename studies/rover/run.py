@@ -15,10 +15,11 @@ import bayesterra as bt
 from bayesterra.prediction.page import rover_outlook_png
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 
+from readme import filled  # noqa: E402
 from rover_drives import MODELS, drive, el_dorado, geometry_table, others, printed_table  # noqa: E402
-from rover_page import figure, fill  # noqa: E402
+from rover_page import blocks, figure  # noqa: E402
 from rover_statements import statements  # noqa: E402
 
 ASKED_SLOPES = ("0 deg", "3 deg", "6 deg", "9 deg", "12 deg", "15 deg", "18 deg")
@@ -60,7 +61,9 @@ def main(names: list[str]) -> None:
     """Make the parts named, or all, and fill the README."""
     for name in names or list(PARTS):
         PARTS[name]()
-    fill(HERE)
+    readme = HERE / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    readme.write_text(filled(text, blocks(HERE)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -42,6 +42,10 @@ from bayesterra.study.observations import read_table
 from bayesterra.study.schema import SamplingOptions
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import ABOUT_WH32  # noqa: E402
+
 SEEDS = 20
 FILES = ("grc1", "cmu", "cullinan")
 
@@ -130,10 +134,10 @@ def recovery() -> None:
 
 
 WIDTHS = {"two": (0.165, 0.080), "one": (0.165,)}
-WHEEL_SOIL = {"Ks": 1.0, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": float(np.radians(29.3)), "K": 0.0101,
-              "c1": 0.339, "c2": -0.017, "c3": 0.0}  # fmt: skip
+WHEEL_SOIL = {**ABOUT_WH32, "Ks": 1.0, "c3": 0.0}
 MODULI = {"kc": 1e5, "kphi": 0.6e6}
-"""About Table 10 of the paper, wheel Wh32, with a K_s that hangs on the width; as in ``studies/verdicts``."""
+"""About Table 10 of the paper, wheel Wh32, with a K_s that hangs on the width; as in
+``studies/identifiability/verdicts``."""
 WHEEL_NOISE = {"sinkage": 0.5e-3, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 WHEEL_PRIORS = {
     "kc": Law("uniform", lower=0.0, upper=2e5),

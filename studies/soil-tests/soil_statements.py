@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 HERE = Path(__file__).parent
-sys.path.append(str(HERE.parent / "paper"))
+sys.path.append(str(HERE.parent / "support"))
 
 from paper_statements import Statement, table_of  # noqa: E402
 

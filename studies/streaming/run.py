@@ -35,17 +35,12 @@ from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 
 HERE = Path(__file__).parent
-WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
-TRUTH = {
-    "Ks": 2499.3e3,
-    "n0": 0.849,
-    "n1": 1.063,
-    "c": 268.0,
-    "phi": float(np.radians(29.3)),
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import SOILS, WHEELS  # noqa: E402
+from stored import append, done  # noqa: E402
+
+WHEEL, TRUTH = WHEELS["Wh32"], dict(SOILS["Wh32"])
 """Wheel Wh32 and its soil, Ding et al. 2015, Tables 1 and 10."""
 NOISE = {"sinkage": 0.0005, "drawbar_pull": 0.5, "resistance_moment": 0.15}
 SLIPS, LOADS = (0.05, 0.6), (60.0, 100.0)
@@ -167,7 +162,7 @@ def one_by_one() -> None:
     runs = [(f"seed {seed}", seed, np.arange(ROWS)) for seed in SEEDS]
     runs += [("another order", 4, default_rng(4).permutation(ROWS))]
     for name, seed, order in runs:
-        if _done("streams.csv", run=name):
+        if (name,) in done(HERE / "streams.csv", "run"):
             continue
         stream, steps = streamed(study, order, seed=seed)
         if seed == SEEDS[0]:
@@ -249,30 +244,19 @@ def changed() -> None:
     """Delays until a change of soil is found; goes on where the table ends."""
     for run in range(max(RUNS.values())):
         for model in (model for model, runs in RUNS.items() if run < runs):
-            if not _done("delays.csv", model=model, run=run):
+            if (model, run) not in done(HERE / "delays.csv", "model", "run"):
                 _append("delays.csv", delays(model, run))
 
 
 def same() -> None:
     """False alarms on soils that stay the same; goes on where the table ends."""
     for soil in range(SOILS):
-        if not _done("unchanged.csv", soil=soil):
+        if (soil,) not in done(HERE / "unchanged.csv", "soil"):
             _append("unchanged.csv", unchanged(soil))
 
 
-def _done(file: str, **keys: Any) -> bool:
-    """Whether a table has rows with these values already."""
-    if not (HERE / file).exists():
-        return False
-    table = pd.read_csv(HERE / file)
-    return bool(np.all([table[name] == value for name, value in keys.items()], axis=0).any())
-
-
 def _append(file: str, rows: list[dict[str, Any]]) -> None:
-    there = (HERE / file).exists()
-    text = pd.DataFrame(rows).to_csv(index=False, float_format="%.7g", header=not there)
-    with (HERE / file).open("a", encoding="utf-8") as handle:
-        handle.write(text)
+    append(HERE / file, pd.DataFrame(rows), "%.7g")
 
 
 def unchanged(soil: int) -> list[dict[str, Any]]:

@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from paper_wheels import ABOUT_WH32
+from paper_wheels import WHEELS as PAPER_WHEELS
 
 import bayesterra as bt
 
 STUDIES = Path(__file__).resolve().parents[1]
-WHEELS = {
-    "Wh11": bt.Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75),
-    "Wh32": bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
-}
-HELD = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "c1": 0.339, "c2": -0.017}
+WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
+HELD = {name: ABOUT_WH32[name] for name in ("Ks", "n0", "n1", "c", "c1", "c2")}
 TABLE = pd.DataFrame(
     {
         "wheel": ["Wh11"] * 4 + ["Wh32"] * 4,

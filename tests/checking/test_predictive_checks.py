@@ -103,7 +103,7 @@ def checked(study: Study, seed: int) -> PredictiveChecks:
 def test_data_of_the_model_raise_no_alarm(
     make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
 ) -> None:
-    """The quick version of studies/planted-misfits, without a misfit."""
+    """The quick version of studies/misfit/planted, without a misfit."""
     found = checked(make_study(data=campaign(1), noise=NOISE), 1)
     assert not found.alarm
     assert found.effective[1] > 30
@@ -114,7 +114,7 @@ def test_data_of_the_model_raise_no_alarm(
 def test_planted_misfits_are_found(
     misfit: str, make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
 ) -> None:
-    """The quick version of studies/planted-misfits: all raise the alarm, offsets in their own channel."""
+    """The quick version of studies/misfit/planted: all raise the alarm, offsets in their own channel."""
     table = campaign(3)
     if misfit == "pull offset":
         table["drawbar_pull [N]"] += 5.0

@@ -10,38 +10,18 @@ import shutil
 import signal
 import sys
 import time
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.random import Generator
+from short_runs import make_runs_quick
 
 from bayesterra.__main__ import main
-from bayesterra.analysis import inference
-from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.record import RunRecord
-from bayesterra.likelihood.posterior import draw_cut_prior
-from bayesterra.report.failures import Failures
 from bayesterra.runtime.ownership import SEGMENT, WORK
-from bayesterra.sampling import sampler
-from bayesterra.sampling.adaptation import AdaptationOptions
 
 OUT, PART = Path("out"), Path("out.part")
-
-
-def make_quick() -> None:
-    """Short rounds, a small adaptation, few draws of the prior, and little but files after the sampling."""
-    small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
-    prior = partial(draw_cut_prior, batch=256)
-    vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
-    vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
-    vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
-    type.__setattr__(RunRecord, "check", lambda content, name: None)  # which now lacks the checks
-    page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
-    vars(analysis_pages)["page"] = lambda _: page
 
 
 def begun(*options: str) -> int:
@@ -120,7 +100,7 @@ def one_run(span: float, plan: int, rng: Generator, expected: dict[str, bytes]) 
 def kill_all(number: int, seed: int) -> None:
     """Kill ``number`` runs, each at a moment uniform over the time of an undisturbed one."""
     rng = np.random.default_rng(seed)
-    make_quick()
+    make_runs_quick()
     main(["run", "study.toml", "--out", "undisturbed", "--quiet"])  # this also compiles what is compiled
     expected, started = content(Path("undisturbed")), time.perf_counter()
     code, span = ended(begun()), time.perf_counter() - started

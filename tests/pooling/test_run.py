@@ -35,7 +35,7 @@ MakeStudy = Callable[..., Study]
 
 @pytest.fixture(scope="module")
 def result(make: MakeStudy, small: PoolingOptions) -> PooledResult:
-    """A small run, whose evidences for other roles come from few walkers: what they are worth is tested apart."""
+    """A small run; evidences for other roles come from few walkers, as they are tested apart."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pooling_degrees, "WALKERS", 32)
         patch.setattr(pooling_degrees, "SWEEPS", (40,))

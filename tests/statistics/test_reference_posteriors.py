@@ -10,7 +10,7 @@ from numpy.random import SeedSequence
 
 from bayesterra.sampling.sampler import sample
 
-STUDY = Path(__file__).parents[2] / "studies" / "benchmark-samplers"
+STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "samplers"
 DRIVES = ["load", "sinkage"]
 
 

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-STUDY = Path(__file__).parents[2] / "studies" / "benchmark-samplers"
+STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "samplers"
 DRIVES = ["load", "sinkage"]
 
 

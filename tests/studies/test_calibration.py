@@ -10,7 +10,7 @@ from bayesterra.checking.ranks import rank_test
 from bayesterra.checking.replications import ShortRuns
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
-CASES = sorted(path.parent.name for path in STUDY.glob("*/ranks.csv"))
+CASES = sorted(path.parent.name for path in STUDY.glob("*/calibration.json"))
 
 
 @pytest.mark.parametrize("case", CASES)

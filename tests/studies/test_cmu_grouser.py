@@ -8,21 +8,21 @@ from numpy.testing import assert_allclose
 
 from bayesterra.study.study import load_study
 
-STUDIES = Path(__file__).parents[2] / "studies"
+STUDY = Path(__file__).parents[2] / "studies" / "cmu-grouser"
 
 
 @pytest.mark.parametrize(
-    ("folder", "radius", "width", "first_slip"),
+    ("file", "radius", "width", "first_slip"),
     [
-        ("cmu-grouser", 0.058, 0.050, 1 - 58 / 63 * (1 - 0.00333)),
-        ("cmu-grouser-wide", 0.0575, 0.060, 0.00333),
+        ("study.toml", 0.058, 0.050, 1 - 58 / 63 * (1 - 0.00333)),
+        ("wide.toml", 0.0575, 0.060, 0.00333),
     ],
 )
 def test_both_geometries_read_the_same_driving_rows(
-    folder: str, radius: float, width: float, first_slip: float
+    file: str, radius: float, width: float, first_slip: float
 ) -> None:
     """Thirteen driving rows are fitted; sinkage counts from the tips, slip moves with its radius."""
-    study = load_study(STUDIES / folder)
+    study = load_study(STUDY / file)
     wheel, rows = study.wheels["grouser"], study.observations.used()
     assert (wheel.radius, wheel.width, wheel.lug_count) == (radius, width, 24)
     assert (study.drive, study.load_range, len(rows)) == ("both", (10.0, 40.0), 13)
@@ -34,13 +34,13 @@ def test_both_geometries_read_the_same_driving_rows(
 
 def test_the_table_keeps_the_braking_rows() -> None:
     """All 27 published trials are in the file; those with negative slip are not fitted."""
-    table = np.genfromtxt(STUDIES / "cmu-grouser" / "measurements.csv", delimiter=",", skip_header=1)
+    table = np.genfromtxt(STUDY / "measurements.csv", delimiter=",", skip_header=1)
     assert table.shape == (27, 5)
     assert ((table[:, 0] >= 0) == (table[:, 4] == 1)).all()
 
 
 def test_many_rows_outside_the_model_make_one_note() -> None:
     """The braking rows are counted, and the first says what keeps it out."""
-    (note, *_) = load_study(STUDIES / "cmu-grouser-wide").notes
+    (note, *_) = load_study(STUDY / "wide.toml").notes
     assert note.startswith("row left out, as its 'use' is 0: 'slip' must lie in [0, 1)")
     assert note.endswith("13 more rows likewise")

@@ -14,13 +14,13 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.sampling.sampler import sample
 from bayesterra.study.schema import SamplingOptions
 
-STUDY = Path(__file__).parents[2] / "studies" / "drives"
+STUDY = Path(__file__).parents[2] / "studies" / "recovery" / "drives"
 
 
 @pytest.mark.slow
 def test_a_short_run_agrees_with_the_stored_study(study_script: Callable[[str], ModuleType]) -> None:
     """Posterior medians of drive ``both`` are the stored ones within their Monte Carlo errors."""
-    density = posterior(study_script("drives").study("both"))
+    density = posterior(study_script("recovery/drives").study("both"))
     options = SamplingOptions(walkers=32, target_ess=400)
     draws = sample(density, options, SeedSequence(5)).chains.reshape(-1, len(density.names))
     table = pd.read_csv(STUDY / "drives.csv").set_index(["drive", "parameter"]).loc["both"]

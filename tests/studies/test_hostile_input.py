@@ -8,7 +8,7 @@ from types import ModuleType
 from tests.files import targets
 
 HERE = Path(__file__).parents[1] / "files"
-STUDY = HERE.parents[1] / "studies" / "hostile-input"
+STUDY = HERE.parents[1] / "studies" / "faults" / "hostile-input"
 
 
 def _rows(name: str) -> list[dict[str, str]]:
@@ -23,7 +23,9 @@ def test_every_target_was_searched_without_a_failure(study_script: Callable[[str
     assert all(row["failures"] == "0" for row in rows)
     assert min(int(row["inputs"]) for row in rows) >= 100
     assert sum(int(row["inputs"]) for row in rows) >= 50_000
-    assert study_script("hostile-input").words(rows) in (STUDY / "README.md").read_text(encoding="utf-8")
+    assert study_script("faults/hostile-input").words(rows) in (STUDY / "README.md").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_every_failure_that_was_found_is_tried_again() -> None:

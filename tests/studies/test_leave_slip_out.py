@@ -16,14 +16,14 @@ from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
 STUDIES = Path(__file__).parents[2] / "studies"
-STUDY = STUDIES / "leave-slip-out"
+STUDY = STUDIES / "misfit" / "leave-slip-out"
 KEYS = ["predictor", "row", "channel"]
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script."""
-    return study_script("leave-slip-out")
+    return study_script("misfit/leave-slip-out")
 
 
 def stored(name: str) -> pd.DataFrame:

@@ -10,13 +10,13 @@ import pytest
 
 from bayesterra.study.study import load_study
 
-STUDY = Path(__file__).parents[2] / "studies" / "load-effect"
+STUDY = Path(__file__).parents[2] / "studies" / "paper" / "load-effect"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """Return the study's script."""
-    return study_script("load-effect")
+    return study_script("paper/load-effect")
 
 
 def test_curves_are_those_of_the_model(script: ModuleType) -> None:

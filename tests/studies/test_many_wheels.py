@@ -91,7 +91,7 @@ def test_readings_of_six_wheels_are_those_of_their_soils(script: ModuleType) -> 
 
 def test_a_replication_has_the_readings_of_its_truth(study_script: Callable[[str], ModuleType]) -> None:
     """Truth inside the support, its readings within noise, none of them those of the conditions."""
-    calibration = study_script("calibration-groups")
+    calibration = study_script("calibration/groups")
     truth, joint = calibration.replicated(calibration.conditions(), default_rng(1))
     assert truth.shape == (1, len(joint.names)) == (1, 16)
     assert np.isfinite(joint.log_density(truth)).all()
@@ -107,7 +107,7 @@ def test_a_replication_has_the_readings_of_its_truth(study_script: Callable[[str
 
 def test_stored_ranks_are_uniform(study_script: Callable[[str], ModuleType]) -> None:
     """Every quantity passes, as the stored verdicts say; all fits converged, no replication counts twice."""
-    script, folder = study_script("calibration-groups"), STORED.parent / "calibration-groups"
+    script, folder = study_script("calibration/groups"), STORED.parent / "calibration" / "groups"
     table = pd.read_csv(folder / "ranks.csv", keep_default_na=True)
     made = script.Calibration(script.conditions(), table.drop(columns="note").assign(note=""), {})
     assert made.calibrated
@@ -120,7 +120,7 @@ def test_stored_ranks_are_uniform(study_script: Callable[[str], ModuleType]) -> 
 
 def test_stored_factors_are_those_of_closed_forms() -> None:
     """At every true factor 19 of 20 reported ones lie within two stated errors, and errors stay small."""
-    table = pd.read_csv(STORED.parent / "calibration-groups" / "factors.csv")
+    table = pd.read_csv(STORED.parent / "calibration" / "groups" / "factors.csv")
     assert set(table["level"]) == {-30, -6, -3, 2}
     assert not table.duplicated(["level", "number"]).any()
     np.testing.assert_allclose(table["true"], table["level"], atol=1e-5)

@@ -1,4 +1,4 @@
-"""The stored tables of studies/model-error: made and summed up as it says, and saying what it says."""
+"""The stored tables of studies/misfit/model-error: made and summed up as it says, and saying what it says."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-STUDY = Path(__file__).parents[2] / "studies" / "model-error"
+STUDY = Path(__file__).parents[2] / "studies" / "misfit" / "model-error"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """Its run.py."""
-    return study_script("model-error")
+    return study_script("misfit/model-error")
 
 
 def covered(table: str, part: str, arm: str, **where: str) -> float:

@@ -27,7 +27,7 @@ def test_the_page_is_remade(script: ModuleType) -> None:
 
 def test_every_table_has_its_line_with_numbers(script: ModuleType) -> None:
     """Every table and figure of the studies is there, with a verdict, and a reason where it differs."""
-    index = {line.place: line for line in script.lines(script.found()) if line.study.startswith("paper-")}
+    index = {line.place: line for line in script.lines(script.found()) if line.study.startswith("paper/")}
     assert set(HELD) <= set(index)
     for place in HELD:
         cells = dict(

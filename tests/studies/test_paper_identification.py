@@ -6,15 +6,17 @@ from types import ModuleType
 
 import numpy as np
 import pandas as pd
+import paper_statements
 import pytest
+from readme import filled
 
-STUDY = Path(__file__).parents[2] / "studies" / "paper-identification"
+STUDY = Path(__file__).parents[2] / "studies" / "paper" / "identification"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-identification")
+    return study_script("paper/identification")
 
 
 def stored(name: str) -> pd.DataFrame:
@@ -97,10 +99,10 @@ def test_all_posteriors_converged() -> None:
 def test_statements_and_readme_follow_from_the_tables(script: ModuleType) -> None:
     """Statements and the README's tables are those that the stored tables give."""
     kept = script.stored()
-    found = script.paper_statements.table_of(script.statements.statements(kept))
-    pd.testing.assert_frame_equal(found, script.paper_statements.read(STUDY), check_dtype=False)
+    found = paper_statements.table_of(script.statements.statements(kept))
+    pd.testing.assert_frame_equal(found, paper_statements.read(STUDY), check_dtype=False)
     text = (STUDY / "README.md").read_text(encoding="utf-8")
-    assert script.paper_statements.filled(text, script.page.blocks(kept, found)) == text
+    assert filled(text, script.page.blocks(kept, found)) == text
 
 
 def test_a_table_that_differs_turns_a_verdict(script: ModuleType) -> None:

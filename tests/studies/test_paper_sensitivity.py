@@ -1,22 +1,21 @@
 """Section 4 of the paper: its tables and statements remade now, the stored study checked."""
 
 import importlib
-import importlib.util
 import re
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pandas as pd
 import pytest
+from readme import filled
+from scripts import STUDIES, loaded
 from sensitivity.groups import GROUPS
 from sensitivity.responses import OUTCOMES
 
 from bayesterra.models import SOIL_FIELDS
 
-STUDIES = Path(__file__).parents[2] / "studies"
-STUDY = STUDIES / "paper-sensitivity"
+STUDY = STUDIES / "paper" / "sensitivity"
 DIFFERS = [
     "Table 4: F_Nτ/F_N of G1 at slip 0.6 for six wheels, 35 to 150 N",
     "Fig. 5(b, c): F_DPσ is lower than F_DPτ",
@@ -32,7 +31,7 @@ DIFFERS = [
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-sensitivity")
+    return study_script("paper/sensitivity")
 
 
 def stored(name: str) -> pd.DataFrame:
@@ -73,7 +72,7 @@ def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
     """The tables of the README are those made from the stored files."""
     text = (STUDY / "README.md").read_text(encoding="utf-8")
     names = ("index", "table-4", "tables-6-8", "table-9", "sobol")
-    assert script.page.filled(text, {name: stored(name) for name in names}) == text
+    assert filled(text, script.page.blocks({name: stored(name) for name in names})) == text
 
 
 def test_the_headline_holds(script: ModuleType) -> None:
@@ -135,14 +134,10 @@ def test_wrong_statements_are_not_confirmed(script: ModuleType, monkeypatch: pyt
 
 def test_every_study_can_be_remade() -> None:
     """Each folder of studies has its command and its line in the index."""
-    spec = importlib.util.spec_from_file_location("remake", STUDIES / "remake.py")
-    assert spec is not None
-    assert spec.loader is not None
-    remake = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(remake)
-    folders = {file.parent.name for file in STUDIES.glob("*/README.md")}
+    remake = loaded(STUDIES / "remake.py")
+    folders = {file.parent.relative_to(STUDIES).as_posix() for file in STUDIES.glob("*/**/README.md")}
     assert folders == {*remake.COMMANDS, *remake.NOTHING_TO_RUN}
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     assert all(f"[{name}]({name})" in text for name in folders)
-    assert remake.commands("drives") == [[str(STUDIES / "drives" / "run.py")]]
+    assert remake.commands("recovery/drives") == [[str(STUDIES / "recovery" / "drives" / "run.py")]]
     assert remake.main(["nothing"]) == 2

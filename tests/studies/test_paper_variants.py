@@ -6,17 +6,19 @@ from types import ModuleType
 
 import numpy as np
 import pandas as pd
+import paper_statements
 import pytest
+from readme import filled
 
 from bayesterra.models import M2
 
-STUDY = Path(__file__).parents[2] / "studies" / "paper-variants"
+STUDY = Path(__file__).parents[2] / "studies" / "paper" / "variants"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("paper-variants")
+    return study_script("paper/variants")
 
 
 def stored(name: str) -> pd.DataFrame:
@@ -92,7 +94,7 @@ def test_evidence_agrees_with_the_stored_one(script: ModuleType) -> None:
 def test_statements_and_readme_follow_from_the_tables(script: ModuleType) -> None:
     """Statements and the README's tables are those that the stored tables give."""
     kept = script.stored()
-    found = script.paper_statements.table_of(script.statements.statements(kept))
-    pd.testing.assert_frame_equal(found, script.paper_statements.read(STUDY), check_dtype=False)
+    found = paper_statements.table_of(script.statements.statements(kept))
+    pd.testing.assert_frame_equal(found, paper_statements.read(STUDY), check_dtype=False)
     text = (STUDY / "README.md").read_text(encoding="utf-8")
-    assert script.paper_statements.filled(text, script.page.blocks(kept, found)) == text
+    assert filled(text, script.page.blocks(kept, found)) == text

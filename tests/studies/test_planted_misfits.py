@@ -7,13 +7,13 @@ from types import ModuleType
 import pandas as pd
 import pytest
 
-STUDY = Path(__file__).parents[2] / "studies" / "planted-misfits"
+STUDY = Path(__file__).parents[2] / "studies" / "misfit" / "planted"
 
 
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("planted-misfits")
+    return study_script("misfit/planted")
 
 
 @pytest.mark.slow

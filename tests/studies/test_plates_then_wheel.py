@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-STORED = Path(__file__).parents[2] / "studies" / "plates-then-wheel"
+STORED = Path(__file__).parents[2] / "studies" / "soil-tests" / "plates-then-wheel"
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-STUDY = Path(__file__).parents[2] / "studies" / "scale-out"
+STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "scale-out"
 
 
 TASKS = {"synthetic": 8000, "m2": 2000}

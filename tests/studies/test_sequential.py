@@ -12,7 +12,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import load_study
 
-STUDY = Path(__file__).parents[2] / "studies" / "sequential"
+STUDY = Path(__file__).parents[2] / "studies" / "streaming" / "sequential"
 SHIFTS = ["shift05", "shift25", "shift50", "shift75", "shift95"]
 
 
@@ -34,7 +34,7 @@ def test_weighing_finds_the_stored_shifts_and_needs_the_correlations(
 
     Without correlations the same laws move them far more.
     """
-    script, second = study_script("sequential"), load_study(STUDY / "second-half")
+    script, second = study_script("streaming/sequential"), load_study(STUDY / "second-half")
     draws = np.load(STUDY / "all-rows.npz")["draws"].astype(np.float64)
     joint = script.weighed(second, draws).T
     assert typical(joint - stored("joint prior").to_numpy()) < 0.12

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from paper_wheels import WHEELS
 from sensitivity.cut_prior import (
     cut_coupling,
     forward_at,
@@ -13,7 +14,7 @@ from sensitivity.cut_prior import (
     single_inputs,
     study_problem,
 )
-from sensitivity.groups import SECTION_4, WHEELS, Setting
+from sensitivity.groups import SECTION_4, Setting
 from sensitivity.problems import columns_of, draw_base
 from sensitivity.shapley import shapley
 from sensitivity.sobol import Sobol, sobol

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, WHEELS, Setting, soil_array
+from paper_wheels import WHEELS
+from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Setting, soil_array
 from sensitivity.influence import (
     TABLE_9,
     influence_class,

@@ -9,7 +9,7 @@ import pytest
 
 from bayesterra.identifiability.verdicts import Evidence
 
-STUDY = Path(__file__).parents[2] / "studies" / "verdicts"
+STUDY = Path(__file__).parents[2] / "studies" / "identifiability" / "verdicts"
 PROBLEMS = ("all determined", "c flat", "K_s-n0 ridge", "c1-c2 ridge", "only a sum", "one-sided")
 PLATEAU = "one-sided by a plateau"
 
@@ -17,7 +17,7 @@ PLATEAU = "one-sided by a plateau"
 @pytest.fixture(scope="module")
 def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     """The study's script as a module."""
-    return study_script("verdicts")
+    return study_script("identifiability/verdicts")
 
 
 @pytest.mark.slow

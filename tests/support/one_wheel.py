@@ -6,24 +6,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from paper_wheels import ABOUT_WH32, WHEELS
 
 from bayesterra.models import MODELS, Soil, Wheel
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
 
-WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
-TRUTH = {
-    "Ks": 2.5e6,
-    "n0": 0.85,
-    "n1": 1.06,
-    "c": 268.0,
-    "phi": float(np.radians(29.3)),
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
-"""Table 10 of Ding et al. 2015, wheel Wh32."""
+WHEEL, TRUTH = WHEELS["Wh32"], dict(ABOUT_WH32)
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3, "normal_force": 2.0}
 

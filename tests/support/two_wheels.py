@@ -4,15 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
+from paper_wheels import ABOUT_WH32
+from paper_wheels import WHEELS as PAPER_WHEELS
 
-from bayesterra.models import Wheel
 from bayesterra.study.study import Study
 
-WHEELS = {
-    "Wh11": Wheel(0.135, 0.165, 0.015, 24, shearing_radius_coefficient=0.75),
-    "Wh32": Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65),
-}
-HELD = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "c1": 0.339, "c2": -0.017}
+WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
+HELD = {name: ABOUT_WH32[name] for name in ("Ks", "n0", "n1", "c", "c1", "c2")}
 TABLE = pd.DataFrame(
     {
         "wheel": ["Wh11"] * 3 + ["Wh32"] * 3,

@@ -7,22 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from paper_wheels import WHEELS
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.models import SOIL_FIELDS, Soil, Wheel
 from bayesterra.parameters import PARAMETERS
-
-WHEELS: Mapping[str, Wheel] = MappingProxyType(
-    {
-        "Wh11": Wheel(0.135, 0.165, 0.015, 24, 0.75),
-        "Wh12": Wheel(0.135, 0.165, 0.010, 24, 0.65),
-        "Wh21": Wheel(0.135, 0.110, 0.015, 24, 0.75),
-        "Wh22": Wheel(0.135, 0.110, 0.010, 24, 0.65),
-        "Wh31": Wheel(0.15735, 0.165, 0.015, 30, 0.75),
-        "Wh32": Wheel(0.15735, 0.165, 0.010, 30, 0.65),
-    }
-)
-"""The wheels of Table 1, with the shearing-radius coefficients of Section 3.1."""
 
 
 @dataclass(frozen=True)
