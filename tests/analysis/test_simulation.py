@@ -230,7 +230,7 @@ def test_deviations_of_single_readings_come_back_in_their_unit() -> None:
     table = pd.DataFrame({"slip": made.observations.slip, "load [N]": 80.0, "sinkage [mm]": 10.0})
     sd = {"sinkage_sd [mm]": [0.5, 1.0, 1.5, 2.0], "drawbar_pull_sd [N]": [1.0, 2.0, 3.0, 4.0]}
     given = Study(
-        table.assign(**{"drawbar_pull [N]": 10.0, **sd}), {"A": WHEEL}, slip_reference="shearing",
+        pd.DataFrame({**table, "drawbar_pull [N]": 10.0, **sd}), {"A": WHEEL}, slip_reference="shearing",
         noise={"sinkage": 1e-3, "drawbar_pull": 1.0}, priors={"set": "paper-box"},
     )  # fmt: skip
     found = simulate(given, SOIL)

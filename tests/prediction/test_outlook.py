@@ -10,6 +10,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
+from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Wheel
@@ -186,12 +187,12 @@ def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlo
     """Four peaks made by hand, at all slips and at driven ones: each with its values, slips and counts."""
 
     def peak(value: float, slip: float, rising: int) -> Greatest:
-        n = np.arange(10)
+        n: FloatArray = np.arange(10.0)
         return Greatest(value * (1 + 0.01 * n), slip + 0.01 * n, n < rising)
 
     peaks = (peak(0.3, 0.5, 1), peak(0.2, 0.4, 2), peak(90.0, 0.6, 3), peak(60.0, 0.3, 4))
-    names = ("slopes", "slopes_driven", "tows", "tows_driven")
-    made = replace(sheet, **dict(zip(names, peaks, strict=True)))
+    slopes, slopes_driven, tows, tows_driven = peaks
+    made = replace(sheet, slopes=slopes, slopes_driven=slopes_driven, tows=tows, tows_driven=tows_driven)
     table = made.greatest_table
     asked = (*(["greatest_slope"] * 2), *(["greatest_tow"] * 2))
     assert (tuple(table["quantity"]), tuple(table["slips"])) == (asked, ("all", "driven") * 2)
