@@ -6,13 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesterra.analysis.closing_page import added_sections
+from bayesterra.analysis.closing_page import added_sections, methods_section
+from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
+from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import Table, Text
+from bayesterra.report.figures import MARKS
+from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.stats.diagnostics import hdi
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Prior
-from bayesterra.study.result import Result
+from bayesterra.study.result import Result, summary_rows
 
 LAW = QuantileLaw(
     lower=0.0,
@@ -73,3 +78,35 @@ def test_the_prior_table_names_law_and_source(built_upon: Result) -> None:
     (table,) = prior_sources(built_upon.study)
     assert isinstance(table, Table)
     assert [str(row[0]) for row in table.rows] == ["<i>φ</i> and <i>K</i>"]
+
+
+def test_what_was_known_before_stands_before(built_upon: Result) -> None:
+    """Median and interval of the prior's draws, then those of the posterior's, each rounded to its step."""
+    (section,) = added_sections(built_upon)
+    table = next(block for block in section.blocks if isinstance(block, Table))
+    assert table.header[2:6] == ("before", "90 % HDI", "after", "90 % HDI")
+    for cells, name in zip(table.rows, ("phi", "K"), strict=True):
+        i = built_upon.names.index(name)
+        for group, (median, ends) in (("prior", cells[2:4]), ("posterior", cells[4:6])):
+            draws = field_values(name, built_upon.values(group)[:, i])
+            low, high = hdi(draws, 0.9)
+            step = resolution(low, high)
+            assert (median, ends) == (rounded(float(np.median(draws)), step), interval(low, high, step))
+
+
+def test_point_estimates_stand_beside_median_and_mode_in_this_order(small_result: Result) -> None:
+    """Every column of the methods is that of its header, in the digits of the posterior."""
+    table = next(block for block in methods_section(small_result).blocks if isinstance(block, Table))
+    assert table.header[2:5] == ("median", "mode", "90 % HDI")
+    points, told_apart = estimates(small_result), 0
+    assert table.header[5:] == tuple(MARKS[method].label for method in points)
+    rows = summary_rows(small_result)
+    for cells, name in zip(table.rows, small_result.names, strict=False):
+        row, step = rows[name], resolution(*rows[name].hdi)
+        assert cells[2:5] == (rounded(row.median, step), rounded(row.mode, step), interval(*row.hdi))
+        told_apart += cells[2] != cells[3]
+        for cell, values in zip(cells[5:], points.values(), strict=True):
+            value = values.get(name)
+            expected = "–" if value is None else rounded(value / PARAMETERS[name].scale, step)
+            assert str(cell).removeprefix("= ").removeprefix("| ") == expected
+    assert told_apart >= 3

@@ -181,3 +181,18 @@ def test_results_show_themselves_in_notebooks(both: Comparison, wide: Result) ->
     assert "max η" in shown
     assert ODD not in both._repr_html_()
     assert "log evidence" in both._repr_html_()
+
+
+def test_a_row_of_the_evidence_is_of_its_own_result(both: Comparison) -> None:
+    """Evidence, elpd and both errors are those of the result that the row names."""
+    table = both.evidences.set_index("result")
+    assert table.index.tolist() == list(both.names)
+    for name, result in both.results.items():
+        row, loo = table.loc[name], result.record["loo"]
+        elpd = np.array([left_out["elpd"] for left_out in loo["rows"]])
+        spread = np.sqrt(len(elpd)) * elpd.std(ddof=1)
+        np.testing.assert_allclose(row[["elpd", "elpd_se"]].to_numpy(float), [elpd.sum(), spread])
+        own = result.record["evidence"]
+        assert row["log_evidence"] == pytest.approx(own["log_z"] - own["log_share"])
+        assert row["error"] == pytest.approx(np.hypot(own["error"], own["log_share_error"]))
+        assert row["model"] == result.study.model.name

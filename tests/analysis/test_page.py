@@ -13,10 +13,11 @@ from markupsafe import escape
 
 from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.outputs_page import driving, posterior_section
+from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
 from bayesterra.analysis.page import Page, data_section, page, warning
 from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
+from bayesterra.parameters import CHANNELS
 from bayesterra.report import blocks, symbols
 from bayesterra.report.blocks import Gallery, Table, render
 from bayesterra.report.numbers import interval, resolution
@@ -306,3 +307,31 @@ def test_every_number_of_the_posterior_table_is_that_of_the_summary(small_result
 
 def _number(text: str) -> float:
     return float(text.replace("\u202f", "").replace("−", "-"))
+
+
+def test_sizes_and_errors_of_the_chains_stand_in_their_own_columns(small_result: Result) -> None:
+    """Centre and tails have their own effective sizes; each estimate its own Monte Carlo error."""
+    table = _chains(small_result)
+    columns = ("ess_bulk", "ess_tail", "mcse_mean", "mcse_median", "mcse_sd")
+    headed = ("bulk ESS", "tail ESS", "MCSE mean", "MCSE median", "MCSE sd")
+    for cells, row in zip(table.rows, summary_rows(small_result).values(), strict=True):
+        found = dict(zip(table.header, map(str, cells), strict=True))
+        for header, column in zip(headed, columns, strict=True):
+            size = getattr(row, column)
+            assert _number(found[header]) == pytest.approx(size, rel=0.06 if "MCSE" in header else 0.005)
+        assert float(found["R-hat"]) == pytest.approx(row.r_hat, abs=5.1e-5)
+
+
+def test_bands_at_driven_slips_are_ninety_per_cent_of_the_curves(small_result: Result) -> None:
+    """Median and 5 to 95 % of every outcome, interpolated between the points of the curves by hand."""
+    table, curves = slip_table(small_result, "Wh32"), small_result.draws["curves"].sel(wheel="Wh32")
+    outcomes = [str(name) for name in curves["outcome"].to_numpy()]
+    slips = np.unique(small_result.study.observations.used().slip)
+    for cells, slip in zip(table.rows, slips, strict=True):
+        assert float(str(cells[0])) == pytest.approx(slip)
+        for i, name in enumerate(outcomes):
+            bands = curves["modelled"].sel(outcome=name) / CHANNELS[name].scale
+            at = [float(np.interp(slip, curves["slip"], bands.sel(quantile=q))) for q in (0.05, 0.5, 0.95)]
+            step = resolution(at[0], at[2])
+            assert cells[2 + 2 * i] == interval(at[0], at[2], step)
+            assert _number(str(cells[1 + 2 * i])) == pytest.approx(at[1], abs=0.51 * step)

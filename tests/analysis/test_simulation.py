@@ -222,3 +222,17 @@ def test_the_command_writes_a_study_that_checks(tmp_path: Path, capsys: pytest.C
     assert study_file.truth.values["phi"] == pytest.approx(np.radians(30))
     assert main(["simulate", str(HIT), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
+
+
+def test_deviations_of_single_readings_come_back_in_their_unit() -> None:
+    """A column of standard deviations is simulated as it was stated, in mm and in N."""
+    made = study()
+    table = pd.DataFrame({"slip": made.observations.slip, "load [N]": 80.0, "sinkage [mm]": 10.0})
+    sd = {"sinkage_sd [mm]": [0.5, 1.0, 1.5, 2.0], "drawbar_pull_sd [N]": [1.0, 2.0, 3.0, 4.0]}
+    given = Study(
+        pd.DataFrame({**table, "drawbar_pull [N]": 10.0, **sd}), {"A": WHEEL}, slip_reference="shearing",
+        noise={"sinkage": 1e-3, "drawbar_pull": 1.0}, priors={"set": "paper-box"},
+    )  # fmt: skip
+    found = simulate(given, SOIL)
+    for name, values in sd.items():
+        assert_allclose(found[name], values, rtol=1e-12)

@@ -277,3 +277,10 @@ def test_intervals_hold_what_they_state(make_study: MakeStudy, drive: str, table
     for level in (0.5, 0.9):
         inside = (np.abs(found - 0.5) <= 0.5 * level).mean()
         assert abs(inside - level) < 3 * np.sqrt(level * (1 - level) / len(found))
+
+
+def test_rows_of_a_refit_are_those_that_it_was_scored_on(found: Holdout) -> None:
+    """Numbers of the rows in the table of the refits and in that of the scores are the same."""
+    scored = found.table.groupby("level")["row"].unique()
+    for refit in found.refits.to_dict("records"):
+        assert [int(row) for row in str(refit["rows"]).split()] == sorted(scored[refit["level"]])

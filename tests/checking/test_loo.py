@@ -212,3 +212,13 @@ def test_pareto_smoothing_finds_the_tail() -> None:
         assert np.exp(log_weights).sum() == pytest.approx(1.0)
     assert pareto_limit(100) == pytest.approx(0.5)
     assert pareto_limit(10_000) == 0.7
+
+
+def test_rows_left_out_have_their_numbers_in_the_table(make_study: MakeStudy, make_table: MakeTable) -> None:
+    """The third row is not in the fit: the others keep their numbers, and their own densities."""
+    table = noisy(make_table(), 2).assign(use=[1, 1, 0, 1, 1, 1])
+    density = posterior(make_study(data=table, free=("c", "phi"), priors=PRIORS))
+    draws = np.array([268.0, 0.511]) + np.array([5.0, 0.002]) * default_rng(1).standard_normal((400, 2))
+    found = leave_one_out(density, draws, SeedSequence(1), few_rows=1)
+    assert [row.row for row in found.rows] == [1, 2, 4, 5, 6]
+    np.testing.assert_allclose(found.full, density.log_terms(draws).sum(axis=2).mean(axis=0), atol=0.2)

@@ -6,7 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.checking.predictive import curve_forward, predict_curves, predict_rows, predictive_table
+from bayesterra.checking.predictive import (
+    RowPredictions,
+    curve_forward,
+    predict_curves,
+    predict_rows,
+    predictive_table,
+)
 from bayesterra.likelihood.derived import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
@@ -178,3 +184,20 @@ def test_noise_of_a_posterior_is_used_draw_by_draw(make_study: MakeStudy, truth:
     scatter = rows.readings[:, 0, 1] - rows.modelled[:, 0, 1]
     assert scatter[:2000].std() == pytest.approx(0.1, rel=0.1)
     assert scatter[2000:].std() == pytest.approx(10.0, rel=0.1)
+
+
+def test_every_column_of_the_table_is_of_its_own_row_and_channel(study: Study) -> None:
+    """Skew readings made by hand: mean, quantiles and share without an answer are those with noise."""
+    rng = np.random.default_rng(3)
+    readings = rng.exponential(size=(500, 6, 3)) * np.arange(1.0, 19.0).reshape(6, 3)
+    readings[:50, 2, 1] = np.nan
+    table = predictive_table(study, RowPredictions(tuple(study.noise), np.zeros((500, 6, 3)), readings))
+    for cells in table.to_dict("records"):
+        channel = list(study.noise).index(str(cells["channel"]))
+        index = study.observations.rows.index(cells["row"])
+        own = readings[:, index, channel] * (1e3 if cells["channel"] == "sinkage" else 1.0)
+        expected = [np.nanmean(own), *np.nanquantile(own, [0.05, 0.5, 0.95]), np.isnan(own).mean()]
+        found = [cells[name] for name in ("mean", "q05", "q50", "q95", "no_answer")]
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        assert cells["slip"] == study.observations.slip[index]
+        assert cells["used"] == study.observations.use[index]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayesterra.checking import validation
+from bayesterra.checking.loo import CrossValidation, LeftOut
 from bayesterra.study.result import Result
 
 
@@ -64,3 +65,15 @@ def test_curves_of_the_joint_fit_pass_through_the_readings(small_result: Result)
     """Joint weights all channels by their noise, so its standardised residuals are small."""
     assert np.abs(validation.method_residuals(small_result)["joint"]).max() < 3
     assert np.isfinite(validation.method_curves(small_result, "Wh32")["joint"].values).all()
+
+
+def test_a_record_says_of_rows_left_out_what_its_rows_add_up_to() -> None:
+    """Sum, spread and effective parameters of three rows, by hand."""
+    rows = tuple(
+        LeftOut(row, elpd, 0.01, 0.2, refitted=False) for row, elpd in ((1, -2.0), (2, -3.0), (4, -7.0))
+    )
+    record = validation.Validation(None, None, CrossValidation(rows, (-1.5, -2.0, -5.0), {})).record()["loo"]
+    assert record["elpd"] == -12.0
+    assert record["effective_parameters"] == 3.5
+    assert record["se"] == pytest.approx(np.sqrt(3 * 7.0))
+    assert [(row["row"], row["elpd"]) for row in record["rows"]] == [(1, -2.0), (2, -3.0), (4, -7.0)]

@@ -3,12 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.design.choosing import Design
+from bayesterra.design.recommendation import recommend
 from bayesterra.study.result import Result
+from bayesterra.study.study import Study
 
 Captured = pytest.CaptureFixture[str]
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
@@ -76,3 +79,14 @@ def test_mistakes_are_one_line_and_leave_nothing(
     assert message in printed
     assert printed.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_deviations_before_are_those_of_the_draws_of_each_parameter(two_free: Study) -> None:
+    """φ in degrees and K in mm, each with its own; after a drive there is less of the one asked about."""
+    found = recommend(two_free, slips=[0.1, 0.3], seed=2)
+    draws = found.situation.draws
+    assert found.about == ("phi", "K")
+    for i, (column, scale) in enumerate((("sd_phi [deg]", np.radians(1.0)), ("sd_K [mm]", 1e-3))):
+        for table in (found.table, found.plan):
+            np.testing.assert_allclose(table[column], draws[:, i].std(ddof=1) / scale, rtol=1e-9)
+            assert (table[f"{column} after"] < table[column]).all()

@@ -15,6 +15,7 @@ import pytest
 import bayesterra as bt
 from bayesterra.follow.rows import Rows
 from bayesterra.follow.stream import State
+from bayesterra.follow.updates import cells
 from bayesterra.likelihood.posterior import likelihood_of
 from bayesterra.parameters import PARAMETERS
 from bayesterra.runtime.checkpoints import digest, pack
@@ -220,3 +221,23 @@ def test_a_stream_of_an_earlier_plain_form_is_read(streamed: bt.Stream, tmp_path
     begun.write_text(json.dumps({"run": digest(others), "identity": others}))
     with pytest.raises(bt.ResultError, match="its particles belong to another study or other rows"):
         bt.load_stream(tmp_path / "stream")
+
+
+def test_a_line_of_the_table_says_what_the_update_says(streamed: bt.Stream) -> None:
+    """Conditions, forecasts, evidence and bands of a row stand in its own line, each under its name."""
+    stream = deepcopy(streamed)
+    update = stream.add(**GIVEN)
+    line = cells(update, stream.rows.between(len(stream) - 1, len(stream)))
+    assert (line["row"], line["slip"], line["load [N]"]) == (25, 0.2, 80.0)
+    for reading in update.forecast.table.to_dict("records"):
+        channel, unit = reading["channel"], reading["unit"]
+        assert line[f"{channel} [{unit}]"] == reading["observed"]
+        for key in ("q05", "q50", "q95"):
+            assert line[f"{channel}_{key} [{unit}]"] == reading[key]
+        assert line[f"{channel}_pit"] == update.pit[channel]
+    for row in stream.summary.to_dict("records"):
+        unit = "" if row["unit"] == "-" else f" [{row['unit']}]"
+        bands = [line[f"{row['parameter']}_{key}{unit}"] for key in ("q05", "q50", "q95")]
+        assert bands == pytest.approx([row["q05"], row["median"], row["q95"]], rel=1e-12)
+    assert line["log_evidence"] == stream.log_evidence
+    assert line["effective"] == pytest.approx(1.0 / np.sum(stream.cloud.weights**2))

@@ -137,3 +137,14 @@ def test_a_design_is_judged_without_its_readings() -> None:
     pd.testing.assert_frame_equal(measured.found.structure.table, planned.found.structure.table)
     pd.testing.assert_frame_equal(measured.found.spread.table, planned.found.spread.table)
     assert planned.found.structure.determined == ("Ks",)
+
+
+def test_every_length_of_the_verdicts_is_in_the_unit_of_its_row(moduli: Identified) -> None:
+    """Beside the column ``unit`` no number stays in SI; what has no unit stays as it is."""
+    before, after = moduli.found.verdicts, moduli.verdicts
+    scale = np.array([PARAMETERS[name].scale for name in before["parameter"]])
+    assert after["unit"].tolist() == [PARAMETERS[name].unit for name in before["parameter"]]
+    for name in ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd"):
+        np.testing.assert_allclose(after[name] * scale, before[name], rtol=1e-12, err_msg=name)
+    for name in ("contraction", "shift", "tie", "expected"):
+        np.testing.assert_array_equal(after[name], before[name])

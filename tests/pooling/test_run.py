@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import typer
 from markupsafe import escape
@@ -20,12 +21,17 @@ from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooling import degrees as pooling_degrees
 from bayesterra.pooling import run as pooling_run
+from bayesterra.pooling.degrees import Level
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.run import PooledResult, row_likelihoods, run_pooled
+from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
+from bayesterra.pooling.verdicts import Sharing
+from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
+from bayesterra.sampling.sampler import ThinnedDraws
 from bayesterra.study.canonical import write_study
+from bayesterra.study.groups import law_sd
 from bayesterra.study.model_errors import ModelErrors, Size, SlipError
 from bayesterra.study.study import Study
 from tests.support.two_wheels import TABLE
@@ -223,3 +229,41 @@ def test_command_writes_the_folder_and_says_what_it_found(
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"report.html", "draws.nc", "summary.csv", "sharing.csv", "pooling.csv", "left_out.csv"} <= names
     assert "status.json" not in names
+
+
+def test_each_groups_own_posterior_is_under_its_name(result: PooledResult) -> None:
+    """Draws of a wheel alone have a higher density given its readings than draws of the other alone."""
+    joint, alone = joint_posterior(result.study), result.draws["alone"]
+    names = joint.first.names
+    x = {g: np.column_stack([alone[n].sel(group=g).to_numpy() for n in names]) for g in result.groups}
+    for own, density in joint.groups.items():
+        typical = {g: np.median(density.log_density(draws)) for g, draws in x.items()}
+        assert max(typical, key=lambda g: typical[g]) == own
+
+
+def test_a_terminal_shows_the_degrees_of_the_table(result: PooledResult) -> None:
+    """Evidence, elpd of rows and elpd of groups, each under its own header; the record has the same."""
+    table = result.overview()[0]
+    assert isinstance(table, Table)
+    columns = {"log evidence": "log_evidence", "elpd of rows": "elpd_rows", "elpd of groups": "elpd_groups"}
+    for cells, row in zip(table.rows, result.pooling.to_dict("records"), strict=True):
+        shown = dict(zip(table.header, cells, strict=True))
+        assert shown["pooling"] == row["pooling"]
+        assert {name: shown[name] for name in columns} == {n: f"{row[c]:.1f}" for n, c in columns.items()}
+    records = pd.DataFrame(result.record["pooling"]["degrees"])
+    pd.testing.assert_frame_equal(records, result.pooling)
+
+
+def test_a_row_of_sharing_has_both_judgements_apart(make: MakeStudy) -> None:
+    """From the groups alone and as stated: factor, error and reliability of each in its own columns."""
+    joint = joint_posterior(make())
+    alone = Sharing(("K",), Level(-3.0, 0.3, True), Level(-1.0, 0.4, True), Level(-2.0, 0.1, True), "wheel")
+    stated = Sharing(("K",), Level(-4.0, 0.6, True), Level(-9.0, 0.1, True), Level(-5.0, 0.8, False), "wheel")
+    kept = ThinnedDraws(draw_joint_prior(joint, 40, np.random.default_rng(1)).reshape(4, 10, -1), {}, 1)
+    row = _sharing_table(joint, [alone], {"K": stated}, kept).iloc[0]
+    figures = ("log_bayes_factor", "against_own_values", "against_a_population", "error")
+    assert [row[name] for name in figures] == pytest.approx([-2.0, -2.0, -1.0, 0.5])
+    assert (row["log_bayes_factor_as_stated"], row["error_as_stated"]) == pytest.approx((1.0, 1.0))
+    assert (row["reliable"], row["reliable_as_stated"]) == (True, False)
+    spread = kept.flat[:, joint.names.index("K.spread")] / law_sd(joint.laws["K"])
+    assert row["spread_median"] == pytest.approx(np.median(spread))

@@ -1,5 +1,6 @@
 """A rover on the draws of a result: predict_rover, and predict --rover."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,13 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
+from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Wheel
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.prediction.page import rover_outlook
-from bayesterra.prediction.statics import Outcome
+from bayesterra.prediction.statics import Greatest, Outcome
 from bayesterra.report.figures import figure_of
 from bayesterra.study.result import Result
 
@@ -179,3 +181,30 @@ def test_numbers_in_python_are_radians(wide: Result, file: Path) -> None:
     """A slope of 10 is refused with the value in degrees."""
     with pytest.raises(StudyError, match=r"'slope' must lie between 0 and 45 deg \(got 573 deg\)"):
         bt.predict_rover(wide, file, slopes=[10.0])
+
+
+def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlook) -> None:
+    """Four peaks made by hand, at all slips and at driven ones: each with its values, slips and counts."""
+
+    def peak(value: float, slip: float, rising: int) -> Greatest:
+        n: FloatArray = np.arange(10.0)
+        return Greatest(value * (1 + 0.01 * n), slip + 0.01 * n, n < rising)
+
+    peaks = (peak(0.3, 0.5, 1), peak(0.2, 0.4, 2), peak(90.0, 0.6, 3), peak(60.0, 0.3, 4))
+    slopes, slopes_driven, tows, tows_driven = peaks
+    made = replace(sheet, slopes=slopes, slopes_driven=slopes_driven, tows=tows, tows_driven=tows_driven)
+    table = made.greatest_table
+    asked = (*(["greatest_slope"] * 2), *(["greatest_tow"] * 2))
+    assert (tuple(table["quantity"]), tuple(table["slips"])) == (asked, ("all", "driven") * 2)
+    for row, own in zip(table.to_dict("records"), peaks, strict=True):
+        values = np.degrees(own.value) if row["unit"] == "deg" else own.value
+        np.testing.assert_allclose(
+            [row["q05"], row["q50"], row["q95"]], np.quantile(values, [0.05, 0.5, 0.95])
+        )
+        assert row["at_slip_q50"] == pytest.approx(np.median(own.slip))
+        assert (row["draws"], row["no_answer"], row["still_rising"]) == (10, 0, own.rising.sum())
+    climb = made.climb_table
+    for column, own in (("probability", peaks[0]), ("probability_driven_slips", peaks[1])):
+        share = [(np.degrees(own.value) >= slope).mean() for slope in climb["slope [deg]"]]
+        np.testing.assert_allclose(climb[column], share)
+    assert (climb["probability"] > climb["probability_driven_slips"]).any()

@@ -1,18 +1,23 @@
 """Predictions for wheels, loads and slips that were not measured."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 import bayesterra as bt
+from bayesterra.analysis.result import RunResult
 from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
 from bayesterra.prediction.forecast import forecast, slips_of
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED
-from bayesterra.study.result import Result
+from bayesterra.study.result import Result, parameter_dataset
+from bayesterra.study.study import Study
 from bayesterra.study.wheels import read_wheel
 
 SMALL = Wheel(0.1, 0.1, 0.005, 24)
@@ -174,3 +179,58 @@ def test_notebook_table_marks_and_escapes(wide: Result) -> None:
     assert "<b>" in shown.split("<tbody>")[1]
     assert "other wheel under 200 N" in shown
     assert "no answer" in shown
+
+
+def test_a_line_of_the_draws_is_of_the_draw_that_it_names(wide: Result) -> None:
+    """Chain, draw, slip and values of a prediction belong together, line by line."""
+    found = bt.predict(wide, [0.1, 0.3, 0.5])
+    table = found.to_dataframe()
+    assert len(table) == 3 * len(found.index)
+    for line in (0, 1, 2, 1000, len(table) - 1):
+        cells, draw = table.iloc[line], line // 3
+        assert (cells["chain"], cells["draw"]) == tuple(found.index[draw])
+        assert cells["slip"] == found.slip[line % 3]
+        assert cells["sinkage [mm]"] == 1e3 * found.modelled[draw, line % 3, 0]
+        assert (
+            cells["drawbar_pull_reading [N]"]
+            == found.readings[draw, line % 3, list(PREDICTED).index("drawbar_pull")]
+        )
+
+
+def test_derived_quantities_stand_beside_those_of_the_prior(wide: Result) -> None:
+    """Shear strength under 5 kPa by hand, of the posterior's draws and of the prior's."""
+    row = bt.predict(wide, [0.1]).derived_table.set_index("quantity").loc["shear_strength"]
+    i, c = wide.names.index("phi"), wide.study.prior.fixed["c"]
+    after, before = (1e-3 * (c + 5e3 * np.tan(wide.values(group)[:, i])) for group in ("posterior", "prior"))
+    assert row["median"] == pytest.approx(np.median(after), rel=0.01)
+    assert row["sd"] == pytest.approx(after.std(), rel=0.1)
+    expected = [np.median(before[:2000]), *np.quantile(before[:2000], [0.05, 0.95])]
+    found = row[["prior_median", "prior_q05", "prior_q95"]].to_numpy(float)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_some_slips_of_a_prediction_are_predicted_as_alone(wide: Result) -> None:
+    """Values, and reasons for draws without an answer, go with their slip."""
+    both, alone = bt.predict(wide, [0.3, 0.97]), bt.predict(wide, [0.97])
+    some = both.at(np.array([0.97]))
+    np.testing.assert_array_equal(some.modelled, alone.modelled)
+    np.testing.assert_array_equal(some.reasons, alone.reasons)
+    assert some.unanswered[0] > 0
+    assert some.table["no_answer"].tolist() == alone.table["no_answer"].tolist()
+
+
+def test_readings_have_the_zero_error_of_the_sinkage(make_study: Callable[..., Study]) -> None:
+    """An instrument that reads 4 mm too much: its readings are higher by that, modelled values are not."""
+    law = bt.Law("norm", {"loc": 0.004, "scale": 0.001})
+    study = make_study(free=("phi",), priors={"sinkage_offset": law})
+    x = np.column_stack([np.full(400, 0.511), np.full(400, 0.004)]).reshape(4, 100, 2)
+    groups = {name: parameter_dataset(study.prior.names, x) for name in ("posterior", "prior")}
+    assert study.prior.names == ("phi", "sinkage_offset")
+    draws = xr.DataTree.from_dict(groups)
+    known = RunResult(study=study, draws=draws, summary=pd.DataFrame(), record={})
+    found = bt.predict(known, [0.2, 0.4])
+    off = dict(zip(PREDICTED, (found.readings - found.modelled).mean(axis=(0, 1)), strict=True))
+    assert off["sinkage"] == pytest.approx(0.004, abs=2e-4)
+    assert (off["drawbar_pull"], off["resistance_moment"]) == pytest.approx((0.0, 0.0), abs=0.3)
+    sinkage = make_study().observations.values["sinkage"][[2, 4]]
+    np.testing.assert_allclose(found.modelled[0, :, 0], sinkage, rtol=0.01)

@@ -9,9 +9,9 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import beta, multivariate_normal, norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
-from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.importance import Evidence, evidence, of_evidence
 from bayesterra.sampling.sampler import Target, sample
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture
@@ -189,3 +189,12 @@ def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_s
     expected = float(logsumexp(density.log_terms(x[:, None]).sum(axis=(1, 2))) - np.log(len(x)))
     assert found.reliable
     assert abs(found.log_z - expected) < max(4 * found.error, 1e-3)
+
+
+def test_error_of_the_share_inside_the_support_is_that_of_counting() -> None:
+    """A quarter of 4000 draws inside: the log of the share scatters as logs of binomial shares do."""
+    prior = PriorDraws(np.zeros((1, 1)), {"inside the support": 0.25}, 4000)
+    record = of_evidence(evidence(normal, [ball(CENTRE, 0.12)], default_rng(1), draws=2000), prior)
+    counted = default_rng(2).binomial(4000, 0.25, size=20_000) / 4000
+    assert record["log_share"] == pytest.approx(np.log(0.25))
+    assert record["log_share_error"] == pytest.approx(np.log(counted).std(), rel=0.03)

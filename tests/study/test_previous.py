@@ -19,7 +19,7 @@ from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.canonical import write_study
-from bayesterra.study.previous import taken
+from bayesterra.study.previous import Fidelity, PosteriorPrior, taken
 from bayesterra.study.priors import Prior, Source
 from bayesterra.study.study import Study, load_study
 
@@ -328,3 +328,13 @@ def test_check_shows_the_joint_prior_and_its_source(
     assert "tabulated: median" in shown
     assert "Prior correlations of normal scores" in shown
     assert re.search(r"kphi │ −0\.(79|80|81)", shown)
+
+
+def test_a_record_has_every_figure_under_its_own_name() -> None:
+    """Difference and its noise are two numbers."""
+    fidelity = Fidelity(("c", "phi"), 0.25, 0.04)
+    made = PosteriorPrior("'box'", {"c": "c"}, 1.5, 812.0, {}, {}, fidelity, ())
+    assert made.record() == {
+        "from": "'box'", "take": {"c": "c"}, "widen": 1.5, "effective_draws": 812.0,
+        "worst_pair": ["c", "phi"], "largest_difference": 0.25, "its_noise": 0.04, "poor": True,
+    }  # fmt: skip
