@@ -337,7 +337,7 @@ def calibrate(
 
     loaded = load_study(study)
     from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or beside(study, "calibration")
     with chosen(workers, scheduler) as engine:
@@ -382,7 +382,7 @@ def identify(
         return terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
     from bayesterra.analysis.run import opened
     from bayesterra.identifiability.identify import identify_into
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     with chosen(workers, scheduler) as engine:
@@ -445,7 +445,7 @@ def design(
     from bayesterra.analysis.run import opened_for_design
     from bayesterra.design.recommendation import design_into
     from bayesterra.prediction.forecast import slips_of
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
@@ -490,7 +490,7 @@ def holdout(
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.checking.holdout import leave_out_into
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}

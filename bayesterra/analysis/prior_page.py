@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from bayesterra.analysis.prior_only import PriorResult
 from bayesterra.likelihood.correlated import TYPICAL
-from bayesterra.likelihood.derived import reference_load
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values

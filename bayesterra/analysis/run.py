@@ -10,8 +10,7 @@ from typing import Any
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.prior_only import PriorResult, run_prior
-from bayesterra.analysis.result import RunResult
-from bayesterra.analysis.storage import is_pooled, is_prior, read_pooled, read_result
+from bayesterra.analysis.result import RunResult, is_pooled, is_prior, read_pooled, read_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest

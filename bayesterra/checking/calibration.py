@@ -23,10 +23,9 @@ from bayesterra.checking.replications import Fit, Outcome, Replication, ShortRun
 from bayesterra.errors import ResultError, StudyError, check_kind, check_number, check_seed
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
-from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.engines import Engine, ended, in_process
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
-from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM

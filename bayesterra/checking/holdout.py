@@ -25,11 +25,10 @@ from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import StudyError, check_seed
-from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free
-from bayesterra.runtime.parallel import completed
-from bayesterra.runtime.records import Count, Record
 from bayesterra.runtime.status import job_folder
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study, load_study
 

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.replicates import normal_scores
+from bayesterra.checking.predictive import normal_scores
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw

@@ -23,8 +23,14 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtri
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.checking.predictive import FORCE, RowPredictions
-from bayesterra.checking.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.checking.predictive import (
+    FORCE,
+    Modelled,
+    Replicate,
+    ReplicateOptions,
+    RowPredictions,
+    replicates,
+)
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.study.study import Study
 

@@ -19,9 +19,8 @@ from bayesterra.design.candidates import Candidate, Reading, Situation, readings
 from bayesterra.design.gain import Estimate, Interest, Pairs, estimate, jackknife, normal_estimate, pairs
 from bayesterra.errors import StudyError
 from bayesterra.parameters import PARAMETERS
-from bayesterra.runtime.engines import Engine, in_process
-from bayesterra.runtime.parallel import ended
-from bayesterra.runtime.records import Count, Record
+from bayesterra.runtime.engines import Engine, ended, in_process
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 
 if TYPE_CHECKING:

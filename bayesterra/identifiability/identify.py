@@ -20,7 +20,7 @@ from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free
-from bayesterra.runtime.records import Count, Record
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
 from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study

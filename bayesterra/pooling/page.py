@@ -14,9 +14,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
 from bayesterra.parameters import PARAMETERS
+from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
-from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
 from bayesterra.report.blocks import (
     UNSEEN,
     Cell,

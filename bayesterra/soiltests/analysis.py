@@ -44,8 +44,7 @@ from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.study import SoilTest, write_soil_test
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
-from bayesterra.study.record import OriginRecord
-from bayesterra.study.result import DrawnResult
+from bayesterra.study.result import DrawnResult, OriginRecord
 
 if TYPE_CHECKING:
     from bayesterra.report.blocks import Overview

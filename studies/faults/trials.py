@@ -30,17 +30,16 @@ from numpy.random import SeedSequence, default_rng
 from bayesterra.__main__ import main
 from bayesterra.analysis import inference
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.record import RunRecord
+from bayesterra.analysis.result import RunRecord
 from bayesterra.checking import calibration_page
 from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import warm_up
 from bayesterra.report.failures import Failures
-from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.checkpoints import Checkpoints, read_tasks
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import SEGMENT, WORK
-from bayesterra.runtime.tasks import read_tasks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 

@@ -13,9 +13,9 @@ from markupsafe import escape
 
 from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import driving, posterior_section
 from bayesterra.analysis.page import Page, data_section, page, warning
-from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
 from bayesterra.report import blocks, symbols
 from bayesterra.report.blocks import Gallery, Table, render

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.checking.predictive import curve_forward, predict_curves, predict_rows, predictive_table
-from bayesterra.likelihood.derived import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
+from bayesterra.likelihood.forward import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.parameters import DERIVED, soil_array

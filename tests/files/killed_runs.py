@@ -22,7 +22,7 @@ from numpy.random import Generator
 from bayesterra.__main__ import main
 from bayesterra.analysis import inference
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.record import RunRecord
+from bayesterra.analysis.result import RunRecord
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.report.failures import Failures
 from bayesterra.runtime.ownership import SEGMENT, WORK

@@ -10,9 +10,16 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from bayesterra.pooling.degrees import Level, level_of, with_roles
+from bayesterra.pooling.degrees import (
+    Evidences,
+    Level,
+    Sharing,
+    judged_alone,
+    judged_as_stated,
+    level_of,
+    with_roles,
+)
 from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
 from bayesterra.study.groups import Pooling, Population
 from bayesterra.study.study import Study
 from tests.support.two_wheels import HELD
