@@ -185,9 +185,11 @@ def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
 ) -> None:
     """Write a commented template of a study file."""
-    from bayesterra.study.template import write_template
+    from importlib.resources import files
 
-    write_template(file)
+    from bayesterra.runtime.folders import write_new
+
+    write_new(file, files("bayesterra.study").joinpath("template.toml").read_text(encoding="utf-8"))
     typer.echo(printable(f"Written: {file}"))
     typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
     typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))

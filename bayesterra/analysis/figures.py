@@ -21,6 +21,7 @@ from bayesterra.report.figures import (
     PRIOR,
     PROBABILITIES,
     label,
+    mark_key,
     one_of,
     own_axes,
     styled,
@@ -130,13 +131,7 @@ def _corner_legend(figure: Figure, result: Result) -> None:
         Patch(facecolor=PALE[1], edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
         Line2D([], [], color=POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
-    for method in estimates(result):
-        mark = MARKS[method]
-        face = "none" if mark.hollow else mark.colour
-        entries.append(
-            Line2D([], [], color=mark.colour, marker=mark.marker, markerfacecolor=face, linestyle="none",
-                   label=mark.label)
-        )  # fmt: skip
+    entries += map(mark_key, estimates(result))
     figure.legend(handles=entries, loc="upper right", bbox_to_anchor=(0.97, 0.97), fontsize=12)
 
 

@@ -15,11 +15,21 @@ from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, Axis, density, label, new_figure, styled
-from bayesterra.report.numbers import MINUS, given, interval, resolution, rounded, share
-from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, unit
-from bayesterra.study.page import StripRow, axis, axis_end, drawing, keys
-from bayesterra.study.result import COUPLED, Result, SummaryRow, identifiability_rows, summary_rows
+from bayesterra.report.figures import (
+    MARKS,
+    POSTERIOR,
+    PRIOR,
+    Axis,
+    density,
+    label,
+    mark_key,
+    new_figure,
+    styled,
+)
+from bayesterra.report.numbers import MINUS, given, interval, share
+from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
+from bayesterra.study.page import StripRow, axis, drawing, keys, strip_row
+from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 
 FAR = 0.99
 """Share of denser draws from which a point counts as improbable."""
@@ -258,33 +268,13 @@ def legend(result: Result) -> tuple[tuple[Markup, str], ...]:
 def mode_outside(result: Result) -> tuple[str, ...]:
     """Parameters whose posterior mode lies outside their 90 % HDI by more than a twentieth of its width."""
     rows = summary_rows(result)
-    return tuple(name for name in result.names if _apart(rows[name]))
-
-
-def _apart(row: SummaryRow) -> bool:
-    margin = 0.05 * (row.hdi90_hi - row.hdi90_lo)
-    return not row.hdi90_lo - margin <= row.mode <= row.hdi90_hi + margin
+    return tuple(name for name in result.names if rows[name].mode_outside)
 
 
 def _row(result: Result, name: str) -> StripRow:
-    parameter, along = PARAMETERS[name], axis(result, name)
-    row = summary_rows(result)[name]
-    step = resolution(*row.hdi)
-    word, remark = _words(result, name)
-    return StripRow(
-        symbol=symbol(name),
-        description=angles(parameter.description + (", log scale" if along.log else "")),
-        unit=unit(name),
-        low=axis_end(along.low, along),
-        high=axis_end(along.high, along),
-        drawing=_drawing(result, name, along),
-        median=rounded(row.median, step),
-        hdi=interval(*row.hdi),
-        mode=rounded(row.mode, step),
-        mode_outside=name in mode_outside(result),
-        word=word,
-        remark=remark,
-    )
+    along, row = axis(result, name), summary_rows(result)[name]
+    drawn = _drawing(result, name, along)
+    return strip_row(PARAMETERS[name], along, row, drawn, *_words(result, name))
 
 
 def _words(result: Result, name: str) -> tuple[str, Markup]:
@@ -376,11 +366,5 @@ def _legend(figure: Figure, result: Result) -> None:
         Line2D([], [], color=POSTERIOR, linewidth=4, label="90 % HDI"),
         Line2D([], [], color=POSTERIOR, marker="|", markersize=10, linestyle="none", label="mode"),
     ]
-    for method in estimates(result):
-        mark = MARKS[method]
-        face = "none" if mark.hollow else mark.colour
-        entries.append(
-            Line2D([], [], color=mark.colour, marker=mark.marker, markerfacecolor=face, linestyle="none",
-                   label=mark.label)
-        )  # fmt: skip
+    entries += map(mark_key, estimates(result))
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), columnspacing=1.2)

@@ -21,6 +21,7 @@ from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text,
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import (
     NOTHING,
+    estimate,
     given,
     interval,
     moments,
@@ -317,12 +318,8 @@ def driven_slips(result: Result, wheel: str) -> FloatArray:
 
 def _derived_row(result: Result, name: str) -> tuple[Cell, ...]:
     row = summary_rows(result)[name]
-    step = resolution(*row.hdi)
-    return (
-        DERIVED[name].description,
-        amount(name, rounded(row.median, step)),
-        interval(*row.hdi, step),
-    )
+    middle, ends = estimate(row.median, *row.hdi)
+    return DERIVED[name].description, amount(name, middle), ends
 
 
 def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:
@@ -343,8 +340,7 @@ def _at_slips(
         cells: list[Cell] = [f"{slip:.3g}"]
         for name in outcomes:
             low, middle, high = _quantiles(result, wheel, name, float(slip))
-            step = resolution(low, high)
-            cells += [rounded(middle, step), interval(low, high, step)]
+            cells += estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
 

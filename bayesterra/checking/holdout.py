@@ -121,9 +121,10 @@ class Holdout(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Left-out rows with their predictions, and the bands without them."""
-        from bayesterra.checking.holdout_page import bands_png, left_out_png
+        from bayesterra.checking.holdout_page import bands_without, left_out_png
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: left_out_png(self.table), "bands.png": bands_png(self)}
+        return {self.PLOT: left_out_png(self.table), "bands.png": white_png(bands_without(self))}
 
     def page(self) -> VerdictPage:
         """The page, with what could not be made of it."""

@@ -12,7 +12,7 @@ from numpy.random import SeedSequence
 from scipy.special import chdtrc
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.checking.loo import CrossValidation, leave_one_out
 from bayesterra.checking.predictive import RowPredictions, curve_forward
 from bayesterra.checking.predictive_checks import (
@@ -72,7 +72,7 @@ class FitCheck:
 def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
     """At most ``most`` posterior draws (n, d), evenly spaced over all ensembles; SI."""
     draws = result.values()
-    return draws[:: max(1, -(-len(draws) // most))]
+    return spaced(draws, most)
 
 
 def standardised(target: Posterior, x: FloatArray) -> FloatArray:

@@ -325,9 +325,10 @@ class Design(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Gain over slip."""
-        from bayesterra.design.page import gain_over_slip_png
+        from bayesterra.design.page import gain_over_slip
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: gain_over_slip_png(self)}
+        return {self.PLOT: white_png(gain_over_slip(self))}
 
     def page(self) -> VerdictPage:
         """The page, with what could not be made of it."""

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
@@ -53,6 +54,22 @@ MARKS = {
     "published": Mark("published", DATA, "o", hollow=True),
     "truth": Mark("truth", DATA, "o", hollow=True),
 }
+
+
+def mark_key(method: str) -> Line2D:
+    """Entry of a legend for a point estimate."""
+    mark = MARKS[method]
+    face = "none" if mark.hollow else mark.colour
+    return Line2D(
+        [],
+        [],
+        color=mark.colour,
+        marker=mark.marker,
+        markerfacecolor=face,
+        linestyle="none",
+        label=mark.label,
+    )
+
 
 SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -168,6 +185,12 @@ def png(drawn: Drawn, width: int) -> bytes:
     """The figure as PNG, ``width`` dots wide, on a transparent ground, the same bytes each time."""
     dpi = width / figure_of(drawn).get_size_inches()[0]
     return _saved(drawn, format="png", dpi=dpi, metadata={"Software": None})
+
+
+@styled
+def white_png(drawn: Drawn, dpi: float = 200) -> bytes:
+    """The figure as PNG on white, for a file of its own, the same bytes each time."""
+    return _saved(drawn, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
 
 
 def _saved(drawn: Drawn, **options: Any) -> bytes:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.random import SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
@@ -370,7 +370,7 @@ class ThinnedDraws:
 
     def spaced(self, most: int) -> FloatArray:
         """Evenly spaced draws (n, d), ``most`` at most."""
-        return self.flat[:: max(1, -(-len(self.flat) // most))]
+        return spaced(self.flat, most)
 
 
 def thin(chains: FloatArray) -> ThinnedDraws:

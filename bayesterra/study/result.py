@@ -302,6 +302,12 @@ class SummaryRow:
         """The ends of the 90 % highest-density interval."""
         return self.hdi90_lo, self.hdi90_hi
 
+    @property
+    def mode_outside(self) -> bool:
+        """True where the mode lies outside the interval by more than a twentieth of its width."""
+        margin = 0.05 * (self.hdi90_hi - self.hdi90_lo)
+        return not self.hdi90_lo - margin <= self.mode <= self.hdi90_hi + margin
+
 
 @dataclass(frozen=True)
 class IdentifiabilityRow:
