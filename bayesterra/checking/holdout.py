@@ -10,11 +10,9 @@ As it was made, such draws are set aside and the others predict; their share is 
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,7 +27,7 @@ from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import Count, Record
-from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
+from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study, load_study
 
 if TYPE_CHECKING:
@@ -190,7 +188,7 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
         "data": study.kind,
         "fingerprints": study.fingerprint,
         "settings": {"draws": DRAWS, **(fit.record() if isinstance(fit, ShortRuns) else named)},
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
     }
 
 

@@ -404,6 +404,11 @@ def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, 
     return {**_origin(study, seed), "prior_only": True, "prior_support": support}
 
 
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that numbers depend on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
 def _origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
@@ -411,7 +416,7 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "kind": study.kind,
         "source": study.source,
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
         "machine": f"{platform.system()} {platform.machine()}",
         "seed": seed,
         "model": study.model.name,
