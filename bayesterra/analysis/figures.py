@@ -22,6 +22,7 @@ from bayesterra.report.figures import (
     PROBABILITIES,
     label,
     mark_key,
+    name_cells,
     one_of,
     own_axes,
     styled,
@@ -146,11 +147,7 @@ def correlations(result: Result, ax: Axes | None = None) -> Axes:
         text = f"{round(matrix[i, j], 2) + 0.0:.2f}".replace("-", "−")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8)
     _group_boxes(ax, names)
-    ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
-    ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
-    ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
-    ax.tick_params(length=0)
-    ax.spines[:].set_visible(False)
+    name_cells(ax, names)
     return ax
 
 

@@ -26,6 +26,7 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     section,
     verdict,
 )
@@ -225,9 +226,7 @@ def _reproduce(result: PriorResult) -> Table:
     facts = (
         ("command", command),
         ("made", record["made"]),
-        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
-        ("machine", record["machine"]),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        *origin_rows(record, "study"),
     )
     return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
 

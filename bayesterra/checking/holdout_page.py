@@ -27,6 +27,7 @@ from bayesterra.report.blocks import (
     Verdict,
     VerdictPage,
     drawing,
+    origin_rows,
 )
 from bayesterra.report.figures import (
     DATA,
@@ -244,9 +245,7 @@ def _method_section(holdout: Holdout) -> Section:
     origin: tuple[tuple[Cell, ...], ...] = (
         ("grouping", f"{record['by']}{_tolerance(record)}"),
         ("seed", str(record["seed"])),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
-        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+        *origin_rows(record, "study", "data"),
     )
     blocks = (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
     return Section("method", "Method", blocks)

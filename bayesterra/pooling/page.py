@@ -29,6 +29,7 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     section,
     verdict,
 )
@@ -405,9 +406,7 @@ def _reproduce(result: PooledResult) -> Section:
     facts = (
         ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
-        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
-        ("machine", record["machine"]),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        *origin_rows(record, "study"),
     )
     table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
     return Section("reproduce", "Reproduce this", (table,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import Channel, Parameter
+from bayesterra.parameters import PARAMETERS, Channel, Parameter
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -145,6 +145,15 @@ def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     """Symbol and field unit as an axis label."""
     symbol = f"${quantity.latex}$"
     return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
+
+
+def name_cells(ax: Axes, names: Sequence[str]) -> None:
+    """Name the rows and columns of a square of cells, the first pair at the top left."""
+    ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
+    ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
+    ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
 
 
 def literal(text: str) -> str:

@@ -25,6 +25,7 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     photograph,
     section,
     verdict,
@@ -389,7 +390,7 @@ def _reproduce(result: SoilTestResult) -> Section:
             "settings",
             ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),
         ),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
+        *origin_rows(record),
     )
     return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
 
