@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from bayesterra.prediction.forecast import predict
     from bayesterra.prediction.outlook import predict_rover
     from bayesterra.prediction.rover import Rover
+    from bayesterra.runtime.checkpoints import read_tasks
     from bayesterra.runtime.dask import dask_cluster
     from bayesterra.runtime.engines import Engine, in_process, local_pool
-    from bayesterra.runtime.tasks import read_tasks
     from bayesterra.soiltests.run import soil_test
     from bayesterra.soiltests.study import load_soil_test
     from bayesterra.stats.laws import Law
@@ -47,65 +47,33 @@ if TYPE_CHECKING:
 _HOMES = {
     "analysis.comparison": ("compare",),
     "analysis.prior_only": ("run_prior",),
-    "analysis.run": (
-        "load_result",
-        "run",
-    ),
+    "analysis.run": ("load_result", "run"),
     "analysis.simulation": ("simulate",),
     "checking.calibration": ("calibrate",),
-    "checking.holdout": (
-        "Holdout",
-        "leave_out",
-    ),
+    "checking.holdout": ("Holdout", "leave_out"),
     "checking.ranks": ("Calibration",),
     "design.choosing": ("Design",),
     "design.recommendation": ("recommend",),
-    "errors": (
-        "BayesterraError",
-        "EngineError",
-        "ResultError",
-        "StudyError",
-        "SupportError",
-    ),
-    "follow.stream": (
-        "load_stream",
-        "Stream",
-    ),
-    "identifiability.identify": (
-        "foresee",
-        "identify",
-        "Identified",
-    ),
+    "errors": ("BayesterraError", "EngineError", "ResultError", "StudyError", "SupportError"),
+    "follow.stream": ("load_stream", "Stream"),
+    "identifiability.identify": ("foresee", "identify", "Identified"),
     "least_squares.fit": ("fit",),
     "least_squares.results": ("Fit",),
-    "likelihood.posterior": (
-        "Posterior",
-        "posterior",
-    ),
-    "models": (
-        "Soil",
-        "Wheel",
-    ),
+    "likelihood.posterior": ("Posterior", "posterior"),
+    "models": ("Soil", "Wheel"),
     "prediction.forecast": ("predict",),
     "prediction.outlook": ("predict_rover",),
     "prediction.rover": ("Rover",),
     "runtime.dask": ("dask_cluster",),
-    "runtime.engines": (
-        "Engine",
-        "in_process",
-        "local_pool",
-    ),
-    "runtime.tasks": ("read_tasks",),
+    "runtime.engines": ("Engine", "in_process", "local_pool"),
+    "runtime.checkpoints": ("read_tasks",),
     "soiltests.run": ("soil_test",),
     "soiltests.study": ("load_soil_test",),
     "stats.laws": ("Law",),
     "study.noise": ("Noise",),
     "study.priors": ("Prior",),
     "study.result": ("Result",),
-    "study.study": (
-        "load_study",
-        "Study",
-    ),
+    "study.study": ("load_study", "Study"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -17,3 +17,8 @@ def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     array = np.array(values, dtype=dtype, order="C")
     array.flags.writeable = False
     return array
+
+
+def spaced(draws: FloatArray, most: int) -> FloatArray:
+    """At most this number of draws (n, ...), evenly spaced."""
+    return draws[:: max(1, -(-len(draws) // most))]

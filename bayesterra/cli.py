@@ -29,6 +29,22 @@ app = typer.Typer(
     " 3 not converged, 130 interrupted, 1 a bug.",
 )
 
+
+def option(metavar: str, text: str, *names: str) -> Any:
+    """An option with a value, by the name of its parameter or by others."""
+    return typer.Option(*names, metavar=metavar, help=text)
+
+
+def flag(name: str, text: str) -> Any:
+    """An option that is given or not."""
+    return typer.Option(name, help=text)
+
+
+def quieting(text: str) -> Any:
+    """The option --quiet."""
+    return typer.Option("--quiet", callback=hushed, help=text)
+
+
 StudyPath = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
 ]
@@ -37,7 +53,7 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(metavar="ADDRESS", help="Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute."),
+    option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute."),
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
@@ -91,26 +107,20 @@ def beside(study: Path, what: str) -> Path:
 @app.command(short_help="Sample the posterior and write a report.")
 def run(
     study: StudyPath,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Result folder; by default <study folder>-result.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "Result folder; by default <study folder>-result.")] = None,
     seed: Seed = 1,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")
-    ] = False,
+    resume: Annotated[bool, flag("--resume", "Go on with a run that was interrupted or killed.")] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a result folder, once the new one is complete.")
+        bool, flag("--overwrite", "Replace a result folder, once the new one is complete.")
     ] = False,
     prior_only: Annotated[
-        bool, typer.Option("--prior-only", help="Report on the prior alone; needs no readings.")
+        bool, flag("--prior-only", "Report on the prior alone; needs no readings.")
     ] = False,
     crosscheck: Annotated[
         bool,
-        typer.Option("--crosscheck", help="Repeat it by nested sampling at two settings (needs dynesty)."),
+        flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty)."),
     ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
-    ] = False,
+    quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
     from bayesterra.study.study import load_study
@@ -160,9 +170,7 @@ def fit(
 @app.command(short_help="Make measurements with known parameters.")
 def simulate(
     study: StudyPath,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-simulated.")
-    ] = None,
+    out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-simulated.")] = None,
     seed: Seed = 1,
     set_: Annotated[
         list[str] | None,
@@ -185,9 +193,11 @@ def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
 ) -> None:
     """Write a commented template of a study file."""
-    from bayesterra.study.template import write_template
+    from importlib.resources import files
 
-    write_template(file)
+    from bayesterra.runtime.folders import write_new
+
+    write_new(file, files("bayesterra.study").joinpath("template.toml").read_text(encoding="utf-8"))
     typer.echo(printable(f"Written: {file}"))
     typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
     typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
@@ -205,35 +215,27 @@ def _assignment(text: str) -> tuple[str, str]:
 def predict(
     result: Annotated[Path, typer.Argument(metavar="DIR", help="A result folder that 'run' wrote.")],
     slip: Annotated[
-        list[str] | None, typer.Option(metavar="S,S", help="Slips, e.g. 0.1,0.3; by default the driven ones.")
+        list[str] | None, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")
     ] = None,
     load: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="W", help='Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.'
-        ),
+        option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.'),
     ] = None,
     wheel: Wheels = None,
     slip_reference: Annotated[
-        str, typer.Option(metavar="RADIUS", help="Radius behind the slips: rim, tip or shearing.")
+        str, option("RADIUS", "Radius behind the slips: rim, tip or shearing.")
     ] = "shearing",
-    rover: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A file of a four-wheeled rover, driven instead.")
-    ] = None,
+    rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
     slope: Annotated[
         list[str] | None,
-        typer.Option(metavar="A,A", help="With --rover: slopes in degrees; by default 0,5,10,15."),
+        option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15."),
     ] = None,
     tow: Annotated[
         list[str] | None,
-        typer.Option(metavar="T,T", help='With --rover: tow forces, e.g. "0 N,35 N"; by default none.'),
+        option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.'),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <result>-prediction.")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older prediction of that name.")
-    ] = False,
+    out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-prediction.")] = None,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older prediction of that name.")] = False,
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_single
@@ -290,18 +292,12 @@ def check_options(
 @app.command()
 def compare(
     results: Annotated[list[Path], typer.Argument(metavar="DIR DIR...", help="Two to six result folders.")],
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="New folder for the page and its tables.")
-    ] = Path("comparison"),
-    load: Annotated[
-        str | None, typer.Option(metavar="W", help="Load that all predict; by default the first result's.")
-    ] = None,
+    out: Annotated[Path, option("FOLDER", "New folder for the page and its tables.")] = Path("comparison"),
+    load: Annotated[str | None, option("W", "Load that all predict; by default the first result's.")] = None,
     wheel: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Wheel that all drive; by default each its own.")
+        str | None, option("NAME|FILE", "Wheel that all drive; by default each its own.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older comparison of that name.")
-    ] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older comparison of that name.")] = False,
 ) -> None:
     """Set results side by side: two models, two priors, two drives."""
     from bayesterra.analysis.comparison import compare_folders
@@ -316,28 +312,24 @@ def calibrate(
         int,
         typer.Option("-n", "--number", metavar="N", help="Replications; 200 or more are worth their time."),
     ],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-calibration.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "New folder; by default <study folder>-calibration.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what an interrupted calibration left in DIR.part.")
+        bool, flag("--resume", "Go on with what an interrupted calibration left in DIR.part.")
     ] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older calibration of that name, and begin anew.")
+        bool, flag("--overwrite", "Replace an older calibration of that name, and begin anew.")
     ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdict.")
-    ] = False,
+    quiet: Annotated[bool, quieting("No progress, only the verdict.")] = False,
 ) -> None:
     """Simulate a study many times over and check that its posterior is right."""
     from bayesterra.study.study import load_study
 
     loaded = load_study(study)
     from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or beside(study, "calibration")
     with chosen(workers, scheduler) as engine:
@@ -352,21 +344,15 @@ def identify(
     what: Annotated[
         Path, typer.Argument(metavar="STUDY|DIR", help="A study, which is sampled first, or a result folder.")
     ],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-identifiability.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "New folder; by default <name>-identifiability.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
     prior_only: Annotated[
-        bool, typer.Option("--prior-only", help="What the design could determine; needs no readings.")
+        bool, flag("--prior-only", "What the design could determine; needs no readings.")
     ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older analysis of that name.")
-    ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the verdicts.")
-    ] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older analysis of that name.")] = False,
+    quiet: Annotated[bool, quieting("No progress, only the verdicts.")] = False,
 ) -> None:
     """Say what these data determine, what is coupled, and what only repeats its prior."""
     from bayesterra.study.study import load_study
@@ -382,7 +368,7 @@ def identify(
         return terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
     from bayesterra.analysis.run import opened
     from bayesterra.identifiability.identify import identify_into
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     with chosen(workers, scheduler) as engine:
@@ -402,50 +388,44 @@ def design(
     ],
     about: Annotated[
         list[str] | None,
-        typer.Option(metavar="P,P", help="Parameters of interest, e.g. c,phi; by default all that are free."),
+        option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free."),
     ] = None,
     slip: Annotated[
         list[str] | None,
-        typer.Option(metavar="S,S", help="Candidate slips; by default the driven range and some beyond."),
+        option("S,S", "Candidate slips; by default the driven range and some beyond."),
     ] = None,
     load: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="W", help='Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.'
-        ),
+        option("W", 'Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.'),
     ] = None,
     wheel: Wheels = None,
     channel: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=SD", help='A sensor to add, e.g. "resistance_moment=0.15 N m".'),
+        option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".'),
     ] = None,
     number: Annotated[
         int, typer.Option("-n", "--number", metavar="N", help="Drives to choose together.")
     ] = 1,
     by: Annotated[
-        str, typer.Option(metavar="WHAT", help="information (about all of them together) or sd (of each).")
+        str, option("WHAT", "information (about all of them together) or sd (of each).")
     ] = "information",
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="New folder; by default <study folder>-design.")
-    ] = None,
+    out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-design.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what an interrupted design left in FOLDER.part.")
+        bool, flag("--resume", "Go on with what an interrupted design left in FOLDER.part.")
     ] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older design of that name, and begin anew.")
+        bool, flag("--overwrite", "Replace an older design of that name, and begin anew.")
     ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the ranking.")
-    ] = False,
+    quiet: Annotated[bool, quieting("No progress, only the ranking.")] = False,
 ) -> None:
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.analysis.run import opened_for_design
     from bayesterra.design.recommendation import design_into
     from bayesterra.prediction.forecast import slips_of
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
@@ -470,27 +450,19 @@ def holdout(
         Path, typer.Argument(metavar="STUDY|DIR", help="A study, or a result folder with its study.")
     ],
     by: Annotated[
-        str, typer.Option(metavar="WHAT", help="What is left out at a time: a level of slip, a wheel, a row.")
+        str, option("WHAT", "What is left out at a time: a level of slip, a wheel, a row.")
     ] = "slip",
-    tolerance: Annotated[
-        float, typer.Option(metavar="D", help="Slips nearer than this are one level.")
-    ] = 0.03,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder; by default <study folder>-holdout.")
-    ] = None,
+    tolerance: Annotated[float, option("D", "Slips nearer than this are one level.")] = 0.03,
+    out: Annotated[Path | None, option("DIR", "New folder; by default <study folder>-holdout.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older check of that name.")
-    ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the scores.")
-    ] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older check of that name.")] = False,
+    quiet: Annotated[bool, quieting("No progress, only the scores.")] = False,
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.checking.holdout import leave_out_into
-    from bayesterra.runtime.parallel import chosen
+    from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "holdout").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
@@ -505,16 +477,10 @@ def soiltest(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A soil-test file, or a folder that holds soiltest.toml.")
     ],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder; by default <name>-result.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "New folder; by default <name>-result.")] = None,
     seed: Seed = 1,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older result of that name.")
-    ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No progress, only the result.")
-    ] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older result of that name.")] = False,
+    quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
     from bayesterra.soiltests.run import soil_test_into
@@ -535,16 +501,10 @@ def follow(
             help="A study (its own measurements are not used), a result folder to go on from, or a stream.",
         ),
     ],
-    data: Annotated[
-        Path, typer.Option(metavar="FILE", help="CSV of rows, read one by one; - is standard input.")
-    ],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder for tables, figure and state; else none.")
-    ] = None,
+    data: Annotated[Path, option("FILE", "CSV of rows, read one by one; - is standard input.")],
+    out: Annotated[Path | None, option("DIR", "New folder for tables, figure and state; else none.")] = None,
     seed: Seed = 1,
-    particles: Annotated[
-        int | None, typer.Option(metavar="N", help="Parameter sets that stand for the posterior.")
-    ] = None,
+    particles: Annotated[int | None, option("N", "Parameter sets that stand for the posterior.")] = None,
     false_alarms: Annotated[
         float | None,
         typer.Option(
@@ -552,24 +512,16 @@ def follow(
             help="False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001.",
         ),
     ] = None,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="After an alarm begin anew where the soil changed.")
-    ] = False,
+    restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
     slip_reference: Annotated[
         str | None,
-        typer.Option(
-            metavar="RADIUS", help="Radius behind the slips: rim, tip or shearing; else the study's."
-        ),
+        option("RADIUS", "Radius behind the slips: rim, tip or shearing; else the study's."),
     ] = None,
     sinkage_reference: Annotated[
-        str | None, typer.Option(metavar="PART", help="Zero of the sinkages: rim or tip; else the study's.")
+        str | None, option("PART", "Zero of the sinkages: rim or tip; else the study's.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an older stream of that name.")
-    ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", callback=hushed, help="No line per row, only alarms and the end.")
-    ] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace an older stream of that name.")] = False,
+    quiet: Annotated[bool, quieting("No line per row, only alarms and the end.")] = False,
 ) -> None:
     """Update a posterior row by row as a rover drives, and say when the soil has changed."""
     from bayesterra.analysis.run import opened_for_stream

@@ -180,3 +180,12 @@ def checked_text(text: str, what: str) -> str:
     if match := _UNSEEN.search(text):
         raise StudyError(f"'{what}' must have no control characters (got {match[0]!a})")
     return text
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things in words.
+
+    >>> counted(1, "row"), counted(3, "row")
+    ('1 row', '3 rows')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -15,7 +15,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS, field_values
-from bayesterra.report.blocks import Block, Cell, Section, Table, Text
+from bayesterra.report.blocks import Block, Cell, Section, Table, Text, origin_rows
 from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, share, with_error
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
@@ -167,10 +167,7 @@ def reproduce_section(result: Result) -> Section:
         ("made", record["made"]),
         ("seed", str(record["seed"])),
         ("settings", _pairs(record["settings"])),
-        ("versions", _pairs(record["versions"])),
-        ("machine", record["machine"]),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
-        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+        *origin_rows(record, "study", "data"),
         ("seconds", _pairs({name: plain(value) for name, value in record["seconds"].items()})),
     )
     caption = (

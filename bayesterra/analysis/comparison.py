@@ -16,7 +16,7 @@ import pandas as pd
 from bayesterra.analysis.run import load_single
 from bayesterra.checking.loo import CrossValidation, Difference, difference
 from bayesterra.errors import ResultError, StudyError, checked_path
-from bayesterra.likelihood.derived import reference_load
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.models import Wheel
 from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict

@@ -17,7 +17,7 @@ from bayesterra.analysis.contents_page import (
     signed,
 )
 from bayesterra.report.blocks import Overview, Table, Text, Verdict, VerdictPage
-from bayesterra.report.numbers import given, interval, resolution, rounded, with_error
+from bayesterra.report.numbers import estimate, given, rounded, with_error
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.study.study import Study
 
@@ -147,10 +147,9 @@ def comparison_overview(comparison: Comparison) -> Overview:
     """Median and 90 % HDI of every quantity in every result, and what the evidence says."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in comparison.parameters.to_dict("records"):
-        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
+        middle, ends = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         key = (str(row["quantity"]).replace("_", " "), str(row["unit"]))
-        cells.setdefault(key, {})[str(row["result"])] = f"{rounded(row['median'], step)} ({ends})"
+        cells.setdefault(key, {})[str(row["result"])] = f"{middle} ({ends})"
     rows = [(*key, *(entries.get(name, "") for name in comparison.names)) for key, entries in cells.items()]
     header = ("median (90 % HDI)", "unit", *comparison.names)
     table = Table("", "ll" + "r" * len(comparison.names), header, tuple(rows))

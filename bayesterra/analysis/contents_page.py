@@ -24,12 +24,10 @@ from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawin
 from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import (
     NOTHING,
+    estimate,
     given,
-    interval,
     plain,
     probability,
-    resolution,
-    rounded,
     with_error,
 )
 from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
@@ -90,9 +88,8 @@ def _cells(comparison: Comparison, name: str) -> list[tuple[Markup, str, str]]:
     table = comparison.parameters
     cells = []
     for row in table[table["quantity"] == name].to_dict("records"):
-        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        ends = interval(row["hdi90_lo"], row["hdi90_hi"], step)
-        text = coloured(comparison, row["result"], f"{rounded(row['median'], step)} ({ends})")
+        middle, ends = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
+        text = coloured(comparison, row["result"], f"{middle} ({ends})")
         first = row["result"] == comparison.names[0]
         cells.append((text, "" if first else signed(row["shift"]), "" if first else plain(row["width"], 2)))
     return cells
@@ -171,9 +168,7 @@ def _bands(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup:
     lines = []
     for row in table[table["quantity"] == name].to_dict("records"):
         low, middle, high = (float(row[f"modelled_q{level}"]) for level in ("05", "50", "95"))
-        step = resolution(low, high)
-        text = f"{rounded(middle, step)} ({interval(low, high, step)})"
-        lines.append(coloured(comparison, row["result"], text))
+        lines.append(coloured(comparison, row["result"], "{} ({})".format(*estimate(middle, low, high))))
     return Markup("<br>").join(lines)
 
 

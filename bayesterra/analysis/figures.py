@@ -21,6 +21,8 @@ from bayesterra.report.figures import (
     PRIOR,
     PROBABILITIES,
     label,
+    mark_key,
+    name_cells,
     one_of,
     own_axes,
     styled,
@@ -130,13 +132,7 @@ def _corner_legend(figure: Figure, result: Result) -> None:
         Patch(facecolor=PALE[1], edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
         Line2D([], [], color=POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
-    for method in estimates(result):
-        mark = MARKS[method]
-        face = "none" if mark.hollow else mark.colour
-        entries.append(
-            Line2D([], [], color=mark.colour, marker=mark.marker, markerfacecolor=face, linestyle="none",
-                   label=mark.label)
-        )  # fmt: skip
+    entries += map(mark_key, estimates(result))
     figure.legend(handles=entries, loc="upper right", bbox_to_anchor=(0.97, 0.97), fontsize=12)
 
 
@@ -151,11 +147,7 @@ def correlations(result: Result, ax: Axes | None = None) -> Axes:
         text = f"{round(matrix[i, j], 2) + 0.0:.2f}".replace("-", "−")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8)
     _group_boxes(ax, names)
-    ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
-    ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
-    ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
-    ax.tick_params(length=0)
-    ax.spines[:].set_visible(False)
+    name_cells(ax, names)
     return ax
 
 

@@ -12,11 +12,8 @@ import pandas as pd
 import xarray as xr
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.analysis.draws import curves_dataset, draws_tree
-from bayesterra.analysis.result import RunResult
+from bayesterra.analysis.result import RunResult, curves_dataset, draws_tree
 from bayesterra.arrays import FloatArray
-from bayesterra.checking import point_estimates
-from bayesterra.checking.point_estimates import PointEstimate, locate
 from bayesterra.checking.predictive import (
     RowPredictions,
     no_rows,
@@ -32,17 +29,16 @@ from bayesterra.identifiability.information import information
 from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
 from bayesterra.least_squares import results
 from bayesterra.least_squares.fit import fit_all
-from bayesterra.least_squares.results import Fit, report_table
+from bayesterra.least_squares.results import Fit, PointEstimate, locate, report_table
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.importance import Evidence, evidence
-from bayesterra.sampling.mode import Mode, densest, find_mode
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
-from bayesterra.sampling.summary import summary_table
+from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
 from bayesterra.study import result
 from bayesterra.study.study import Study
 
@@ -169,9 +165,7 @@ class Analysis:
             "mode": {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing},
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
-            "standings": {
-                name: point_estimates.of_point_estimate(standing) for name, standing in standings.items()
-            },
+            "standings": {name: results.of_point_estimate(standing) for name, standing in standings.items()},
             **directions,
             **checked.record(),
         }

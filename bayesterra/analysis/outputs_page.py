@@ -15,12 +15,13 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import complete_soils
 from bayesterra.checking.validation_page import posterior_checks, prior_predictive
-from bayesterra.likelihood.derived import SLIP_GRID, reference_load
+from bayesterra.likelihood.forward import SLIP_GRID, reference_load
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import (
     NOTHING,
+    estimate,
     given,
     interval,
     moments,
@@ -317,12 +318,8 @@ def driven_slips(result: Result, wheel: str) -> FloatArray:
 
 def _derived_row(result: Result, name: str) -> tuple[Cell, ...]:
     row = summary_rows(result)[name]
-    step = resolution(*row.hdi)
-    return (
-        DERIVED[name].description,
-        amount(name, rounded(row.median, step)),
-        interval(*row.hdi, step),
-    )
+    middle, ends = estimate(row.median, *row.hdi)
+    return DERIVED[name].description, amount(name, middle), ends
 
 
 def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:
@@ -343,8 +340,7 @@ def _at_slips(
         cells: list[Cell] = [f"{slip:.3g}"]
         for name in outcomes:
             low, middle, high = _quantiles(result, wheel, name, float(slip))
-            step = resolution(low, high)
-            cells += [rounded(middle, step), interval(low, high, step)]
+            cells += estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
 

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.analysis.closing_page import added_sections, methods_section, prior_section, reproduce_section
-from bayesterra.analysis.findings_page import Finding, findings
+from bayesterra.analysis.findings_page import Finding, findings, legend, strip
 from bayesterra.analysis.outputs_page import (
     Driving,
     driving,
@@ -17,10 +17,13 @@ from bayesterra.analysis.outputs_page import (
     predictive_section,
     sampling_section,
 )
-from bayesterra.analysis.strip_page import legend, strip
-from bayesterra.checking.discrepancy_page import missed_sections
 from bayesterra.checking.validation import FitCheck, Validation, fit_checks, spread_draws
-from bayesterra.checking.validation_page import alarm_sentence, cross_validation_section, misfit_warning
+from bayesterra.checking.validation_page import (
+    alarm_sentence,
+    cross_validation_section,
+    misfit_warning,
+    missed_sections,
+)
 from bayesterra.identifiability.determined_page import finding, identifiability_section, marginal
 from bayesterra.identifiability.information import ALL
 from bayesterra.likelihood.correlated import TYPICAL

@@ -11,19 +11,18 @@ import pandas as pd
 import xarray as xr
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.analysis.draws import curves_dataset, predictions_dataset
+from bayesterra.analysis.result import curves_dataset, predictions_dataset
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.predictive import no_rows, predict_curves, predict_rows, predictive_table
 from bayesterra.errors import check_kind, check_seed
-from bayesterra.likelihood.derived import derive
+from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import DERIVED, PARAMETERS, Parameter
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
-from bayesterra.study.record import PriorRecord
-from bayesterra.study.result import DrawnResult, conditions_dataset, parameter_dataset
+from bayesterra.study.result import DrawnResult, PriorRecord, conditions_dataset, parameter_dataset
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:

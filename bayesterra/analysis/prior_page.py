@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from bayesterra.analysis.prior_only import PriorResult
 from bayesterra.likelihood.correlated import TYPICAL
-from bayesterra.likelihood.derived import reference_load
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
@@ -26,12 +26,21 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     section,
     verdict,
 )
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
-from bayesterra.report.numbers import NOTHING, given, interval, moments, plain, resolution, rounded, share
+from bayesterra.report.numbers import (
+    NOTHING,
+    estimate,
+    given,
+    interval,
+    moments,
+    plain,
+    share,
+)
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 
@@ -162,9 +171,8 @@ def _prior_section(result: PriorResult) -> Section:
 def _numbers(row: Mapping[Hashable, Any] | None) -> tuple[Cell, ...]:
     if row is None:
         return ("", "", "", "")
-    low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
-    middle = rounded(row["prior_median"], resolution(low, high))
-    return (middle, *moments(row["prior_mean"], row["prior_sd"]), interval(low, high))
+    middle, ends = estimate(row["prior_median"], row["prior_hdi90_lo"], row["prior_hdi90_hi"])
+    return (middle, *moments(row["prior_mean"], row["prior_sd"]), ends)
 
 
 def _predictive_section(result: PriorResult) -> Section:
@@ -189,10 +197,8 @@ def _predictive_section(result: PriorResult) -> Section:
 def _rows(result: PriorResult) -> Table:
     body = []
     for row in result.predictive.to_dict("records"):
-        step = resolution(row["q05"], row["q95"])
-        ends = interval(row["q05"], row["q95"], step)
         what = (str(row["row"]), row["wheel"], f"{row['slip']:.4g}", with_unit(row["channel"]))
-        body.append((*what, rounded(row["q50"], step), ends, share(row["no_answer"])))
+        body.append((*what, *estimate(row["q50"], row["q05"], row["q95"]), share(row["no_answer"])))
     caption = (
         "Readings of every row that the prior predicts, noise included; share of draws without an answer."
     )
@@ -220,9 +226,7 @@ def _reproduce(result: PriorResult) -> Table:
     facts = (
         ("command", command),
         ("made", record["made"]),
-        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
-        ("machine", record["machine"]),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        *origin_rows(record, "study"),
     )
     return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
 
@@ -278,9 +282,8 @@ def prior_overview(result: PriorResult) -> Overview:
     """What physics leaves of the prior, quantity by quantity."""
     rows = []
     for row in result.summary.to_dict("records"):
-        low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
-        middle = rounded(row["prior_median"], resolution(low, high))
-        rows.append((row["parameter"], row["unit"], middle, interval(low, high)))
+        ends = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
+        rows.append((row["parameter"], row["unit"], *estimate(row["prior_median"], *ends)))
     share = result.record["prior_support"]["shares"]["inside the support"]
     return (
         Table(result.study.title, "llrr", ("quantity", "unit", "prior median", "90 % HDI"), tuple(rows)),

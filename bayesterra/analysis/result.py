@@ -1,16 +1,127 @@
-"""Result of a run on one soil, with its page and what the terminal says of it."""
+"""Result of a run on one soil: its labelled draws, its record, its folder read back, its page."""
+# ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired
 
-from bayesterra.analysis.record import RunRecord
+import numpy as np
+import pandas as pd
+import xarray as xr
+from pydantic import AfterValidator
+from typing_extensions import TypedDict
+
+from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.checking.predictive import Curves, RowPredictions
 from bayesterra.checking.validation import Validation
-from bayesterra.study.result import Result
+from bayesterra.errors import ResultError
+from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.posterior import Posterior
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
+from bayesterra.pooling.run import PooledResult
+from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
+from bayesterra.runtime.reading import check_sums, damage, read_json
+from bayesterra.runtime.tables import Count, Number, read_csv
+from bayesterra.study.result import (
+    CURVE_QUANTILES,
+    ChannelName,
+    ParameterName,
+    Result,
+    Some,
+    StudyRecord,
+    conditions_dataset,
+    labelled_dataset,
+    left_out_dataset,
+    observed_dataset,
+    of_rows,
+    parameter_dataset,
+)
+from bayesterra.study.study import Study, load_study
 
 if TYPE_CHECKING:
     from bayesterra.analysis.page import Page
     from bayesterra.report.blocks import Overview
+
+
+Method = Literal["IM1", "IM2", "IM3", "joint"]
+Names = list[ParameterName]
+Values = dict[ParameterName, Some]
+Sampling = TypedDict("Sampling", {
+    "acceptance": Number, "steps": Count, "kept_one_step_in": Count, "tau": Values,
+    "temperatures": list[Count], "proposal_efficiency": list[Some], "log_evidence": list[Some],
+})  # fmt: skip
+Evidence = TypedDict("Evidence", {
+    "log_z": Number, "error": Number, "k_hat": Some, "limit": Number, "draws": Count, "reliable": bool,
+    "spread": NotRequired[Number], "log_share": Number, "log_share_error": Number,
+})  # fmt: skip
+PriorSupport = TypedDict("PriorSupport", {"tried": Count, "shares": dict[str, Number]})
+Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count})
+Fit = TypedDict("Fit", {
+    "converged": bool, "passes": Count, "errors_percent": dict[ChannelName, Some], "held": Names,
+    "at_bound": Names, "missing": Names, "notes": list[str],
+})  # fmt: skip
+Standing = TypedDict("Standing", {
+    "credible_level": Some, "log_density": Some, "word": str, "at_bound": Names, "filled": Names,
+    "values": Values,
+})  # fmt: skip
+Group = TypedDict("Group", {
+    "scope": str, "view": str, "directions": Count, "determined": Count, "effective": Some,
+    "cut_effective": Some,
+})  # fmt: skip
+Directions = TypedDict("Directions", {
+    "determined": Count, "of": Count, "contractions": list[Number], "groups": list[Group],
+    "unseen": list[str],
+})  # fmt: skip
+Check = TypedDict("Check", {"channel": ChannelName, "statistic": str, "p": Number, "calibrated": Number})
+Checks = TypedDict("Checks", {
+    "checks": list[Check], "overall": Number, "replicates": Count, "effective": list[Number],
+})  # fmt: skip
+PriorCheck = TypedDict("PriorCheck", {
+    "channel": ChannelName, "statistic": str, "value": Number, "low": Number, "high": Number, "p": Number,
+})  # fmt: skip
+PriorChecks = TypedDict("PriorChecks", {"checks": list[PriorCheck], "overall": Number})
+Row = TypedDict("Row", {"row": Count, "elpd": Number, "error": Number, "k": Some, "refitted": bool})
+LeftOut = TypedDict("LeftOut", {
+    "rows": list[Row], "full": list[Number], "pit": dict[ChannelName, list[Some]],
+})  # fmt: skip
+FAILING = {
+    "evidence": ("evidence",),
+    "directions": ("directions", "identifiability"),
+    "predictive_checks": ("predictive_checks",),
+    "prior_checks": ("prior_checks", "prior_predictive"),
+    "loo": ("loo",),
+}
+"""Entries of a record that may be missing where its ``failures`` name one of these."""
+
+
+def _same_length(loo: LeftOut) -> LeftOut:
+    if len(loo["rows"]) != len(loo["full"]):
+        raise ValueError("must have as many rows as densities")
+    return loo
+
+
+class RunRecord(StudyRecord):
+    """The content of ``run.json`` of a run on one soil."""
+
+    sampling: Sampling
+    evidence: Evidence
+    prior_support: PriorSupport
+    mode: Mode
+    fits: dict[Method, Fit]
+    refused_fits: list[str]
+    standings: dict[Method | Literal["mode", "published", "truth"], Standing]
+    directions: Directions
+    predictive_checks: Checks
+    prior_checks: PriorChecks
+    loo: Annotated[LeftOut, AfterValidator(_same_length)]
+
+    @classmethod
+    def excused(cls, content: dict[str, Any]) -> Collection[str]:
+        """Entries that may be missing because they, or what they rest on, could not be computed."""
+        failed = set(content.get("failures", ()))
+        return [name for name, causes in FAILING.items() if failed & set(causes)]
 
 
 class RunResult(Result):
@@ -34,3 +145,284 @@ class RunResult(Result):
         from bayesterra.analysis.terminal import run_overview
 
         return run_overview(self)
+
+
+NUMBER, TEXT = "number", "text"
+COLUMNS: Mapping[str, Mapping[str, str | Collection[str]]] = {
+    "summary": {
+        "parameter": {*PARAMETERS, *DERIVED}, "unit": TEXT, "mode": NUMBER, "mean": NUMBER,
+        "median": NUMBER, "sd": NUMBER, "hdi90_lo": NUMBER, "hdi90_hi": NUMBER, "ess_bulk": NUMBER,
+        "ess_tail": NUMBER, "r_hat": NUMBER, "prior_mean": NUMBER, "prior_sd": NUMBER,
+    },
+    "least_squares": {"method": TEXT, "parameter": TEXT, "unit": TEXT, "value": NUMBER},
+    "identifiability": {
+        "parameter": {*PARAMETERS}, "verdict": TEXT, "contraction": NUMBER, "correlation": NUMBER,
+        "bound": TEXT, "prior_sd": NUMBER, "posterior_sd": NUMBER,
+    },
+    "predictive": {
+        "row": NUMBER, "slip": NUMBER, "channel": {*CHANNELS}, "unit": TEXT, "observed": NUMBER,
+        "mean": NUMBER, "q05": NUMBER, "q50": NUMBER, "q95": NUMBER, "no_answer": NUMBER,
+    },
+}  # fmt: skip
+"""Columns that tables must have."""
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "posterior": ("chain", "draw"),
+    "sample_stats": ("chain", "draw"),
+    "log_prior": ("chain", "draw"),
+    "prior": ("chain", "draw"),
+    "prior_predictive": ("chain", "draw", "row"),
+    "posterior_predictive": ("chain", "draw", "row"),
+    "observed_data": ("row",),
+    "log_likelihood": ("chain", "draw", "row"),
+}
+"""Groups of ``draws.nc``, and the dimensions of all that is in them.
+
+Older files have all rows of the table under ``row``, and the log likelihood of those in the fit under
+``used_row``.
+"""
+
+
+def check_tables(tables: Mapping[str, pd.DataFrame], names: Sequence[str]) -> None:
+    """ValueError where a table lacks a column, or a column holds something else.
+
+    Parameters
+    ----------
+    tables : of a result, by name.
+    names : free parameters of its study; every table of parameters begins with them.
+    """
+    for name, columns in COLUMNS.items():
+        for column, kind in columns.items():
+            _check_column(tables[name], column, kind, f"{name}.csv")
+    for name in ("summary", "identifiability"):
+        if tables[name]["parameter"].tolist()[: len(names)] != list(names):
+            raise ValueError(f"{name}.csv is about other parameters than the study")
+        if tables[name]["parameter"].duplicated().any():
+            raise ValueError(f"{name}.csv has a parameter twice")
+    partners = tables["identifiability"].get("partner", pd.Series(dtype=object)).dropna()
+    if not set(partners) <= set(names):
+        raise ValueError("identifiability.csv names other parameters than the study")
+
+
+def _check_column(table: pd.DataFrame, column: str, kind: str | Collection[str], place: str) -> None:
+    if column not in table:
+        raise ValueError(f"{place} lacks the column '{column}'")
+    if list(table.columns).count(column) > 1:
+        raise ValueError(f"{place} has the column '{column}' twice")
+    values = table[column]
+    if kind == NUMBER:
+        if not pd.api.types.is_numeric_dtype(values) or pd.api.types.is_complex_dtype(values):
+            raise ValueError(f"{place}: '{column}' must hold numbers")
+    elif not all(isinstance(value, str) and (kind == TEXT or value in kind) for value in values):
+        raise ValueError(f"{place}: '{column}' holds what does not belong there")
+
+
+def check_draws(tree: xr.DataTree, study: Study) -> None:
+    """ValueError where groups, dimensions or parameters are not those of a result of this study."""
+    older = "log_likelihood" in tree.children and "used_row" in tree["log_likelihood"].dims
+    of_fit = {"log_likelihood": ("chain", "draw", "used_row")} if older else {}
+    for group, dims in {**GROUPS, **of_fit}.items():
+        if group not in tree.children:
+            raise ValueError(f"draws.nc lacks the group '{group}'")
+        for name, values in tree[group].data_vars.items():
+            if set(values.dims) != set(dims) or values.dtype.kind not in "iuf" or not values.size:
+                raise ValueError(f"draws.nc: '{group}' holds '{name}', which is of another form")
+    names = set(study.prior.names)
+    for group in ("posterior", "prior"):
+        held = {str(name): values for name, values in tree[group].data_vars.items()}
+        if set(held) != names:
+            raise ValueError(f"draws.nc: '{group}' is about other parameters than the study")
+        for name, values in held.items():
+            if values.dims != ("chain", "draw") or not np.isfinite(values.to_numpy()).all():
+                raise ValueError(f"draws.nc: '{group}' holds draws of '{name}' that are no numbers")
+    if "lp" not in tree["sample_stats"].data_vars:
+        raise ValueError("draws.nc lacks the log densities of its draws")
+    used = int(study.observations.use.sum())
+    rows = len(study.observations) if older else used
+    sizes = dict.fromkeys(("observed_data", "posterior_predictive", "prior_predictive"), rows)
+    for group, size in {**sizes, "log_likelihood": used}.items():
+        if tree[group].sizes[{**GROUPS, **of_fit}[group][-1]] != size:
+            raise ValueError(f"draws.nc: '{group}' has other rows than the study")
+
+
+def read_result(folder: Path) -> RunResult:
+    """Read the result folder of a run on one soil.
+
+    Raises
+    ------
+    ResultError : the folder is missing, incomplete or damaged, of another kind, or of another format.
+    """
+    if not folder.is_dir():
+        raise ResultError(f"'{folder}' is not a result folder: there is no such folder")
+    if missing := _missing(folder, RunResult):
+        if is_pooled(folder):
+            raise ResultError(
+                f"'{folder}' holds a joint posterior of several groups ([pooling]): give one without groups"
+            )
+        if is_prior(folder):
+            raise ResultError(
+                f"'{folder}' holds a prior without readings (run --prior-only): there is no posterior"
+            )
+        raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
+    with damage(ResultError, folder):
+        content = _content(folder, RunResult)
+        Validation.from_record(content["record"])
+        study = content["study"]
+        check_tables(content, study.prior.names)
+        check_draws(content["draws"], study)
+        return RunResult(**content)
+
+
+def read_pooled(folder: Path) -> PooledResult:
+    """Read the result folder of a study with groups.
+
+    Raises
+    ------
+    ResultError : it is incomplete or damaged, or of another format.
+    """
+    if missing := _missing(folder, PooledResult):
+        raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
+    with damage(ResultError, folder):
+        return PooledResult(**_content(folder, PooledResult))
+
+
+def _files(kind: type[Result]) -> tuple[str, ...]:
+    return (DRAWS, RECORD, "study.toml", "measurements.csv", *(f"{name}.csv" for name in kind.TABLES))
+
+
+def _missing(folder: Path, kind: type[Result]) -> list[str]:
+    return [name for name in _files(kind) if not (folder / name).is_file()]
+
+
+def _content(folder: Path, kind: type[RunResult | PooledResult]) -> dict[str, Any]:
+    """Fields of a result by name, read from the files of a folder."""
+    check_sums(folder, *_files(kind))
+    tables = {name: read_csv(folder / f"{name}.csv") for name in kind.TABLES}
+    record = kind.RECORD.read(folder / RECORD)
+    return {**tables, "record": record, "draws": read_tree(folder / DRAWS), "study": load_study(folder)}
+
+
+def is_pooled(folder: Path) -> bool:
+    """True where a folder was written by a run of a study with groups."""
+    return _marked(folder, "pooling")
+
+
+def is_prior(folder: Path) -> bool:
+    """True where a folder holds a prior without readings."""
+    return _marked(folder, "prior_only")
+
+
+def _marked(folder: Path, key: str) -> bool:
+    """True where the record of a folder has an entry that says what kind of result it is."""
+    try:
+        return bool(read_json(folder / RECORD).get(key))
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def draws_tree(
+    study: Study,
+    posterior: Posterior,
+    chains: FloatArray,
+    labels: Mapping[str, FloatArray],
+    prior: FloatArray,
+    predictions: Mapping[str, RowPredictions],
+    curves: xr.Dataset | None,
+) -> xr.DataTree:
+    """Assemble the ArviZ groups.
+
+    Parameters
+    ----------
+    chains : kept draws (chain, draw, d), walker after walker.
+    labels : per draw (chain, draw): ``walker`` and ``step``.
+    prior : draws of the cut prior (n, d).
+    predictions : by group, ``prior_predictive`` and ``posterior_predictive``; of all rows of the table.
+    curves : of :func:`curves_dataset`; None where they could not be computed.
+    """
+    shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
+    pointwise = posterior.log_terms(flat)
+    apart = posterior.likelihood.rows_apart
+    total = pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0]
+    log_density = posterior.log_prior(flat) + total
+    laws, use = posterior.prior.laws, study.observations.use
+    predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
+    groups = {
+        "posterior": parameter_dataset(posterior.names, chains),
+        "sample_stats": labelled_dataset(
+            {
+                "lp": (("chain", "draw"), log_density.reshape(shape)),
+                **{name: (("chain", "draw"), values) for name, values in labels.items()},
+            }
+        ),
+        "log_prior": labelled_dataset(
+            {
+                name: (("chain", "draw"), law.log_density(chains[:, :, i]))
+                for i, (name, law) in enumerate(laws.items())
+            }
+        ),
+        "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
+        "prior": parameter_dataset(posterior.names, prior[None]),
+        **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
+        "observed_data": of_rows(observed_dataset(study), use),
+        "constant_data": of_rows(conditions_dataset(study), use),
+        **({"curves": curves} if curves is not None else {}),
+    }
+    if not use.all():
+        groups["predictions"] = of_rows(predicted["posterior_predictive"], ~use)
+        groups["predictions_constant_data"] = left_out_dataset(study)
+    return labelled_tree(groups)
+
+
+def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
+    """Log likelihood of the rows in the fit, per term; NaN where nothing was measured.
+
+    A term is a channel, or ``readings`` where a latent load joins the readings of a row.
+    """
+    silent: BoolArray = np.isnan(likelihood.measured)
+    if likelihood.terms != likelihood.channels:
+        silent = np.asarray(silent.all(axis=1, keepdims=True))
+    values = np.where(silent, np.nan, pointwise)
+    dims = ("chain", "draw", "row")
+    dataset = labelled_dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
+    return dataset.assign_coords(row=list(likelihood.observations.rows))
+
+
+def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
+    """Readings with noise of all rows; a single chain unless the caller says otherwise."""
+    chains = len(rows.readings) if rows.readings.ndim == 4 else 1
+    readings = rows.readings.reshape(chains, -1, *rows.readings.shape[-2:])
+    dims = ("chain", "draw", "row")
+    dataset = labelled_dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
+    return dataset.assign_coords(row=list(study.observations.rows))
+
+
+def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
+    """Quantiles over the draws of every wheel's curves; SI."""
+    dims = ("wheel", "quantile", "point", "outcome")
+    with np.errstate(all="ignore"):
+        stacks = {
+            name: np.stack([_quantiles(getattr(curve, name)) for curve in curves])
+            for name in ("modelled", "readings")
+        }
+    dataset = labelled_dataset(
+        {
+            **{name: (dims, values) for name, values in stacks.items()},
+            "slip": (("wheel", "point"), np.stack([curve.slip for curve in curves])),
+            "given": (("wheel", "point"), np.stack([curve.given for curve in curves])),
+        }
+    )
+    return dataset.assign_coords(
+        wheel=[curve.wheel for curve in curves],
+        quantile=list(CURVE_QUANTILES),
+        outcome=list(curves[0].outcomes),
+    )
+
+
+def _quantiles(values: FloatArray) -> FloatArray:
+    """Quantiles over draws (n, g, k) of the draws that have an answer, (quantiles, g, k)."""
+    filled = np.moveaxis(values, 0, -1)
+    result = np.full((len(CURVE_QUANTILES), *filled.shape[:-1]), np.nan)
+    for index in np.ndindex(filled.shape[:-1]):
+        answered = filled[index][np.isfinite(filled[index])]
+        if answered.size:
+            result[(slice(None), *index)] = np.quantile(answered, CURVE_QUANTILES)
+    return result

@@ -10,8 +10,7 @@ from typing import Any
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.prior_only import PriorResult, run_prior
-from bayesterra.analysis.result import RunResult
-from bayesterra.analysis.storage import is_pooled, is_prior, read_pooled, read_result
+from bayesterra.analysis.result import RunResult, is_pooled, is_prior, read_pooled, read_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
@@ -20,7 +19,7 @@ from bayesterra.runtime.netcdf import is_result
 from bayesterra.runtime.ownership import WORK, unfinished
 from bayesterra.runtime.reading import UNREADABLE, check_sums, reason
 from bayesterra.runtime.status import job_folder
-from bayesterra.sampling.sampler import Progress
+from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.study.canonical import identity
 from bayesterra.study.result import Result
 from bayesterra.study.study import STUDY_FILE, Study, load_study
@@ -96,7 +95,6 @@ def run_study(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     from bayesterra.report.terminal import note
-    from bayesterra.sampling.progress import progress_bar
 
     if study.pooling is not None:
         _no_crosscheck(crosscheck)

@@ -7,11 +7,9 @@ and parameters are ranked too, as parameters alone miss whole classes of error (
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +21,13 @@ from bayesterra.checking.replications import Fit, Outcome, Replication, ShortRun
 from bayesterra.errors import ResultError, StudyError, check_kind, check_number, check_seed
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
-from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.engines import Engine, ended, in_process
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
-from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
-from bayesterra.study.result import PACKAGES
+from bayesterra.study.result import versions
 from bayesterra.study.study import Study
 
 FEWEST = 20
@@ -133,7 +130,7 @@ def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]
         "drive": study.drive,
         "fingerprints": study.fingerprint,
         "settings": {"ranked_among": DRAWS, **settings},
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
     }
 
 

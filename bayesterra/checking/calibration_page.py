@@ -37,6 +37,7 @@ from bayesterra.report.blocks import (
     Verdict,
     VerdictPage,
     drawing,
+    origin_rows,
 )
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
@@ -277,9 +278,7 @@ def _reproduce_section(calibration: Calibration) -> Section:
     rows: tuple[tuple[Cell, ...], ...] = (
         ("command", Markup("<code>{}</code>").format(command.format(len(calibration.table), record["seed"]))),
         ("settings", _settings(record["settings"])),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
-        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+        *origin_rows(record, "study", "data"),
     )
     method = Text(
         Markup(

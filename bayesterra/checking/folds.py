@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen, spaced
 from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
 from bayesterra.checking.predictive import predict_curves
 from bayesterra.checking.ranks import CONVERGED, FAILED, UNCONVERGED
@@ -203,7 +203,7 @@ class LeaveOneOut:
         try:
             fitted = self.fit(training, fitting)
             target, rng = posterior(training), default_rng(predicting)
-            draws = fitted.draws[:: max(1, -(-len(fitted.draws) // DRAWS))]
+            draws = spaced(fitted.draws, DRAWS)
             rows = scorer.model(predictives(self.study, target, draws, fold.left, rng)) + rows
             bands = tuple(_bands(self.study, predict_curves(self.study, target, draws, rng)))
         except (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:

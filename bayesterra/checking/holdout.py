@@ -10,11 +10,9 @@ As it was made, such draws are set aside and the others predict; their share is 
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,12 +23,11 @@ from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import StudyError, check_seed
-from bayesterra.runtime.engines import Engine, in_process
+from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free
-from bayesterra.runtime.parallel import completed
-from bayesterra.runtime.records import Count, Record
 from bayesterra.runtime.status import job_folder
-from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
+from bayesterra.runtime.tables import Count, Record
+from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study, load_study
 
 if TYPE_CHECKING:
@@ -122,9 +119,10 @@ class Holdout(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Left-out rows with their predictions, and the bands without them."""
-        from bayesterra.checking.holdout_page import bands_png, left_out_png
+        from bayesterra.checking.holdout_page import bands_without, left_out_png
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: left_out_png(self.table), "bands.png": bands_png(self)}
+        return {self.PLOT: left_out_png(self.table), "bands.png": white_png(bands_without(self))}
 
     def page(self) -> VerdictPage:
         """The page, with what could not be made of it."""
@@ -190,7 +188,7 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
         "data": study.kind,
         "fingerprints": study.fingerprint,
         "settings": {"draws": DRAWS, **(fit.record() if isinstance(fit, ShortRuns) else named)},
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
     }
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -29,19 +27,20 @@ from bayesterra.report.blocks import (
     Verdict,
     VerdictPage,
     drawing,
+    origin_rows,
 )
 from bayesterra.report.figures import (
     DATA,
     GRID,
     INK,
     POSTERIOR,
-    figure_of,
     label,
     literal,
     new_figure,
     one_of,
     own_axes,
     styled,
+    white_png,
 )
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.symbols import listed, symbol, with_unit
@@ -246,9 +245,7 @@ def _method_section(holdout: Holdout) -> Section:
     origin: tuple[tuple[Cell, ...], ...] = (
         ("grouping", f"{record['by']}{_tolerance(record)}"),
         ("seed", str(record["seed"])),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
-        ("fingerprint of the data", Markup("<code>{}</code>").format(record["fingerprints"]["data"])),
+        *origin_rows(record, "study", "data"),
     )
     blocks = (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
     return Section("method", "Method", blocks)
@@ -400,22 +397,9 @@ def _band(ax: Axes, band: Band) -> None:
     ax.plot(band.slip, band.middle, color=POSTERIOR)
 
 
-@styled
 def left_out_png(table: pd.DataFrame, dpi: float = 200) -> bytes:
     """The drawing of :func:`all_left_out` as PNG on white, the same bytes each time."""
-    return _png(figure_of(all_left_out(table)), dpi)
-
-
-@styled
-def bands_png(holdout: Holdout, dpi: float = 200) -> bytes:
-    """The drawing of :func:`bands_without` as PNG on white, the same bytes each time."""
-    return _png(figure_of(bands_without(holdout)), dpi)
-
-
-def _png(figure: Figure, dpi: float) -> bytes:
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+    return white_png(all_left_out(table), dpi)
 
 
 def holdout_overview(holdout: Holdout) -> Overview:

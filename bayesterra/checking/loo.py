@@ -19,8 +19,8 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import FloatArray
-from bayesterra.checking.replicates import normal_scores
+from bayesterra.arrays import FloatArray, spaced
+from bayesterra.checking.predictive import normal_scores
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw
@@ -125,7 +125,7 @@ def leave_one_out(
     seed : root of the random streams of the refits.
     few_rows : below this number of rows all are refitted, and no ``pit`` is computed.
     """
-    x = draws[:: max(1, -(-len(draws) // DRAWS))]
+    x = spaced(draws, DRAWS)
     near, density = PosteriorProposal.of(posterior, x), posterior.log_rows(x)[1]
     own, *streams = seed.spawn(1 + density.shape[1])
     whole = near.mixture(default_rng(own))

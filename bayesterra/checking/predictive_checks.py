@@ -22,9 +22,15 @@ import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtri
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.checking.predictive import FORCE, RowPredictions
-from bayesterra.checking.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, spaced
+from bayesterra.checking.predictive import (
+    FORCE,
+    Modelled,
+    Replicate,
+    ReplicateOptions,
+    RowPredictions,
+    replicates,
+)
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.study.study import Study
 
@@ -210,7 +216,7 @@ def predictive_checks(
     own, replicating = seed.spawn(2)
     rng = default_rng(own)
     judges = _judges(posterior, rng)
-    x = draws[:: max(1, -(-len(draws) // JUDGED_DRAWS))]
+    x = spaced(draws, JUDGED_DRAWS)
     explained = Modelled.of(posterior, x, posterior.explained(x, rng))
     observed = _p_values(judges, posterior.likelihood.measured, explained)
 

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from scipy.stats import binom, chi2, ncx2, norm
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.runtime.records import Count, Record
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 from bayesterra.study.study import Study
 

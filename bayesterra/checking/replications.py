@@ -13,8 +13,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, normalised_rank
 from bayesterra.errors import BayesterraError, SupportError
-from bayesterra.likelihood.derived import bearing_pressure, shear_strength
-from bayesterra.likelihood.forward import soil_at
+from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Samples, sample, thin

@@ -10,8 +10,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, did_you_mean
-from bayesterra.likelihood.derived import reference_load
-from bayesterra.likelihood.forward import Forward, Outcomes, offset_of
+from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, reference_load
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions, Wheel

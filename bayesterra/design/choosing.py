@@ -19,9 +19,8 @@ from bayesterra.design.candidates import Candidate, Reading, Situation, readings
 from bayesterra.design.gain import Estimate, Interest, Pairs, estimate, jackknife, normal_estimate, pairs
 from bayesterra.errors import StudyError
 from bayesterra.parameters import PARAMETERS
-from bayesterra.runtime.engines import Engine, in_process
-from bayesterra.runtime.parallel import ended
-from bayesterra.runtime.records import Count, Record
+from bayesterra.runtime.engines import Engine, ended, in_process
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 
 if TYPE_CHECKING:
@@ -326,9 +325,10 @@ class Design(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Gain over slip."""
-        from bayesterra.design.page import gain_over_slip_png
+        from bayesterra.design.page import gain_over_slip
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: gain_over_slip_png(self)}
+        return {self.PLOT: white_png(gain_over_slip(self))}
 
     def page(self) -> VerdictPage:
         """The page, with what could not be made of it."""

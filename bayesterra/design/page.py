@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -242,15 +241,6 @@ def gain_over_slip(design: Design, ax: Axes | None = None) -> Axes:
     if len(lines) > 1:
         figure_of(ax).legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return ax
-
-
-@styled
-def gain_over_slip_png(design: Design, dpi: float = 200) -> bytes:
-    """The drawing of :func:`gain_over_slip` as PNG on white, the same bytes each time."""
-    buffer = BytesIO()
-    figure = figure_of(gain_over_slip(design))
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def _line(design: Design, candidate: Candidate) -> str:

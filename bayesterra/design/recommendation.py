@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -32,7 +30,7 @@ from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
-from bayesterra.study.result import PACKAGES, Result, check_single
+from bayesterra.study.result import Result, check_single, versions
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import wheel_named
 
@@ -96,8 +94,7 @@ class DesignRequest:
             "number": self.number,
             "by": self.by,
             "source": self.situation.source,
-            "python": platform.python_version(),
-            **{name: version(name) for name in PACKAGES},
+            **versions(),
             "plain form {} of studies": FORM,
             "study": prints["study"],
             "table of measurements": prints["data"],

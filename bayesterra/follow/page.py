@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from io import BytesIO
 
 import numpy as np
 import pandas as pd
@@ -16,8 +15,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.report.blocks import Overview, Table, Text
-from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled
-from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled, white_png
+from bayesterra.report.numbers import estimate
 from bayesterra.report.terminal import PlainConsole, note
 
 ALARM = "#D55E00"
@@ -57,15 +56,11 @@ def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = N
     return axes
 
 
-@styled
 def bands_over_rows_png(
     updates: pd.DataFrame, truth: Mapping[str, float] | None = None, dpi: float = 150
 ) -> bytes:
     """The drawing of :func:`bands_over_rows` as PNG on white, the same bytes each time."""
-    buffer = BytesIO()
-    figure = figure_of(bands_over_rows(updates, truth))
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+    return white_png(bands_over_rows(updates, truth), dpi)
 
 
 def _column(parameter: Parameter, key: str) -> str:
@@ -136,9 +131,8 @@ def _reading(reading: dict[object, object]) -> str:
     symbol, unit = CHANNELS[str(reading["channel"])].symbol, str(reading["unit"])
     if np.isnan(low):
         return f"{symbol} {observed:.4g} {unit} (nothing was expected)"
-    step = resolution(low, high)
-    outside = "" if low <= observed <= high else " *"
-    return f"{symbol} {rounded(observed, step)} {unit} {interval(low, high)}{outside}"
+    middle, ends = estimate(observed, low, high)
+    return f"{symbol} {middle} {unit} {ends}{'' if low <= observed <= high else ' *'}"
 
 
 def followed_overview(followed: FollowedStream) -> Overview:
@@ -147,9 +141,8 @@ def followed_overview(followed: FollowedStream) -> Overview:
     soil = f", soil {followed.soil} since row {stream.offset + 1}" if followed.soil > 1 else ""
     rows = []
     for row in stream.summary.to_dict("records"):
-        low, high = float(row["q05"]), float(row["q95"])
-        middle = rounded(float(row["median"]), resolution(low, high))
-        rows.append((PARAMETERS[row["parameter"]].symbol, row["unit"], middle, interval(low, high)))
+        figures = estimate(row["median"], row["q05"], row["q95"])
+        rows.append((PARAMETERS[row["parameter"]].symbol, row["unit"], *figures))
     left = f", {followed.left_out} left out" if followed.left_out else ""
     evidence = f"{stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
     lines = [f"{len(stream)} rows{left}; log evidence {evidence}."]

@@ -25,7 +25,7 @@ from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, 
 from bayesterra.runtime.folders import make_folder
 from bayesterra.runtime.ownership import BEGUN, SEGMENT
 from bayesterra.runtime.reading import check_sums, damage, read_json
-from bayesterra.runtime.records import Count, Number, Record
+from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result, check_single

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.identifiability.cloning import Cloned, PowerScaling, cloning, power_scaling
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
@@ -87,7 +87,7 @@ class Outlook:
 
 def outlook(posterior: Posterior, prior: FloatArray) -> Outlook:
     """Find out what a design could determine, from draws (m, d) of the cut prior; readings do not count."""
-    spread = local_analysis(posterior, _some(prior, LOCAL_DRAWS), prior)
+    spread = local_analysis(posterior, spaced(prior, LOCAL_DRAWS), prior)
     seen = structure(posterior, prior[:STRUCTURE_DRAWS])
     return Outlook(posterior.names, seen, spread, collinearity(spread))
 
@@ -119,7 +119,7 @@ def analyse(
         "local analysis", lambda: local_analysis(posterior, profiled.best["posterior"], prior, draws)
     )
     spread = clock(
-        "local analysis", lambda: local_analysis(posterior, _some(draws, LOCAL_DRAWS), prior, draws)
+        "local analysis", lambda: local_analysis(posterior, spaced(draws, LOCAL_DRAWS), prior, draws)
     )
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
@@ -144,10 +144,6 @@ class _Clock:
         result = work()
         self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
         return result
-
-
-def _some(draws: FloatArray, most: int) -> FloatArray:
-    return draws[:: max(1, -(-len(draws) // most))]
 
 
 def _profiled(

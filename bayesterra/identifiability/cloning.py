@@ -32,8 +32,8 @@ import pandas as pd
 from numpy.random import Generator
 from scipy.sparse.csgraph import connected_components
 
-from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words, spaced
+from bayesterra.arrays import FloatArray, spaced
+from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import NormalScore, coordinates

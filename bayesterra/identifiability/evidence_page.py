@@ -19,8 +19,8 @@ from bayesterra.identifiability.information import Coupling, Information
 from bayesterra.identifiability.local import CRITICAL
 from bayesterra.identifiability.verdicts import DETERMINED, WEAK
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, records
-from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, own_axes, styled
+from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, origin_rows, records
+from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
 
@@ -171,8 +171,7 @@ def method_section(made: Identified) -> Section:
         ("draws from", "this command" if record["draws_from"] == "here" else record["draws_from"]),
         ("seed", str(record["seed"])),
         ("wall time", seconds),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        *origin_rows(record, "study"),
     )
     sources = Text(
         "Profiles: Raue et al. 2009; collinearity: Brun et al. 2001; cloning: Lele et al. 2007; "
@@ -200,7 +199,9 @@ def coupling_map(coupling: Coupling, ax: Axes | None = None) -> Axes:
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5)
     ax.plot([0, count], [0, count], color=GRID, linewidth=0.7)
     _boxes(ax, coupling.groups)
-    _name_cells(ax, coupling.names)
+    name_cells(ax, coupling.names)
+    ax.tick_params(labelsize=10)
+    ax.xaxis.tick_top()
     ax.text(0.0, count + 0.12, "below: posterior", ha="left", va="top", fontsize=8, color=POSTERIOR)
     ax.text(count, count + 0.12, "above: prior after the cut", ha="right", va="top", fontsize=8, color=PRIOR)
     return ax
@@ -225,15 +226,6 @@ def _boxes(ax: Axes, groups: Mapping[str, Sequence[int]]) -> None:
         ax.add_patch(Rectangle(corner, size, size, fill=False, edgecolor=INK, linewidth=1.3, clip_on=False))
         ax.text(columns[0] + 0.5, columns[0] + 0.5, _group(group), color=DATA, fontsize=9, ha="center",
                 va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
-
-
-def _name_cells(ax: Axes, names: Sequence[str]) -> None:
-    ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
-    ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
-    ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
-    ax.tick_params(length=0, labelsize=10)
-    ax.xaxis.tick_top()
-    ax.spines[:].set_visible(False)
 
 
 @styled

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +18,9 @@ from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free
-from bayesterra.runtime.records import Count, Record
+from bayesterra.runtime.tables import Count, Record
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
-from bayesterra.study.result import PACKAGES, AnalysisResult, Result, check_single
+from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
@@ -196,7 +194,7 @@ def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str
         "seed": seed,
         **source,
         "seconds": seconds,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
         "fingerprints": study.fingerprint,
     }
 

@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 from scipy.special import digamma
 from scipy.stats import rankdata
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.identifiability.verdicts import (
     DETERMINED,
     covariance,
@@ -40,7 +40,6 @@ from bayesterra.identifiability.verdicts import (
     own_scale,
     ranked,
     scores_under,
-    spaced,
     within_groups,
 )
 from bayesterra.likelihood.posterior import Posterior

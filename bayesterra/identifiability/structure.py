@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.errors import counted
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import (
     has_own_sd,
@@ -245,19 +246,15 @@ class Design:
         if {"cDP", "cM"} & set(parameters) and load_driven and len(self.given) == 1:
             reasons.append(f"all rows have the load {self.given[0]:.3g} N")
         if free is not None and self.readings < free:
-            reasons.append(f"{_counted(self.readings, 'different reading')} for {free} parameters")
+            reasons.append(f"{counted(self.readings, 'different reading')} for {free} parameters")
         return reasons
 
     def __str__(self) -> str:
         """Name rows, slips, widths and channels in a line."""
         read = ", ".join(CHANNELS[name].description for name in self.channels)
         ends = f"{self.slips[0]:.3g}" + (f" to {self.slips[-1]:.3g}" if len(self.slips) > 1 else "")
-        rows, slips = _counted(self.rows, "row"), _counted(len(self.slips), "slip")
-        return f"{rows} at {slips} ({ends}), {_counted(len(self.widths), 'wheel width')}; {read}"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+        rows, slips = counted(self.rows, "row"), counted(len(self.slips), "slip")
+        return f"{rows} at {slips} ({ends}), {counted(len(self.widths), 'wheel width')}; {read}"
 
 
 def design_of(posterior: Posterior) -> Design:

@@ -16,8 +16,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood.target import Target
-from bayesterra.runtime.engines import Engine, in_process
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.stats.optimiser import begin, descend
 
 COARSE = 13

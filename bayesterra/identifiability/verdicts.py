@@ -226,11 +226,6 @@ def within_groups(posterior: Posterior) -> Coordinates:
     return Coordinates(tuple(blocks))
 
 
-def spaced(draws: FloatArray, most: int) -> FloatArray:
-    """At most this number of draws (n, d), evenly spaced."""
-    return draws[:: max(1, -(-len(draws) // most))]
-
-
 def ranked(draws: FloatArray) -> FloatArray:
     """Normal scores of every column's ranks (n, d)."""
     return np.column_stack([rank_scores(column) for column in draws.T])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, counted
 from bayesterra.least_squares.results import FORCES, error_figure
 from bayesterra.least_squares.settings import GROUPS, Readings, Settings
 from bayesterra.least_squares.solver import MARGIN, Box, ClippedModel, Curve, Formula, Minimum, minimise
@@ -135,7 +135,7 @@ def _check_count(method: str, step: Step, free: int) -> None:
     if count < free:
         raise StudyError(
             f"too few observations for {method}: {CHANNELS[step.channel].symbol} has"
-            f" {_counted(count, 'reading')}, {_counted(free, 'parameter')}"
+            f" {counted(count, 'reading')}, {counted(free, 'parameter')}"
         )
 
 
@@ -143,10 +143,6 @@ def _reason(step: Step, settings: Settings) -> str:
     symbols = ", ".join(PARAMETERS[SOIL_PARAMETERS[i]].symbol for i in step.columns(settings))
     needs = " and ".join(CHANNELS[name].description for name in step.needs)
     return f"{step.group} ({symbols}) was not identified: no row has {needs}"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 MAX_PASSES = 100

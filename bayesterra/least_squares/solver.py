@@ -7,7 +7,7 @@ modelled with θm/θ1 (or N) at the nearest value inside; the excess is reported
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.forward import Forward
-from bayesterra.models import Conditions
+from bayesterra.likelihood.forward import Forward, take
 from bayesterra.parameters import SOIL_PARAMETERS
 
 TOLERANCE = 1e-14
@@ -248,11 +247,6 @@ class ClippedModel:
             mask = which == i
             out[mask] = run(_part(self.forward, mask), sets[i : i + 1])
         return out
-
-
-def take(conditions: Conditions, mask: BoolArray) -> Conditions:
-    """The rows of ``conditions`` in ``mask``."""
-    return Conditions(**{field.name: getattr(conditions, field.name)[mask] for field in fields(conditions)})
 
 
 def _part(forward: Forward, mask: BoolArray) -> Forward:

@@ -14,8 +14,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError, check_kind
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.forward import Forward, Outcomes, soil_at
-from bayesterra.likelihood.latent_load import LatentLoad
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.models import Status
 from bayesterra.parameters import NOISE_PREFIX, SIZES, SoilColumns
 from bayesterra.study.observations import Observations

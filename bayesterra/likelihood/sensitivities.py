@@ -37,8 +37,7 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, offset_of, take
-from bayesterra.likelihood.latent_load import LatentLoad
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions
 from bayesterra.models.forces import NORMAL_FORCE, SINKAGE

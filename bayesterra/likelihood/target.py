@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import LatentLoad
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
 from bayesterra.parameters import MODULI, NOISE_PREFIX

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.stats import t as student_t
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.pooling.family import ConditionalLaw, JointFamily, fit_conditional, restricted
 from bayesterra.pooling.joint import log_population, population_score, population_value
 from bayesterra.pooling.moves import Laws
@@ -294,12 +294,8 @@ def outer_laws(
         return OuterLaws(laws.drivers, tuple(InnerLaw(law, None) for law in laws.locals))
     k, inner = len(family.joint.shared), []
     for g, (draws, law) in enumerate(zip(alone, laws.locals, strict=True)):
-        S, own = (_thinned(part) for part in draws)
-        shared = np.concatenate([_thinned(D[:, :k]), S])
-        chain = fit_chain(family, g, shared, own, np.concatenate([_thinned(L[g]), own]), rng)
+        S, own = (spaced(part, FITTED) for part in draws)
+        shared = np.concatenate([spaced(D[:, :k], FITTED), S])
+        chain = fit_chain(family, g, shared, own, np.concatenate([spaced(L[g], FITTED), own]), rng)
         inner.append(InnerLaw(law, chain))
-    return OuterLaws(_defended(family, laws.drivers, _thinned(D), rng), tuple(inner))
-
-
-def _thinned(draws: FloatArray) -> FloatArray:
-    return draws[:: max(1, -(-len(draws) // FITTED))]
+    return OuterLaws(_defended(family, laws.drivers, spaced(D, FITTED), rng), tuple(inner))

@@ -13,8 +13,7 @@ from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
-from bayesterra.stats.copula import SharedCopula
-from bayesterra.stats.laws import Law
+from bayesterra.stats.laws import Law, SharedCopula
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 

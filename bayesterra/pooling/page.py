@@ -14,9 +14,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
 from bayesterra.parameters import PARAMETERS
+from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
-from bayesterra.pooling.verdicts import CONSTANT, OPEN, STRONG
 from bayesterra.report.blocks import (
     UNSEEN,
     Cell,
@@ -29,6 +29,7 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     section,
     verdict,
 )
@@ -405,9 +406,7 @@ def _reproduce(result: PooledResult) -> Section:
     facts = (
         ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
-        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
-        ("machine", record["machine"]),
-        ("fingerprint of the study", Markup("<code>{}</code>").format(record["fingerprints"]["study"])),
+        *origin_rows(record, "study"),
     )
     table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
     return Section("reproduce", "Reproduce this", (table,))

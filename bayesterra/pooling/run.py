@@ -22,25 +22,34 @@ from bayesterra.pooling.degrees import (
     LEFT_OUT_COLUMNS,
     UNKNOWN,
     Degree,
+    Evidences,
+    Sharing,
     degrees_of,
+    judged_alone,
+    judged_as_stated,
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
 from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
-from bayesterra.pooling.verdicts import Evidences, Sharing, judged_alone, judged_as_stated
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
-from bayesterra.runtime.records import Number
+from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import summary_row
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
-from bayesterra.study.record import StudyRecord
-from bayesterra.study.result import Result, conditions_dataset, left_out_dataset, observed_dataset, of_rows
+from bayesterra.study.result import (
+    Result,
+    StudyRecord,
+    conditions_dataset,
+    left_out_dataset,
+    observed_dataset,
+    of_rows,
+)
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from bayesterra.prediction.statics import (
     states_at,
     sweep,
 )
-from bayesterra.runtime.records import Count, Number, Record
+from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -31,8 +30,9 @@ from bayesterra.report.figures import (
     new_figure,
     own_axes,
     styled,
+    white_png,
 )
-from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.numbers import estimate, interval, resolution, rounded
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
@@ -92,13 +92,9 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
     return axes
 
 
-@styled
 def predictions_png(cases: Sequence[tuple[Prediction, Prediction | None]], dpi: float = 200) -> bytes:
     """The drawing of :func:`predictions` as PNG on white, the same bytes each time."""
-    buffer = BytesIO()
-    figure = predictions(cases)[0, 0].get_figure()
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+    return white_png(predictions(cases), dpi)
 
 
 def bands(values: FloatArray, column: int) -> FloatArray:
@@ -205,21 +201,17 @@ def _bands(at: Prediction) -> Table:
 
 
 def _cells(row: Mapping[str, float]) -> tuple[str, str, str]:
-    low, high = row["modelled_q05"], row["modelled_q95"]
-    step = resolution(low, high)
     readings = row["reading_q05"], row["reading_q95"]
     noisy = "" if np.isnan(readings).any() else interval(*readings)
-    return rounded(row["modelled_q50"], step), interval(low, high, step), noisy
+    return *estimate(row["modelled_q50"], row["modelled_q05"], row["modelled_q95"]), noisy
 
 
 def _derived(at: Prediction) -> Table:
     rows = []
     for row in at.derived_table.to_dict("records"):
-        ends = row["hdi90_lo"], row["hdi90_hi"]
-        step = resolution(*ends)
-        middle, before = rounded(row["median"], step), interval(row["prior_q05"], row["prior_q95"])
-        name = str(row["quantity"]).replace("_", " ")
-        rows.append((name, str(row["unit"]), middle, interval(*ends, step), before))
+        after = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
+        before = interval(row["prior_q05"], row["prior_q95"])
+        rows.append((str(row["quantity"]).replace("_", " "), str(row["unit"]), *after, before))
     header = ("derived", "unit", "median", "90 % HDI", "prior 90 %")
     return Table("", "llrrr", header, tuple(rows))
 
@@ -277,13 +269,9 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     return axes
 
 
-@styled
 def rover_outlook_png(outlook: RoverOutlook, dpi: float = 200) -> bytes:
     """The drawing of :func:`rover_outlook` as PNG on white, the same bytes each time."""
-    buffer = BytesIO()
-    figure = figure_of(rover_outlook(outlook))
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+    return white_png(rover_outlook(outlook), dpi)
 
 
 def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> None:
@@ -381,10 +369,8 @@ def outlook_lines(outlook: RoverOutlook) -> list[str]:
     """The greatest slope and tow force, then what is doubtful and what is assumed."""
     lines = []
     for row in outlook.greatest_table.to_dict("records"):
-        low, high = row["q05"], row["q95"]
-        step = resolution(low, high)
+        middle, ends = estimate(row["q50"], row["q05"], row["q95"])
         where = "" if row["slips"] == "all" else " at driven slips"
         name, unit = str(row["quantity"]).replace("_", " "), "°" if row["unit"] == "deg" else " N"
-        middle, ends = rounded(row["q50"], step), interval(low, high, step)
         lines.append(f"{name.capitalize()}{where}: {middle}{unit}, 90 % {ends}{unit}.")
     return [*lines, *(f"Note: {note}." for note in outlook.notes)]

@@ -16,13 +16,19 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.derived import derive_for, reference_load, tractive_efficiency
-from bayesterra.likelihood.forward import Forward, Outcomes, offset_of
+from bayesterra.likelihood.forward import (
+    Forward,
+    Outcomes,
+    derive_for,
+    offset_of,
+    reference_load,
+    tractive_efficiency,
+)
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
-from bayesterra.runtime.records import Count, Number, Record
+from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result

@@ -195,6 +195,18 @@ def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verd
     return failures.attempt(part, make, unknown)
 
 
+def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Cell, ...], ...]:
+    """Rows of a table that says what a result was made with; ``fingerprints``: of ``study`` and ``data``."""
+    return (
+        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
+        *((("machine", record["machine"]),) if "machine" in record else ()),
+        *(
+            (f"fingerprint of the {what}", Markup("<code>{}</code>").format(record["fingerprints"][what]))
+            for what in fingerprints
+        ),
+    )
+
+
 def render(content: object, template: str = "report.html") -> str:
     """Fill a template with a page; everything that is not marked as HTML is escaped."""
     environment = Environment(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
@@ -13,10 +13,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import Channel, Parameter
+from bayesterra.parameters import PARAMETERS, Channel, Parameter
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -53,6 +54,22 @@ MARKS = {
     "published": Mark("published", DATA, "o", hollow=True),
     "truth": Mark("truth", DATA, "o", hollow=True),
 }
+
+
+def mark_key(method: str) -> Line2D:
+    """Entry of a legend for a point estimate."""
+    mark = MARKS[method]
+    face = "none" if mark.hollow else mark.colour
+    return Line2D(
+        [],
+        [],
+        color=mark.colour,
+        marker=mark.marker,
+        markerfacecolor=face,
+        linestyle="none",
+        label=mark.label,
+    )
+
 
 SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -130,6 +147,15 @@ def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
 
 
+def name_cells(ax: Axes, names: Sequence[str]) -> None:
+    """Name the rows and columns of a square of cells, the first pair at the top left."""
+    ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]
+    ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
+    ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+
+
 def literal(text: str) -> str:
     """A name as it is: its dollars begin no formula, and no underscore hides it from a legend."""
     return f" {text}".replace("$", r"\$") if text.startswith("_") else text.replace("$", r"\$")
@@ -168,6 +194,12 @@ def png(drawn: Drawn, width: int) -> bytes:
     """The figure as PNG, ``width`` dots wide, on a transparent ground, the same bytes each time."""
     dpi = width / figure_of(drawn).get_size_inches()[0]
     return _saved(drawn, format="png", dpi=dpi, metadata={"Software": None})
+
+
+@styled
+def white_png(drawn: Drawn, dpi: float = 200) -> bytes:
+    """The figure as PNG on white, for a file of its own, the same bytes each time."""
+    return _saved(drawn, format="png", dpi=dpi, facecolor="white", metadata={"Software": None})
 
 
 def _saved(drawn: Drawn, **options: Any) -> bytes:

@@ -63,6 +63,16 @@ def interval(low: float, high: float, step: float | None = None) -> str:
     return " to ".join(ends) if low < 0 else "–".join(ends)
 
 
+def estimate(middle: float, low: float, high: float) -> tuple[str, str]:
+    """A value and its interval, both to the resolution of the latter.
+
+    >>> estimate(25.62, 14.93, 37.21)
+    ('26', '15–37')
+    """
+    step = resolution(low, high)
+    return rounded(middle, step), interval(low, high, step)
+
+
 def plain(value: float | None, digits: int = 3) -> str:
     """A value to some significant digits.
 

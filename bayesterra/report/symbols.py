@@ -30,11 +30,7 @@ def symbol(name: str) -> Markup:
     """
     if name in DERIVED:
         return Markup("").join(_part(part) for part in re.split(r"(\bF_DP\b)", DERIVED[name].symbol))
-    text = QUANTITIES[name].symbol
-    inner = re.fullmatch(r"([σδρ])\((.*)\)", text)
-    if inner:
-        return Markup("<i>{}</i>({})").format(inner[1], letters(inner[2]))
-    return letters(text)
+    return letters(QUANTITIES[name].symbol)
 
 
 def _part(text: str) -> Markup:
@@ -42,7 +38,9 @@ def _part(text: str) -> Markup:
 
 
 def letters(text: str) -> Markup:
-    """A letter in italics with its subscript upright: ``K_s``, ``n0``, ``F_DP``."""
+    """A letter in italics with its subscript upright: ``K_s``, ``n0``, ``F_DP``, ``σ(z)``."""
+    if inner := re.fullmatch(r"([σδρ])\((.*)\)", text):
+        return Markup("<i>{}</i>({})").format(inner[1], letters(inner[2]))
     letter, subscript = text[0], text[1:].removeprefix("_")
     lowered = Markup("<sub>{}</sub>").format(subscript) if subscript else Markup("")
     return Markup("<i>{}</i>{}").format(letter, lowered)
@@ -59,11 +57,19 @@ def angles(text: str) -> Markup:
 
 def unit(name: str) -> Markup:
     """The field unit, empty for pure numbers."""
-    text = QUANTITIES[name].unit
-    before, power, _ = text.partition("m^N")
-    if text == "-":
+    return raised(QUANTITIES[name].unit)
+
+
+def raised(unit: str) -> Markup:
+    """A unit with its exponent raised, empty for pure numbers.
+
+    >>> raised("kPa/m^n")
+    Markup('kPa/m<sup>n</sup>')
+    """
+    if unit == "-":
         return Markup("")
-    return Markup("{}m<sup>N</sup>").format(before) if power else Markup("{}").format(text)
+    before, power, exponent = unit.partition("m^")
+    return Markup("{}m<sup>{}</sup>").format(before, exponent) if power else Markup("{}").format(unit)
 
 
 def with_unit(name: str) -> Markup:

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
-from bayesterra.errors import BayesterraError, ResultError
+from bayesterra.errors import BayesterraError, ResultError, StudyError
 from bayesterra.runtime.ownership import (
     MADE,
     REPLACES,
@@ -419,3 +419,16 @@ def _temporary(path: Path) -> tuple[Path, BinaryIO]:
         with suppress(FileExistsError):
             return temporary, temporary.open("xb")
     raise AssertionError
+
+
+def write_new(file: Path, text: str) -> None:
+    """Write a study file that does not exist yet; StudyError where one does or none can be written."""
+    if file.is_dir():
+        raise StudyError(f"'{file}' is a folder: name a file in it, e.g. '{file / 'study.toml'}'")
+    try:
+        with file.open("x", encoding="utf-8") as handle:
+            handle.write(text)
+    except FileExistsError as error:
+        raise StudyError(f"'{file}' exists already and is not overwritten: give another name") from error
+    except OSError as error:
+        raise StudyError(f"'{file}' cannot be written ({error.strerror})") from error

@@ -21,7 +21,7 @@ from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, in_short, printable
 from bayesterra.runtime.folders import part_of, write_bytes
 from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, damage
-from bayesterra.runtime.records import Record
+from bayesterra.runtime.tables import Record
 
 MOST_BYTES = 8192 * MEGABYTE
 """Of a file and, unpacked, of all that it declares."""

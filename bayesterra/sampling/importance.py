@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import FloatArray, IntArray, spaced
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws, draw_cut_prior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
@@ -57,7 +57,7 @@ class PosteriorProposal:
     def of(cls, posterior: Posterior, draws: FloatArray) -> PosteriorProposal:
         """Around posterior draws (n, d), of which ``FITTED`` at most are used."""
         chosen = coordinates(posterior)
-        return cls(posterior, chosen, chosen.from_physical(draws[:: max(1, -(-len(draws) // FITTED))]))
+        return cls(posterior, chosen, chosen.from_physical(spaced(draws, FITTED)))
 
     def mixture(self, rng: Generator, widening: float = 1.0) -> StudentMixture:
         """A law fitted to the draws, every component stretched by ``widening``."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import repeat
 from threading import Lock
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.random import SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
@@ -370,7 +371,7 @@ class ThinnedDraws:
 
     def spaced(self, most: int) -> FloatArray:
         """Evenly spaced draws (n, d), ``most`` at most."""
-        return self.flat[:: max(1, -(-len(self.flat) // most))]
+        return spaced(self.flat, most)
 
 
 def thin(chains: FloatArray) -> ThinnedDraws:
@@ -408,3 +409,33 @@ def of_samples(samples: Samples, every: int) -> dict[str, Any]:
         "proposal_efficiency": [adaptation.efficiency for adaptation in adaptations],
         "log_evidence": [adaptation.log_evidence for adaptation in adaptations],
     }
+
+
+@contextmanager
+def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
+    """A progress bar on standard error; without ``show`` a silent one."""
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    from bayesterra.report.terminal import PlainConsole
+
+    columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
+    with Bar(*columns, console=PlainConsole(stderr=True), disable=not show, transient=True) as bar:
+        task = bar.add_task("reading", total=1.0, figures="")
+
+        def update(progress: Progress) -> None:
+            bar.update(task, description=progress.stage, completed=progress.done, figures=_figures(progress))
+
+        yield update
+
+
+def _figures(progress: Progress) -> str:
+    """Acceptance, effective draws, R-hat and time left, once they are known."""
+    diagnosis = progress.diagnosis
+    if diagnosis is None:
+        return ""
+    left = f", {progress.seconds_left:.0f} s left" if progress.seconds_left else ""
+    return (
+        f"{diagnosis.ess:.0f} effective draws, R-hat {diagnosis.worst_r_hat:.3f},"
+        f" acceptance {diagnosis.acceptance:.2f}{left}"
+    )

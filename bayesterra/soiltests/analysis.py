@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,8 +42,7 @@ from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.study import SoilTest, write_soil_test
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
-from bayesterra.study.record import OriginRecord
-from bayesterra.study.result import DrawnResult
+from bayesterra.study.result import DrawnResult, OriginRecord
 
 if TYPE_CHECKING:
     from bayesterra.report.blocks import Overview
@@ -378,10 +375,7 @@ class _Parts:
             "kind": content.data.kind,
             "source": content.data.source,
             "made": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": {
-                "python": platform.python_version(),
-                **{name: version(name) for name in result.PACKAGES},
-            },
+            "versions": result.versions(),
             "seed": seed,
             "readings": len(self.test.readings),
             "tests": len(self.test.readings.tests),

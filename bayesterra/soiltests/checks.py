@@ -29,9 +29,9 @@ from scipy.stats import chi2, kstest
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Target, sample_target
-from bayesterra.soiltests.observations import Readings
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, log_curve
 from bayesterra.soiltests.schema import COLUMNS, KINDS, QUANTITIES
+from bayesterra.soiltests.study import Readings
 from bayesterra.stats.weights import pareto_limit, pareto_smoothed, weighted_log_mean
 from bayesterra.study.schema import SamplingOptions
 

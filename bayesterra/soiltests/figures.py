@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -22,6 +20,7 @@ from bayesterra.report.figures import (
     new_figure,
     own_axes,
     styled,
+    white_png,
 )
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.schema import QUANTITIES
@@ -136,11 +135,6 @@ def pair(result: SoilTestResult, first: str, second: str, ax: Axes | None = None
     return ax
 
 
-@styled
 def readings_png(result: SoilTestResult, dpi: float = 150) -> bytes:
     """The drawing of :func:`readings` as PNG on white, the same bytes each time."""
-    buffer = BytesIO()
-    figure_of(readings(result)).savefig(
-        buffer, format="png", dpi=dpi, facecolor="white", metadata={"Software": None}
-    )
-    return buffer.getvalue()
+    return white_png(readings(result), dpi)

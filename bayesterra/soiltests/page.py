@@ -25,13 +25,14 @@ from bayesterra.report.blocks import (
     VerdictPage,
     drawing,
     missing,
+    origin_rows,
     photograph,
     section,
     verdict,
 )
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import TAIL, Axis
-from bayesterra.report.numbers import interval, plain, probability, resolution, rounded
+from bayesterra.report.numbers import estimate, interval, plain, probability, resolution, rounded
 from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures
@@ -39,7 +40,7 @@ from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.schema import QUANTITIES as SOIL_TEST_QUANTITIES
-from bayesterra.study.page import StripRow, axis_end, keys
+from bayesterra.study.page import StripRow, axis_of, keys, strip_row
 from bayesterra.study.page import drawing as strip_drawing
 from bayesterra.study.result import SummaryRow, shown
 
@@ -168,7 +169,7 @@ def _found(result: SoilTestResult) -> Verdict:
 
 def _row(result: SoilTestResult, name: str) -> StripRow:
     quantity, along, row = QUANTITIES[name], _axis(result, name), summary_row_of(result, name)
-    column, step = result.names.index(name), resolution(*row.hdi)
+    column = result.names.index(name)
     prior, posterior = (result.values(group)[:, column] / quantity.scale for group in ("prior", "posterior"))
     table = result.least_squares
     points = {
@@ -176,22 +177,8 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
         for method, parameter, value in zip(table["method"], table["parameter"], table["value"], strict=True)
         if parameter == name
     }
-    margin = 0.05 * (row.hdi90_hi - row.hdi90_lo)
-    word, remark = _words(result, name)
-    return StripRow(
-        symbol=letters(quantity.symbol),
-        description=Markup("{}{}").format(quantity.description, ", log scale" if along.log else ""),
-        unit=_unit(name),
-        low=axis_end(along.low, along),
-        high=axis_end(along.high, along),
-        drawing=strip_drawing((prior, posterior), along, row, points),
-        median=rounded(row.median, step),
-        hdi=interval(*row.hdi),
-        mode=rounded(row.mode, step),
-        mode_outside=not row.hdi90_lo - margin <= row.mode <= row.hdi90_hi + margin,
-        word=word,
-        remark=remark,
-    )
+    drawn = strip_drawing((prior, posterior), along, row, points)
+    return strip_row(quantity, along, row, drawn, *_words(result, name))
 
 
 def summary_row_of(result: SoilTestResult, name: str) -> SummaryRow:
@@ -203,19 +190,12 @@ def summary_row_of(result: SoilTestResult, name: str) -> SummaryRow:
 def _axis(result: SoilTestResult, name: str) -> Axis:
     """The prior's range, without the outer thousandth of priors without bounds."""
     column, scale, prior = result.names.index(name), QUANTITIES[name].scale, result.posterior().prior
-    low, high = (end / scale for end in prior.laws[name].range)
-    if prior.reference != 1.0 and name in MODULI:
-        low, high = -np.inf, np.inf  # they hang on n: the prior has long tails, of which the middle is shown
-        most, least = np.quantile(result.values("prior")[:, column] / scale, [0.85, 0.15])
-    else:
-        least, most = prior.laws[name].quantile(np.array([TAIL, 1.0 - TAIL])) / scale
-    reach = np.quantile(result.values()[:, column] / scale, [TAIL, 1.0 - TAIL])
-    return Axis(
-        low if np.isfinite(low) else float(min(least, reach[0])),
-        high if np.isfinite(high) else float(max(most, reach[1])),
-        prior.laws[name].dist == "loguniform",
-        (low, high),
-    )
+    law, draws = prior.laws[name], result.values()[:, column] / scale
+    if prior.reference != 1.0 and name in MODULI:  # they hang on n: long tails, of which the middle is shown
+        tails = np.quantile(result.values("prior")[:, column] / scale, [0.15, 0.85])
+        return axis_of(law, (-np.inf, np.inf), tails, draws)
+    tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
+    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), tails, draws)
 
 
 def _words(result: SoilTestResult, name: str) -> tuple[str, Markup]:
@@ -226,14 +206,6 @@ def _words(result: SoilTestResult, name: str) -> tuple[str, Markup]:
     if word in ("coupled", STRUCTURAL) and row["tied_to"] != name:
         return word, Markup("with {}").format(letters(QUANTITIES[str(row["tied_to"])].symbol))
     return word, Markup("")
-
-
-def _unit(name: str) -> Markup:
-    text = QUANTITIES[name].unit
-    if text == "-":
-        return Markup("")
-    before, power, _ = text.partition("m^n")
-    return Markup("{}m<sup>n</sup>").format(before) if power else Markup("{}").format(text)
 
 
 def _readings(result: SoilTestResult) -> Section:
@@ -418,7 +390,7 @@ def _reproduce(result: SoilTestResult) -> Section:
             "settings",
             ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),
         ),
-        ("versions", ", ".join(f"{name} {value}" for name, value in record["versions"].items())),
+        *origin_rows(record),
     )
     return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
 
@@ -429,8 +401,7 @@ def soil_test_overview(result: SoilTestResult) -> Overview:
     rows = []
     for row in result.summary.to_dict("records"):
         quantity = SOIL_TEST_QUANTITIES.get(row["parameter"])
-        low, high = row["hdi90_lo"], row["hdi90_hi"]
-        figures = rounded(row["median"], resolution(low, high)), interval(low, high)
+        figures = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         name = quantity.symbol if quantity else row["parameter"]
         rows.append((name, row["unit"], *figures, words.get(row["parameter"], "")))
     lines = [Text(f"note: {note}.") for note in (*result.test.notes, *result.record["fits"]["notes"])]

@@ -32,9 +32,8 @@ from bayesterra.likelihood.posterior import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRI
 from bayesterra.models.kernels import compiled
 from bayesterra.parameters import MODULI, OFFSET
 from bayesterra.sampling.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
-from bayesterra.soiltests.observations import Readings
 from bayesterra.soiltests.schema import KINDS
-from bayesterra.soiltests.study import SoilTest
+from bayesterra.soiltests.study import Readings, SoilTest
 from bayesterra.stats.laws import Law
 
 

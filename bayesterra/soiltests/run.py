@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.errors import check_kind, check_seed
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.status import job_folder
-from bayesterra.sampling.sampler import Progress
+from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.study import SoilTest, load_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
@@ -71,8 +71,6 @@ def soil_test_into(
     StudyError : something in the file cannot be used as it stands.
     ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
     """
-    from bayesterra.sampling.progress import progress_bar
-
     test = load_soil_test(file)
     check_free(out, overwrite=overwrite)
     with job_folder(out, overwrite=overwrite) as (part, status):

@@ -14,7 +14,6 @@ from pydantic import (
     PlainValidator,
     StrictBool,
     TypeAdapter,
-    ValidationError,
     ValidationInfo,
     model_validator,
 )
@@ -24,7 +23,7 @@ from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 from bayesterra.stats.laws import Law
 from bayesterra.study import entries
-from bayesterra.study.schema import Number, SamplingOptions, Text, one_line
+from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by
 from bayesterra.study.units import quantity
 
 PLATE = ("kc", "kphi", "n")
@@ -68,10 +67,6 @@ REFERENCE = "reference_sinkage"
 _NOISE = NOISE["plate"]
 
 
-def _bare(info: ValidationInfo) -> bool:
-    return info.context is None or bool(info.context.get("bare"))
-
-
 def _entry(name: str, value: object, allowed: tuple[str, ...], *, bare: bool) -> Law | float:
     if name == REFERENCE and name in allowed:
         return quantity(value, "m", name, bare=bare)
@@ -87,12 +82,12 @@ def _entry(name: str, value: object, allowed: tuple[str, ...], *, bare: bool) ->
 
 def _entries(allowed: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, Law | float]:
     items = entries.table(value, str(info.field_name)).items()
-    return {name: _entry(name, item, allowed, bare=_bare(info)) for name, item in items}
+    return {name: _entry(name, item, allowed, bare=bare_numbers(info)) for name, item in items}
 
 
 def _values(value: object, info: ValidationInfo) -> dict[str, float]:
     content = entries.table(value, str(info.field_name))
-    values = {name: _entry(name, item, _SOIL, bare=_bare(info)) for name, item in content.items()}
+    values = {name: _entry(name, item, _SOIL, bare=bare_numbers(info)) for name, item in content.items()}
     if laws := [name for name, item in values.items() if isinstance(item, Law)]:
         raise StudyError(f"'{laws[0]}' must be a value (got a law)")
     return {name: float(item) for name, item in values.items() if not isinstance(item, Law)}
@@ -112,7 +107,7 @@ def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, 
         return None
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise StudyError(f"'{name}' must be two quantities, lowest and highest (got {value!r})")
-    low, high = (quantity(item, dimension, name, bare=_bare(info)) for item in value)
+    low, high = (quantity(item, dimension, name, bare=bare_numbers(info)) for item in value)
     if not 0 <= low < high:
         raise StudyError(f"'{name}' must rise and begin at 0 or above (got {value[0]} and {value[1]})")
     return low, high
@@ -216,7 +211,4 @@ def checked(tables: Mapping[str, Any], *, bare: bool) -> Content:
     ------
     StudyError : naming table, key, what must hold and the value got.
     """
-    try:
-        return _ADAPTER.validate_python(dict(tables), context={"bare": bare})
-    except ValidationError as error:
-        raise StudyError(one_line(error.errors()[0])) from error
+    return checked_by(_ADAPTER, tables, bare=bare)

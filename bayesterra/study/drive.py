@@ -3,7 +3,7 @@
 ``load``      slip and load given; sinkage, drawbar pull and moment are outcomes (the testbed's causality).
 ``sinkage``   slip and sinkage given; normal force, drawbar pull and moment are outcomes (the paper's way).
 ``both``      slip given; the load is latent and all four readings are outcomes
-              (:mod:`bayesterra.likelihood.latent_load`).
+              (:mod:`bayesterra.likelihood.likelihood`).
 """
 
 from __future__ import annotations

@@ -9,10 +9,10 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PARAMETERS, field_values
+from bayesterra.parameters import PARAMETERS, Parameter, field_values
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
-from bayesterra.report.numbers import given, interval, plain
-from bayesterra.report.symbols import amount
+from bayesterra.report.numbers import given, interval, plain, resolution, rounded
+from bayesterra.report.symbols import amount, angles, letters, raised
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result, SummaryRow
@@ -24,15 +24,19 @@ def axis(result: Result, name: str) -> Axis:
     It is widened where the posterior reaches beyond that.
     """
     law, scale = result.study.prior.laws[name], PARAMETERS[name].scale
-    low, high = (end / scale for end in law.range)
     draws = field_values(name, result.values()[:, result.names.index(name)])
     tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
+    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), tails, draws)
+
+
+def axis_of(law: Law, ends: tuple[float, float], tails: FloatArray, draws: FloatArray) -> Axis:
+    """Axis between the ends of a law, field units; where one is infinite, what tails (2,) and draws reach."""
     reach = np.quantile(draws, [TAIL, 1.0 - TAIL])
     return Axis(
-        low if np.isfinite(low) else float(min(tails[0], reach[0])),
-        high if np.isfinite(high) else float(max(tails[1], reach[1])),
+        ends[0] if np.isfinite(ends[0]) else float(min(tails[0], reach[0])),
+        ends[1] if np.isfinite(ends[1]) else float(max(tails[1], reach[1])),
         law.dist == "loguniform",
-        (low, high),
+        ends,
     )
 
 
@@ -67,6 +71,27 @@ class StripRow:
     mode_outside: bool
     word: str
     remark: Markup
+
+
+def strip_row(
+    quantity: Parameter, along: Axis, row: SummaryRow, drawn: Markup, word: str, remark: Markup
+) -> StripRow:
+    """The row of a parameter from its row of the summary and its :func:`drawing`."""
+    step = resolution(*row.hdi)
+    return StripRow(
+        symbol=letters(quantity.symbol),
+        description=angles(quantity.description + (", log scale" if along.log else "")),
+        unit=raised(quantity.unit),
+        low=axis_end(along.low, along),
+        high=axis_end(along.high, along),
+        drawing=drawn,
+        median=rounded(row.median, step),
+        hdi=interval(*row.hdi),
+        mode=rounded(row.mode, step),
+        mode_outside=row.mode_outside,
+        word=word,
+        remark=remark,
+    )
 
 
 def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:

@@ -1,4 +1,5 @@
 """Results of commands, and of a run: labelled draws, tables with typed rows, the record of their making."""
+# ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
 from __future__ import annotations
 
@@ -9,26 +10,28 @@ from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from pydantic import AfterValidator, Field
+from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, check_kind
-from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
 from bayesterra.runtime.netcdf import DRAWS, write_tree
-from bayesterra.runtime.records import Record
-from bayesterra.runtime.tables import csv_text
+from bayesterra.runtime.tables import Count, Number, Record, csv_text
 from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
     from bayesterra.report.blocks import Overview, VerdictPage
+
 
 CURVE_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -299,6 +302,12 @@ class SummaryRow:
         """The ends of the 90 % highest-density interval."""
         return self.hdi90_lo, self.hdi90_hi
 
+    @property
+    def mode_outside(self) -> bool:
+        """True where the mode lies outside the interval by more than a twentieth of its width."""
+        margin = 0.05 * (self.hdi90_hi - self.hdi90_lo)
+        return not self.hdi90_lo - margin <= self.mode <= self.hdi90_hi + margin
+
 
 @dataclass(frozen=True)
 class IdentifiabilityRow:
@@ -395,6 +404,11 @@ def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, 
     return {**_origin(study, seed), "prior_only": True, "prior_support": support}
 
 
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that numbers depend on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
 def _origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
@@ -402,7 +416,7 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "kind": study.kind,
         "source": study.source,
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
         "machine": f"{platform.system()} {platform.machine()}",
         "seed": seed,
         "model": study.model.name,
@@ -411,3 +425,61 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
         "notes": list(study.notes),
         **({"priors_from": [prior.record() for prior in study.taken]} if study.taken else {}),
     }
+
+
+def _parameter(name: str) -> str:
+    if name not in PARAMETERS:
+        raise ValueError("must be a parameter")
+    return name
+
+
+def _channel(name: str) -> str:
+    if name not in CHANNELS:
+        raise ValueError("must be a channel")
+    return name
+
+
+ParameterName = Annotated[str, AfterValidator(_parameter)]
+ChannelName = Annotated[str, AfterValidator(_channel)]
+Some = Number | None
+"""A number; what is not finite stands as null."""
+
+Fingerprints = TypedDict("Fingerprints", {"study": str, "data": str, "run": NotRequired[str]})
+Settings = TypedDict(
+    "Settings", {"target_ess": Count, "ensembles": Count, "walkers": Count, "max_steps": Count}
+)
+Check = TypedDict("Check", {"name": str, "value": Some, "threshold": Number, "passed": bool, "advice": str})
+SamplingVerdict = TypedDict(
+    "SamplingVerdict", {"converged": bool, "ess": Number, "r_hat": Some, "checks": list[Check]}
+)
+FailureEntry = TypedDict("FailureEntry", {"error": str, "message": str, "trace": list[str]})
+
+
+class OriginRecord(Record):
+    """Where a record comes from, and what could not be computed."""
+
+    title: str
+    kind: Literal["measured", "simulated", "digitised"]
+    source: str
+    made: str
+    versions: dict[str, str]
+    seed: Count
+    notes: list[str]
+    failures: dict[str, FailureEntry] = Field(default_factory=dict)
+
+
+class PriorRecord(OriginRecord):
+    """The content of ``run.json`` of a prior without readings."""
+
+    machine: str
+    model: str
+    drive: str
+    fingerprints: Fingerprints
+
+
+class StudyRecord(PriorRecord):
+    """What the records of all runs of a study hold."""
+
+    settings: Settings
+    seconds: dict[str, Number]
+    verdict: SamplingVerdict

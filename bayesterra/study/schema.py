@@ -46,35 +46,37 @@ from bayesterra.study.units import quantity
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 
-def _bare(info: ValidationInfo) -> bool:
+def bare_numbers(info: ValidationInfo) -> bool:
     """True where numbers are SI values: they are unless a file is read."""
     return info.context is None or bool(info.context.get("bare"))
 
 
 def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | None:
-    return None if value is None else quantity(value, dimension, str(info.field_name), bare=_bare(info))
+    return (
+        None if value is None else quantity(value, dimension, str(info.field_name), bare=bare_numbers(info))
+    )
 
 
 def _parameters(names: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
     items = entries.table(value, str(info.field_name)).items()
-    return {n: entries.parameter_value(n, item, names, bare=_bare(info)) for n, item in items}
+    return {n: entries.parameter_value(n, item, names, bare=bare_numbers(info)) for n, item in items}
 
 
 def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
     items = entries.table(value, "noise").items()
-    return {channel: entries.noise_entry(channel, item, bare=_bare(info)) for channel, item in items}
+    return {channel: entries.noise_entry(channel, item, bare=bare_numbers(info)) for channel, item in items}
 
 
 def _discrepancy(value: object, info: ValidationInfo) -> dict[str, Discrepancy]:
-    return discrepancies(value, bare=_bare(info))
+    return discrepancies(value, bare=bare_numbers(info))
 
 
 def _ripple(value: object, info: ValidationInfo) -> dict[str, Ripple]:
-    return ripples(value, bare=_bare(info))
+    return ripples(value, bare=bare_numbers(info))
 
 
 def _slip(value: object, info: ValidationInfo) -> SlipError | None:
-    return slip_error(value, bare=_bare(info))
+    return slip_error(value, bare=bare_numbers(info))
 
 
 def _priors(value: object, info: ValidationInfo) -> StatedPriors:
@@ -86,7 +88,7 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
     if name is not None and str(name) not in PRIOR_SETS:
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
     return StatedPriors(
-        {key: entries.prior_entry(key, item, bare=_bare(info)) for key, item in content.items()},
+        {key: entries.prior_entry(key, item, bare=bare_numbers(info)) for key, item in content.items()},
         None if name is None else str(name),
         entries.sources(sources),
         entries.correlations(correlation),
@@ -140,14 +142,14 @@ def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | No
         return None
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise StudyError(f'\'load_range\' must be two loads, e.g. ["10 N", "40 N"] (got {value!r})')
-    low, high = (quantity(load, "N", "load_range", bare=_bare(info)) for load in value)
+    low, high = (quantity(load, "N", "load_range", bare=bare_numbers(info)) for load in value)
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
     return low, high
 
 
 def _pooling(value: object, info: ValidationInfo) -> Pooling | None:
-    return pooling_table(value, bare=_bare(info))
+    return pooling_table(value, bare=bare_numbers(info))
 
 
 def _two_slips(value: object) -> tuple[float, float]:

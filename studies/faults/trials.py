@@ -34,10 +34,9 @@ from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import warm_up
-from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.checkpoints import Checkpoints, read_tasks
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import SEGMENT, WORK
-from bayesterra.runtime.tasks import read_tasks
 
 HIT = FILES["hit-wh32"].parent
 COLUMNS = ("fault", "where", "trial", "moment", "outcome", "detail")

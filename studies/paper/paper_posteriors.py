@@ -14,12 +14,12 @@ from scipy.stats import chi2
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import CrossValidation, leave_one_out
-from bayesterra.checking.point_estimates import locate
+from bayesterra.least_squares.results import locate
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import Evidence, evidence
-from bayesterra.sampling.mode import find_mode
 from bayesterra.sampling.sampler import Target, sample, thin
+from bayesterra.sampling.summary import find_mode
 from bayesterra.study.schema import SamplingOptions
 
 OPTIONS = SamplingOptions(target_ess=2000, walkers=32, max_steps=8000)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.checking.point_estimates import locate
+from bayesterra.least_squares.results import locate
 from bayesterra.models import MODELS
 from bayesterra.sampling.sampler import sample, thin
 

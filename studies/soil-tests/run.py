@@ -34,9 +34,8 @@ from bayesterra.sampling.sampler import Target, sample, sample_target, thin
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import PLAN
 from bayesterra.soiltests.figures import readings_png
-from bayesterra.soiltests.observations import Readings
 from bayesterra.soiltests.posterior import Spread, TestPosterior, coordinates, covariance, structural
-from bayesterra.soiltests.study import SoilTest, load_soil_test, soil_test
+from bayesterra.soiltests.study import Readings, SoilTest, load_soil_test, soil_test
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import read_table
 from bayesterra.study.schema import SamplingOptions

@@ -11,7 +11,7 @@ from shipped import FILES
 
 from bayesterra.analysis import inference
 from bayesterra.analysis import page as analysis_pages
-from bayesterra.analysis.record import RunRecord
+from bayesterra.analysis.result import RunRecord
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.report.failures import Failures
 from bayesterra.sampling import sampler

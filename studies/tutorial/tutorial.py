@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra.analysis import contents_page, strip_page
+from bayesterra.analysis import contents_page, findings_page
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
 
@@ -25,7 +25,7 @@ print(smooth.summary[["parameter", "unit", "median", "hdi90_lo", "hdi90_hi"]].ro
 
 # %% Every figure is a function that returns axes
 for name, axes in {
-    "strip": strip_page.parameter_strip(smooth),
+    "strip": findings_page.parameter_strip(smooth),
     "corner": analysis_figures.corner(smooth),
     "pull": validation_page.predictive(smooth, "drawbar_pull"),
 }.items():

@@ -13,9 +13,9 @@ from markupsafe import escape
 
 from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
 from bayesterra.analysis.page import Page, data_section, page, warning
-from bayesterra.analysis.strip_page import mode_outside
 from bayesterra.checking.validation import FitCheck
 from bayesterra.parameters import CHANNELS
 from bayesterra.report import blocks, symbols

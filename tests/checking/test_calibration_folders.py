@@ -15,8 +15,7 @@ from bayesterra.checking.calibration import CalibrationRequest, Progress, calibr
 from bayesterra.checking.ranks import Calibration
 from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
-from bayesterra.runtime.checkpoints import Checkpoints
-from bayesterra.runtime.tasks import finished_tasks
+from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
 
 from .conftest import MakeStudy, exact
 from .test_replications import troubled

@@ -13,7 +13,7 @@ from bayesterra.checking.predictive import (
     predict_rows,
     predictive_table,
 )
-from bayesterra.likelihood.derived import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
+from bayesterra.likelihood.forward import REFERENCE_SINKAGE, REFERENCE_STRESS, SLIP_GRID, derive, drive
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.parameters import DERIVED, soil_array

@@ -12,9 +12,8 @@ from scipy.stats import kstest
 from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import predictive_checks as predictive_checks_module
-from bayesterra.checking.predictive import predict_rows
+from bayesterra.checking.predictive import ReplicateOptions, predict_rows
 from bayesterra.checking.predictive_checks import ALARM, PredictiveChecks, predictive_checks, prior_checks
-from bayesterra.checking.replicates import ReplicateOptions
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates

@@ -14,7 +14,7 @@ from bayesterra.__main__ import main
 from bayesterra.design.choosing import Progress
 from bayesterra.design.recommendation import design_into, design_request
 from bayesterra.errors import ResultError
-from bayesterra.runtime import parallel as running_module
+from bayesterra.runtime import engines as running_module
 from bayesterra.runtime.engines import in_process, local_pool
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"

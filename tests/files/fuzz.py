@@ -25,7 +25,7 @@ import atheris
 ROOT = Path(__file__).parents[2]
 COMPILED = [
     "bayesterra.models",
-    "bayesterra.likelihood.latent_load",
+    "bayesterra.likelihood.likelihood",
 ]  # numba compiles their byte code as it stands
 
 with atheris.instrument_imports(include=["bayesterra", "tomllib", "csv"], exclude=COMPILED):

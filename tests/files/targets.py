@@ -22,9 +22,9 @@ from unittest.mock import patch
 import numpy as np
 import xarray as xr
 
-from bayesterra.analysis import storage
+from bayesterra.analysis import result as run_results
+from bayesterra.analysis.result import check_draws, read_pooled
 from bayesterra.analysis.run import load_single
-from bayesterra.analysis.storage import check_draws, read_pooled
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.checking.replications import Outcome
 from bayesterra.errors import BayesterraError, ResultError
@@ -35,11 +35,10 @@ from bayesterra.prediction.prediction import predict
 from bayesterra.prediction.rover import read_rover
 from bayesterra.report.terminal import PlainConsole
 from bayesterra.runtime import netcdf
-from bayesterra.runtime.checkpoints import Checkpoints, digest, unpack
+from bayesterra.runtime.checkpoints import Checkpoints, digest, read_tasks, unpack
 from bayesterra.runtime.netcdf import read_tree
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.tables import csv_text, read_cells
-from bayesterra.runtime.tasks import read_tasks
 from bayesterra.soiltests.study import _lines, load_soil_test
 from bayesterra.study.canonical import write_study
 from bayesterra.study.observations import read_table
@@ -217,7 +216,7 @@ def result(data: bytes) -> None:
 @contextmanager
 def _same_draws() -> Iterator[None]:
     """Draws that are not spoilt need not be read from the disk each time, which takes most of the time."""
-    with patch.object(storage, "read_tree", base().tree), patch.object(netcdf, "read_tree", base().tree):
+    with patch.object(run_results, "read_tree", base().tree), patch.object(netcdf, "read_tree", base().tree):
         yield
 
 

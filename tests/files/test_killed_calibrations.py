@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bayesterra.runtime.tasks import finished_tasks
+from bayesterra.runtime.checkpoints import finished_tasks
 
 CODE = """
 import signal, sys, time

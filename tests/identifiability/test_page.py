@@ -13,9 +13,9 @@ import pytest
 from numpy.random import default_rng
 
 from bayesterra.analysis import page as analysis_pages
+from bayesterra.analysis.findings_page import strip
 from bayesterra.analysis.inference import Analysis
 from bayesterra.analysis.run import load_result
-from bayesterra.analysis.strip_page import strip
 from bayesterra.analysis.terminal import _verdict
 from bayesterra.identifiability import determined_page
 from bayesterra.identifiability.identify import Identified

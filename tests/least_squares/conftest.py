@@ -75,7 +75,7 @@ MakeStudy = Callable[..., Study]
 
 
 @pytest.fixture(scope="session")
-def make_study() -> MakeStudy:
+def make_paper_study() -> MakeStudy:
     """Study of one wheel of Table 1 on noise-free data, or on ``data``."""
 
     def make(

@@ -25,17 +25,19 @@ def soil(printed: Mapping[str, Mapping[str, Soil]]) -> Soil:
 
 
 @pytest.fixture(scope="module")
-def study(make_study: MakeStudy, soil: Soil) -> Study:
+def study(make_paper_study: MakeStudy, soil: Soil) -> Study:
     """Noise-free M1 data with K_s held."""
-    return make_study("M1", "Wh32", soil)
+    return make_paper_study("M1", "Wh32", soil)
 
 
 @pytest.fixture
-def study_without(make_study: MakeStudy, make_table: MakeTable, soil: Soil) -> Callable[..., Study]:
+def study_without(make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil) -> Callable[..., Study]:
     """The same without some columns."""
 
     def make(*columns: str) -> Study:
-        return make_study("M1", "Wh32", soil, data=make_table("M1", "Wh32", soil).drop(columns=list(columns)))
+        return make_paper_study(
+            "M1", "Wh32", soil, data=make_table("M1", "Wh32", soil).drop(columns=list(columns))
+        )
 
     return make
 
@@ -87,31 +89,33 @@ def test_missing_sinkage_leaves_nothing(study_without: Callable[..., Study]) -> 
     assert len(refused) == 3
 
 
-def test_too_few_readings_are_named(make_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
+def test_too_few_readings_are_named(make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
     """Two readings cannot give three parameters, and the message says which and how many."""
-    study = make_study("M1", "Wh32", soil, data=make_table("M1", "Wh32", soil, (0.1, 0.4)))
+    study = make_paper_study("M1", "Wh32", soil, data=make_table("M1", "Wh32", soil, (0.1, 0.4)))
     with pytest.raises(StudyError, match="too few observations for IM1: F_N has 2 readings, 3 parameters"):
         fit(study, ("IM1",), hold={})
     with pytest.raises(StudyError, match="too few observations for joint: 6 readings, 8 parameters"):
         fit(study, ("joint",), hold={})
 
 
-def test_a_missing_cell_costs_one_reading(make_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
+def test_a_missing_cell_costs_one_reading(
+    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
+) -> None:
     """IM1 recovers the soil though one torque and one drawbar pull are missing."""
     data = make_table("M1", "Wh32", soil)
     data.loc[1, TORQUE] = np.nan
     data.loc[3, PULL] = np.nan
-    found = fit(make_study("M1", "Wh32", soil, data=data), ("IM1",), delta=1e-6)["IM1"]
+    found = fit(make_paper_study("M1", "Wh32", soil, data=data), ("IM1",), delta=1e-6)["IM1"]
     assert found.soil.as_array() == pytest.approx(soil.as_array(), rel=2e-3)
 
 
 def test_rows_without_a_positive_sinkage_are_left_out(
-    make_study: MakeStudy, make_table: MakeTable, soil: Soil
+    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
 ) -> None:
     """A sinkage of zero cannot be conditioned on: the row is left out of IM1 and a note says so."""
     data = make_table("M1", "Wh32", soil)
     data.loc[0, SINKAGE] = 0.0
-    found = fit(make_study("M1", "Wh32", soil, data=data), ("IM1",))["IM1"]
+    found = fit(make_paper_study("M1", "Wh32", soil, data=data), ("IM1",))["IM1"]
     assert any("1 row(s) without a sinkage" in note for note in found.notes)
 
 
@@ -127,9 +131,9 @@ def test_hold_start_and_bounds_override_the_study(study: Study, soil: Soil) -> N
         assert (found.soil.c1, found.soil.c2, found.soil.Ks) == (0.5, 0.0, soil.Ks)
 
 
-def test_a_parameter_fixed_by_the_prior_is_held(make_study: MakeStudy, soil: Soil) -> None:
+def test_a_parameter_fixed_by_the_prior_is_held(make_paper_study: MakeStudy, soil: Soil) -> None:
     """What the priors fix is held in every method."""
-    study = make_study("M1", "Wh32", soil, priors={"set": "paper-box", "K": 0.012})
+    study = make_paper_study("M1", "Wh32", soil, priors={"set": "paper-box", "K": 0.012})
     for found in fit(study, ("IM2", "joint")).values():
         assert "K" in found.held
         assert found.soil.K == 0.012
@@ -152,17 +156,19 @@ def test_bad_settings_are_named(study: Study, keywords: dict[str, object], messa
         fit(study, **{"methods": ("IM1",), **keywords})  # type: ignore[arg-type]
 
 
-def test_constant_exponent_holds_n1(make_study: MakeStudy, soil: Soil) -> None:
+def test_constant_exponent_holds_n1(make_paper_study: MakeStudy, soil: Soil) -> None:
     """With N = n0 the growth n1 is held at 0."""
-    study = make_study("M1", "Wh32", soil, model_options={"constant_exponent": True})
+    study = make_paper_study("M1", "Wh32", soil, model_options={"constant_exponent": True})
     assert "n1" in fit(study, ("IM2",))["IM2"].held
 
 
-def test_bound_and_clipping_are_reported(make_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
+def test_bound_and_clipping_are_reported(
+    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
+) -> None:
     """A drawbar pull far above the model's drives c1, c2 to the edge, and the fit says so."""
     data = make_table("M1", "Wh32", soil)
     data[PULL] += 20.0 * data["slip"] - 30.0
-    found = fit(make_study("M1", "Wh32", soil, data=data), ("IM3",))["IM3"]
+    found = fit(make_paper_study("M1", "Wh32", soil, data=data), ("IM3",))["IM3"]
     assert found.clipped
     assert any("was clipped" in note for note in found.notes)
 

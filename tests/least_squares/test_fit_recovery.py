@@ -19,11 +19,11 @@ Printed = Mapping[str, Mapping[str, Soil]]
 @pytest.mark.parametrize("wheel", WHEELS)
 @pytest.mark.parametrize("method", ["IM1", "IM2", "IM3"])
 def test_each_method_recovers_its_model(
-    method: str, wheel: str, make_study: Callable[..., Study], printed: Printed
+    method: str, wheel: str, make_paper_study: Callable[..., Study], printed: Printed
 ) -> None:
     """With K_s held and δ = 1e-6 every parameter comes back to 1e-3, and the fit errors vanish."""
     soil = printed[method][wheel]
-    found = fit(make_study(MODEL_OF[method], wheel, soil), (method,), delta=1e-6)[method]
+    found = fit(make_paper_study(MODEL_OF[method], wheel, soil), (method,), delta=1e-6)[method]
     assert found.converged
     assert found.soil.as_array() == pytest.approx(soil.as_array(), rel=1e-3)
     assert max(found.errors.values()) < 0.01
@@ -49,10 +49,10 @@ COHESION_LEFT = {"Wh11": 46.8, "Wh12": 191.9, "Wh21": 175.1, "Wh22": 222.0, "Wh3
 
 @pytest.mark.parametrize("wheel", WHEELS)
 def test_the_papers_tolerance_stops_early(
-    wheel: str, make_study: Callable[..., Study], printed: Printed
+    wheel: str, make_paper_study: Callable[..., Study], printed: Printed
 ) -> None:
     """δ = 0.002 stops far from the cohesion behind the data although every fit error is below 0.4 %."""
-    study = make_study("M1", wheel, printed["IM1"][wheel])
+    study = make_paper_study("M1", wheel, printed["IM1"][wheel])
     early, late = (fit(study, ("IM1",), delta=delta)["IM1"] for delta in (0.002, 1e-6))
     assert early.converged
     assert max(early.errors.values()) < 0.4
@@ -64,17 +64,17 @@ def test_the_papers_tolerance_stops_early(
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
 @pytest.mark.parametrize("model", ["M1", "M2", "M3"])
 def test_joint_recovers_every_model_in_both_drives(
-    model: str, drive: str, make_study: Callable[..., Study], printed: Printed
+    model: str, drive: str, make_paper_study: Callable[..., Study], printed: Printed
 ) -> None:
     """With K_s held, all channels together give every parameter back to 1e-6, wherever the search starts."""
     soil = printed["IM3" if model == "M3" else "IM1"]["Wh31"]
-    found = fit(make_study(model, "Wh31", soil, drive=drive), ("joint",))["joint"]
+    found = fit(make_paper_study(model, "Wh31", soil, drive=drive), ("joint",))["joint"]
     assert found.converged
     assert found.soil.as_array() == pytest.approx(soil.as_array(), rel=1e-6)
 
 
 def test_inner_fits_restart_in_every_pass(
-    make_study: Callable[..., Study], printed: Printed, monkeypatch: pytest.MonkeyPatch
+    make_paper_study: Callable[..., Study], printed: Printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every inner fit of every pass begins at Table 17's values, not where the last pass ended."""
     starts = []
@@ -84,7 +84,7 @@ def test_inner_fits_restart_in_every_pass(
         return minimise(residual, start, box, evaluations=limits["evaluations"])
 
     monkeypatch.setattr("bayesterra.least_squares.groupwise.minimise", watched)
-    found = fit(make_study("M1", "Wh22", printed["IM1"]["Wh22"]), ("IM1",))["IM1"]
+    found = fit(make_paper_study("M1", "Wh22", printed["IM1"]["Wh22"]), ("IM1",))["IM1"]
     assert len(starts) == 3 * found.passes
     for bearing, shearing, angles in zip(starts[0::3], starts[1::3], starts[2::3], strict=True):
         assert bearing.tolist() == [0.5, 0.5]

@@ -15,11 +15,11 @@ from bayesterra.study.study import Study
 
 @pytest.mark.parametrize(("method", "model"), [("IM2", "M2"), ("IM3", "M3")])
 def test_equations_hold_on_their_own_model(
-    method: str, model: str, make_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
+    method: str, model: str, make_paper_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
 ) -> None:
     """With the closed-form model's own forces put in, the decoupled equations return the same forces."""
     soil = printed[method]["Wh22"]
-    study = make_study(model, "Wh22", Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}))
+    study = make_paper_study(model, "Wh22", Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}))
     steps = decoupled_steps(method, readings(study), study.model)
     theta = Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}).as_array()
     for step in steps:
@@ -28,11 +28,11 @@ def test_equations_hold_on_their_own_model(
 
 @pytest.mark.parametrize("method", ["IM2", "IM3"])
 def test_jacobians_are_exact(
-    method: str, make_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
+    method: str, make_paper_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
 ) -> None:
     """Complex-step derivatives agree with central differences for every equation and parameter."""
     soil = printed[method]["Wh31"]
-    study = make_study("M2", "Wh31", soil)
+    study = make_paper_study("M2", "Wh31", soil)
     theta = soil.as_array()
     for step in decoupled_steps(method, readings(study), study.model):
         exact = step.curve.jacobian(theta)
@@ -45,11 +45,11 @@ def test_jacobians_are_exact(
 
 
 def test_angle_is_clipped(
-    make_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
+    make_paper_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
 ) -> None:
     """Where c1 + c2 s exceeds 1 the equations are those of θm just below θ1, finite and flat in c1, c2."""
     soil = printed["IM2"]["Wh31"]
-    study = make_study("M2", "Wh31", soil)
+    study = make_paper_study("M2", "Wh31", soil)
     theta, inside = soil.as_array(), soil.as_array()
     theta[6:8], inside[6:8] = (1.0, 0.5), (1 - MARGIN, 0.0)
     for step in decoupled_steps("IM2", readings(study), study.model):

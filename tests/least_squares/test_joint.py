@@ -49,11 +49,11 @@ def density_at(study: Study, found: Fit) -> float:
 
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
 def test_joint_is_the_mode_under_a_flat_prior(
-    drive: str, make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+    drive: str, make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
 ) -> None:
     """A derivative-free search on the posterior density, started at joint, finds nothing better."""
     priors = {"set": "paper-box", "Ks": soil.Ks}
-    study = make_study("M1", "Wh32", soil, data=noisy, drive=drive, priors=priors)
+    study = make_paper_study("M1", "Wh32", soil, data=noisy, drive=drive, priors=priors)
     found = fit(study, ("joint",))["joint"]
     density, values = posterior(study), found.values()
     best = np.array([values[name] for name in density.names])
@@ -69,7 +69,7 @@ def test_joint_is_the_mode_under_a_flat_prior(
 
 
 def test_estimated_noise_weighs_at_the_residuals_spread(
-    make_study: MakeStudy, make_table: MakeTable, soil: Soil
+    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
 ) -> None:
     """Estimated noise ends at the channel's residual rms, parameters counted off, near the noise put in."""
     data, rng = make_table("M1", "Wh32", soil, tuple(np.linspace(0.05, 0.6, 24))), np.random.default_rng(2)
@@ -77,7 +77,7 @@ def test_estimated_noise_weighs_at_the_residuals_spread(
         data[column] += sd * rng.standard_normal(len(data))
     law = {"estimate": {"dist": "halfnorm", "scale": 10.0, "lower": 0.01}}
     noise = {"sinkage": 5e-4, "drawbar_pull": law, "resistance_moment": 0.15}
-    study = make_study("M1", "Wh32", soil, data=data, noise=noise)
+    study = make_paper_study("M1", "Wh32", soil, data=data, noise=noise)
     found = fit(study, ("joint",))["joint"]
     assert found.passes == 4
     assert found.noise["sinkage"] == 5e-4
@@ -88,22 +88,24 @@ def test_estimated_noise_weighs_at_the_residuals_spread(
 
 
 def test_noise_as_a_fraction_weighs_at_the_reading(
-    make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
 ) -> None:
     """A fraction is taken of the measured value, with its floor; a row's own deviation overrides it."""
     noise = {"sinkage": 1e-3, "drawbar_pull": {"fraction": 0.1, "floor": 1.0}, "resistance_moment": 0.3}
     data = noisy.assign(**{"drawbar_pull_sd [N]": [9.0] * 7})
-    by_fraction = fit(make_study("M1", "Wh32", soil, data=noisy, noise=noise), ("joint",))["joint"]
-    by_row = fit(make_study("M1", "Wh32", soil, data=data, noise=noise), ("joint",))["joint"]
+    by_fraction = fit(make_paper_study("M1", "Wh32", soil, data=noisy, noise=noise), ("joint",))["joint"]
+    by_row = fit(make_paper_study("M1", "Wh32", soil, data=data, noise=noise), ("joint",))["joint"]
     assert by_fraction.noise["drawbar_pull"] == pytest.approx(0.1 * np.median(noisy[CHANNELS[1]]))
     assert by_row.noise["drawbar_pull"] == 9.0
 
 
-def test_more_certain_channels_pull_harder(make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
+def test_more_certain_channels_pull_harder(
+    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+) -> None:
     """A channel's fit error falls when its noise is said to be smaller."""
     errors = [
         fit(
-            make_study(
+            make_paper_study(
                 "M1",
                 "Wh32",
                 soil,
@@ -118,10 +120,12 @@ def test_more_certain_channels_pull_harder(make_study: MakeStudy, noisy: pd.Data
 
 
 def test_result_at_the_edge_lies_in_the_support(
-    make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
 ) -> None:
     """Data that pull θm below θ2 end just inside, where the posterior still has a density, and it is said."""
-    study = make_study("M1", "Wh32", soil, data=noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0}))
+    study = make_paper_study(
+        "M1", "Wh32", soil, data=noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0})
+    )
     found = fit(study, ("joint",))["joint"]
     assert np.min(found.soil.c1 + found.soil.c2 * study.observations.slip) == pytest.approx(MARGIN, rel=0.1)
     assert found.clipped
@@ -130,17 +134,17 @@ def test_result_at_the_edge_lies_in_the_support(
     assert np.isfinite(density_at(study, found))
 
 
-def test_repeats_to_the_last_digit(make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
+def test_repeats_to_the_last_digit(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """Two fits of the same study agree exactly: starts are drawn with a fixed seed."""
-    study = make_study("M1", "Wh32", soil, data=noisy)
+    study = make_paper_study("M1", "Wh32", soil, data=noisy)
     first, second = (fit(study, ("joint",))["joint"] for _ in range(2))
     assert first.soil == second.soil
     assert first.path == second.path
 
 
-def test_no_start_with_an_answer(make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
+def test_no_start_with_an_answer(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """Soil too soft for the load everywhere is refused in words."""
-    study = make_study("M1", "Wh32", soil, data=noisy.assign(**{"load [N]": 1e9}))
+    study = make_paper_study("M1", "Wh32", soil, data=noisy.assign(**{"load [N]": 1e9}))
     with pytest.raises(SupportError, match="joint: the model has no answer for the conditions of the data"):
         fit(study, ("joint",))
 
@@ -159,12 +163,12 @@ def test_residuals_are_smooth_across_the_edge(
     drive: str,
     changes: dict[str, float],
     clipped: bool,
-    make_study: MakeStudy,
+    make_paper_study: MakeStudy,
     noisy: pd.DataFrame,
     soil: Soil,
 ) -> None:
     """Inside and outside the model's range the Jacobian is that of the residuals, penalties included."""
-    study = make_study("M1", "Wh32", soil, data=noisy, drive=drive)
+    study = make_paper_study("M1", "Wh32", soil, data=noisy, drive=drive)
     likelihood = posterior(study).likelihood
     low = np.array([0.1e6, 0, 0, 0, 0, 0.002, -1, -1, -1])
     high = np.array([10e6, 2, 2, 500, 1, 0.05, 1, 1, 1])
@@ -179,11 +183,13 @@ def test_residuals_are_smooth_across_the_edge(
         assert exact[:, column] == pytest.approx(slope, rel=1e-5, abs=1e-6 * np.abs(slope).max() + 1e-9)
 
 
-def test_corner_of_edge_and_range(make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
+def test_corner_of_edge_and_range(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """Where θm/θ1 is at its edge and c2 at the end of its range, both hold, and no neighbour is better."""
     law = {"dist": "uniform", "lower": 0.1, "upper": 0.5}
     data = noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0})
-    study = make_study("M1", "Wh32", soil, data=data, priors={"set": "paper-box", "Ks": soil.Ks, "c2": law})
+    study = make_paper_study(
+        "M1", "Wh32", soil, data=data, priors={"set": "paper-box", "Ks": soil.Ks, "c2": law}
+    )
     found = fit(study, ("joint",))["joint"]
     assert found.soil.c2 == pytest.approx(0.1, abs=1e-6)
     assert found.soil.c2 >= 0.1
@@ -197,7 +203,7 @@ def test_corner_of_edge_and_range(make_study: MakeStudy, noisy: pd.DataFrame, so
 
 
 def test_moduli_without_ends_leave_a_finite_start(
-    make_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
 ) -> None:
     """Laws of k_c and k_φ that reach everywhere, as those of plate tests do, bound K_s by zero alone."""
     priors = {
@@ -205,7 +211,7 @@ def test_moduli_without_ends_leave_a_finite_start(
         "kc": {"dist": "norm", "loc": 1e4, "scale": 2e3},
         "kphi": {"dist": "norm", "loc": 2.4e6, "scale": 4e5},
     }
-    study = make_study("M1", "Wh32", soil, data=noisy, priors=priors, least_squares={})
+    study = make_paper_study("M1", "Wh32", soil, data=noisy, priors=priors, least_squares={})
     settings = joint_settings(study, Overrides())
     assert settings.start[0] == pytest.approx(1e4 / 0.165 + 2.4e6)
     assert 0 < settings.lower[0] < settings.start[0]

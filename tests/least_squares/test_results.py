@@ -30,13 +30,13 @@ def test_error_figure_skips_what_was_not_measured() -> None:
 
 @pytest.fixture(scope="module")
 def without_torque(
-    make_study: Callable[..., Study], make_table: Callable[..., pd.DataFrame], printed: Printed
+    make_paper_study: Callable[..., Study], make_table: Callable[..., pd.DataFrame], printed: Printed
 ) -> Study:
     """Wheel Wh32 without a resistance moment, with a published value."""
     soil = printed["IM1"]["Wh32"]
     data = make_table("M1", "Wh32", soil).drop(columns="resistance_moment [N m]")
     published = {"source": "a table", "phi": soil.phi}
-    return make_study("M1", "Wh32", soil, data=data, published=published, title="No torque")
+    return make_paper_study("M1", "Wh32", soil, data=data, published=published, title="No torque")
 
 
 def test_table_has_the_columns_of_the_csv_file(without_torque: Study) -> None:

@@ -9,8 +9,7 @@ from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward
-from bayesterra.likelihood.latent_load import LatentLoad
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.models import Conditions
 from bayesterra.study.drive import Drive
 

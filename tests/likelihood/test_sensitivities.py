@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.latent_load import LatentLoad
+from bayesterra.likelihood.likelihood import LatentLoad
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import (
     fisher_information,

@@ -9,7 +9,7 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.runtime.tasks import read_tasks
+from bayesterra.runtime.checkpoints import read_tasks
 from bayesterra.study.study import load_study
 from tests.support.folder import Write
 

@@ -21,11 +21,10 @@ from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooling import degrees as pooling_degrees
 from bayesterra.pooling import run as pooling_run
-from bayesterra.pooling.degrees import Level
+from bayesterra.pooling.degrees import Level, Sharing
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
-from bayesterra.pooling.verdicts import Sharing
 from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.runtime.engines import Engine
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import Engine, completed
 
 
 @dataclass(frozen=True)

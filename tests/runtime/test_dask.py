@@ -14,8 +14,7 @@ from bayesterra.__main__ import main
 from bayesterra.errors import EngineError
 from bayesterra.runtime import dask as cluster_module
 from bayesterra.runtime.dask import dask_cluster
-from bayesterra.runtime.engines import in_process
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import completed, in_process
 from bayesterra.study.study import Study
 
 from .conftest import ROOT, Cluster

@@ -11,9 +11,18 @@ from pathlib import Path
 import pytest
 
 from bayesterra.errors import EngineError
-from bayesterra.runtime import parallel as running_module
-from bayesterra.runtime.engines import Engine, InProcess, LocalPool, in_process, local_pool, usable_processors
-from bayesterra.runtime.parallel import chosen, completed, ended
+from bayesterra.runtime import engines as running_module
+from bayesterra.runtime.engines import (
+    Engine,
+    InProcess,
+    LocalPool,
+    chosen,
+    completed,
+    ended,
+    in_process,
+    local_pool,
+    usable_processors,
+)
 
 from .tasks import Deadly, Failing, Sums, run
 
@@ -134,7 +143,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from bayesterra.runtime.engines import local_pool
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import completed
 from tests.runtime.tasks import Sums
 
 if __name__ == "__main__":

@@ -29,12 +29,11 @@ import bayesterra as bt
 from bayesterra.checking.calibration import CalibrationRequest, calibrate_study, calibration_of
 from bayesterra.checking.replications import Fitted
 from bayesterra.likelihood.posterior import draw_cut_prior
-from bayesterra.runtime.checkpoints import Checkpoints
+from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
+from bayesterra.runtime.engines import ended
 from bayesterra.runtime.folders import part_of
 from bayesterra.runtime.ownership import WORK
-from bayesterra.runtime.parallel import ended
 from bayesterra.runtime.status import job_folder
-from bayesterra.runtime.tasks import finished_tasks
 
 HERE = Path(__file__).parent
 WORKERS = 2

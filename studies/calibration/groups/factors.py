@@ -17,8 +17,7 @@ import pandas as pd
 from numpy.random import default_rng
 
 import bayesterra as bt
-from bayesterra.pooling.degrees import Level
-from bayesterra.pooling.verdicts import Evidences, judged_alone
+from bayesterra.pooling.degrees import Evidences, Level, judged_alone
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.study.groups import Pooling

@@ -25,8 +25,8 @@ from bayesterra.checking.ranks import CONVERGED, UNCONVERGED, Calibration, norma
 from bayesterra.checking.replications import spaced
 from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.runtime.engines import chosen, completed
 from bayesterra.runtime.folders import write_text
-from bayesterra.runtime.parallel import chosen, completed
 from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import thin

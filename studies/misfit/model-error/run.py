@@ -24,9 +24,9 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.checking.discrepancy import trades
 from bayesterra.checking.folds import predictives
 from bayesterra.checking.replications import ShortRuns
+from bayesterra.checking.validation import trades
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import M1, M2
 from bayesterra.parameters import CHANNELS, PARAMETERS

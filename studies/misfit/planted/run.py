@@ -20,7 +20,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.predictive_checks import ALARM, predictive_checks
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
-from bayesterra.runtime.parallel import chosen, completed
+from bayesterra.runtime.engines import chosen, completed
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target

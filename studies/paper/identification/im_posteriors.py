@@ -15,8 +15,7 @@ from paper_posteriors import Found, infer
 import bayesterra as bt
 from bayesterra.checking.loo import INDISTINCT
 from bayesterra.models import Soil
-from bayesterra.runtime.engines import local_pool
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import completed, local_pool
 
 MODELS = ("M1", "M2", "M3")
 SIMULATED = "Wh32"

@@ -22,8 +22,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, LoadEffectSoil, Soil, Wheel
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, new_figure, png, styled
-from bayesterra.runtime.engines import local_pool
-from bayesterra.runtime.parallel import completed
+from bayesterra.runtime.engines import completed, local_pool
 
 HERE = Path(__file__).parent
 SLIPS = np.round(np.linspace(0.0, 0.8, 33), 3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesterra.likelihood.derived import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
+from bayesterra.likelihood.forward import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Conditions, Soil, Wheel
 from bayesterra.parameters import DERIVED, soil_array

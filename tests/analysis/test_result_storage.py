@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayesterra.analysis.storage import read_result
+from bayesterra.analysis.result import read_result
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS

@@ -10,7 +10,7 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.replicates import Modelled, Replicate, ReplicateOptions, replicates
+from bayesterra.checking.predictive import Modelled, Replicate, ReplicateOptions, replicates
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise

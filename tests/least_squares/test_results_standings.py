@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.point_estimates import PointEstimate, locate
+from bayesterra.least_squares.results import PointEstimate, locate
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise

@@ -12,8 +12,7 @@ from scipy import stats
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import Forward, model_columns
-from bayesterra.likelihood.latent_load import LatentLoad
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.study.drive import Drive

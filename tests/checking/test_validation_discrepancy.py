@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from bayesterra import Wheel
 from bayesterra.analysis.page import data_section
 from bayesterra.analysis.run import load_result, run
-from bayesterra.checking.discrepancy import Missed, missed, trades
-from bayesterra.checking.discrepancy_page import _sentence
+from bayesterra.checking.validation import Missed, missed, trades
+from bayesterra.checking.validation_page import _sentence
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.prediction.outlook import predict_rover

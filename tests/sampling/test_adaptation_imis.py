@@ -6,7 +6,7 @@ from numpy.random import default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.imis import EvaluatedPoints, add_components
+from bayesterra.sampling.adaptation import EvaluatedPoints, add_components
 from bayesterra.stats.mixture import StudentMixture
 from bayesterra.stats.transport import Proposal, TransportMap
 

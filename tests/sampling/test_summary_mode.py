@@ -9,8 +9,8 @@ import pytest
 from bayesterra.least_squares.fit import fit
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.mode import find_mode
 from bayesterra.sampling.sampler import sample
+from bayesterra.sampling.summary import find_mode
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
 from bayesterra.study.schema import SamplingOptions

@@ -10,8 +10,7 @@ import pytest
 import xarray as xr
 
 from bayesterra.analysis.comparison import side_by_side
-from bayesterra.analysis.draws import curves_dataset, draws_tree
-from bayesterra.analysis.storage import read_result
+from bayesterra.analysis.result import curves_dataset, draws_tree, read_result
 from bayesterra.checking.predictive import predict_curves, predict_rows
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel

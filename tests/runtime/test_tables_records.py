@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bayesterra.analysis.record import RunRecord
+from bayesterra.analysis.result import RunRecord, read_result
 from bayesterra.analysis.run import load_result
-from bayesterra.analysis.storage import read_result
 from bayesterra.checking.ranks import Calibration
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.netcdf import read_drawn
