@@ -52,8 +52,7 @@ Workers = Annotated[
     int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
 ]
 Scheduler = Annotated[
-    str | None,
-    option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute."),
+    str | None, option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute.")
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
@@ -117,8 +116,7 @@ def run(
         bool, flag("--prior-only", "Report on the prior alone; needs no readings.")
     ] = False,
     crosscheck: Annotated[
-        bool,
-        flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty)."),
+        bool, flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty).")
     ] = False,
     quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
 ) -> None:
@@ -218,8 +216,7 @@ def predict(
         list[str] | None, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")
     ] = None,
     load: Annotated[
-        list[str] | None,
-        option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.'),
+        list[str] | None, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')
     ] = None,
     wheel: Wheels = None,
     slip_reference: Annotated[
@@ -227,12 +224,10 @@ def predict(
     ] = "shearing",
     rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
     slope: Annotated[
-        list[str] | None,
-        option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15."),
+        list[str] | None, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")
     ] = None,
     tow: Annotated[
-        list[str] | None,
-        option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.'),
+        list[str] | None, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.')
     ] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-prediction.")] = None,
     overwrite: Annotated[bool, flag("--overwrite", "Replace an older prediction of that name.")] = False,
@@ -387,12 +382,10 @@ def design(
         typer.Argument(metavar="STUDY|DIR", help="A result folder, whose posterior is built on, or a study."),
     ],
     about: Annotated[
-        list[str] | None,
-        option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free."),
+        list[str] | None, option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free.")
     ] = None,
     slip: Annotated[
-        list[str] | None,
-        option("S,S", "Candidate slips; by default the driven range and some beyond."),
+        list[str] | None, option("S,S", "Candidate slips; by default the driven range and some beyond.")
     ] = None,
     load: Annotated[
         list[str] | None,
@@ -400,8 +393,7 @@ def design(
     ] = None,
     wheel: Wheels = None,
     channel: Annotated[
-        list[str] | None,
-        option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".'),
+        list[str] | None, option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".')
     ] = None,
     number: Annotated[
         int, typer.Option("-n", "--number", metavar="N", help="Drives to choose together.")
@@ -514,8 +506,7 @@ def follow(
     ] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
     slip_reference: Annotated[
-        str | None,
-        option("RADIUS", "Radius behind the slips: rim, tip or shearing; else the study's."),
+        str | None, option("RADIUS", "Radius behind the slips: rim, tip or shearing; else the study's.")
     ] = None,
     sinkage_reference: Annotated[
         str | None, option("PART", "Zero of the sinkages: rim or tip; else the study's.")

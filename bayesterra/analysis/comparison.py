@@ -91,9 +91,7 @@ class Comparison(AnalysisResult):
         ``shift`` is the mean's distance from that of the first result, and ``width`` the standard deviation,
         in units of the first result's. Derived quantities are those of the common load.
         """
-        return pd.DataFrame(
-            list(chain.from_iterable(self._rows(name) for name in self.names)),
-        )
+        return pd.DataFrame(list(chain.from_iterable(self._rows(name) for name in self.names)))
 
     def _rows(self, name: str) -> list[dict[str, object]]:
         first = _moments(self.names[0], self)
@@ -207,10 +205,7 @@ class Comparison(AnalysisResult):
 
 
 def side_by_side(
-    results: Mapping[str, Result],
-    *,
-    load: float | str | None = None,
-    wheel: tuple[str, Wheel] | None = None,
+    results: Mapping[str, Result], *, load: float | str | None = None, wheel: tuple[str, Wheel] | None = None
 ) -> Comparison:
     """Set results side by side.
 

@@ -22,14 +22,7 @@ from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
-from bayesterra.report.numbers import (
-    NOTHING,
-    estimate,
-    given,
-    plain,
-    probability,
-    with_error,
-)
+from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
 from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
 from bayesterra.stats.laws import Law
 from bayesterra.study.page import axis, law_text
@@ -141,9 +134,7 @@ def predictions_section(comparison: Comparison) -> Section:
         for note in p.notes
     ]
     return Section(
-        "predictions",
-        "Predictions",
-        (Gallery("half", pictures, caption), _predicted(comparison), *notes),
+        "predictions", "Predictions", (Gallery("half", pictures, caption), _predicted(comparison), *notes)
     )
 
 

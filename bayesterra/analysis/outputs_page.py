@@ -178,11 +178,7 @@ def posterior_section(result: Result) -> Section:
     return Section(
         "posterior",
         "Posterior",
-        (
-            _summary(result),
-            Gallery("whole", (corner,), CORNER),
-            Gallery("half", (heat,), CORRELATIONS),
-        ),
+        (_summary(result), Gallery("whole", (corner,), CORNER), Gallery("half", (heat,), CORRELATIONS)),
     )
 
 

@@ -32,15 +32,7 @@ from bayesterra.report.blocks import (
 )
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
-from bayesterra.report.numbers import (
-    NOTHING,
-    estimate,
-    given,
-    interval,
-    moments,
-    plain,
-    share,
-)
+from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 
@@ -223,11 +215,7 @@ def _derived_section(result: PriorResult) -> Section:
 def _reproduce(result: PriorResult) -> Table:
     record = result.record
     command = Markup("<code>bayesterra run STUDY --prior-only --seed {}</code>").format(record["seed"])
-    facts = (
-        ("command", command),
-        ("made", record["made"]),
-        *origin_rows(record, "study"),
-    )
+    facts = (("command", command), ("made", record["made"]), *origin_rows(record, "study"))
     return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
 
 

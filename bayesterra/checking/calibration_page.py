@@ -187,9 +187,7 @@ def _ranks_section(calibration: Calibration) -> Section:
         "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
     ).format(p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
     return Section(
-        "ranks",
-        "Ranks",
-        (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows)),
+        "ranks", "Ranks", (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
     )
 
 

@@ -59,9 +59,7 @@ def alarm_sentence(checks: PredictiveChecks) -> Markup:
 
 
 def misfit_warning(
-    words: Markup,
-    check: str = "units, loads and priors",
-    then: str = "another model, or a [discrepancy]",
+    words: Markup, check: str = "units, loads and priors", then: str = "another model, or a [discrepancy]"
 ) -> Markup:
     """Warning that opens a page where the model cannot make readings like these."""
     return Markup(

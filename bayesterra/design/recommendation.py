@@ -69,10 +69,7 @@ class DesignRequest:
     seed: int
 
     def answered(
-        self,
-        engine: Engine | None,
-        report: Report,
-        finished: Mapping[int, Estimate] = MappingProxyType({}),
+        self, engine: Engine | None, report: Report, finished: Mapping[int, Estimate] = MappingProxyType({})
     ) -> Design:
         """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
         return choose(

@@ -151,10 +151,7 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
     path = what / STUDY_FILE if what.is_dir() else what
     with errors_in(path):
         described = schema.checked(schema.read_toml(path), bare=False).data
-    stated = {
-        "slip_reference": described.slip_reference,
-        "sinkage_reference": described.sinkage_reference,
-    }
+    stated = {"slip_reference": described.slip_reference, "sinkage_reference": described.sinkage_reference}
     return FollowedStream(Stream(study, **{**stated, **options}))
 
 

@@ -110,10 +110,7 @@ class Profile:
         """Ends of the 68 or 95 % interval; the end of what is possible where there is no crossing."""
         low, high = self.crossings(percent)
         possible = self.values[np.isfinite(self.rise)]
-        return (
-            float(possible[0]) if np.isnan(low) else low,
-            float(possible[-1]) if np.isnan(high) else high,
-        )
+        return (float(possible[0]) if np.isnan(low) else low, float(possible[-1]) if np.isnan(high) else high)
 
     @property
     def pieces(self) -> int:

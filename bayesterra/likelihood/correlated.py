@@ -243,11 +243,7 @@ class CorrelatedLikelihood(Likelihood):
         return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes)
 
     def law_at(
-        self,
-        soil: FloatArray,
-        mean: FloatArray,
-        noise_values: FloatArray,
-        outcomes: Outcomes | None = None,
+        self, soil: FloatArray, mean: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
     ) -> TableLaw:
         """The same, where what the model says of the measured channels (n, m, k) is known."""
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)

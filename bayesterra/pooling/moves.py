@@ -255,12 +255,7 @@ class PooledEnsemble:
         self._carried(half, D, log_new - log_jacobian[half], kind, treatment)
 
     def _carried(
-        self,
-        chosen: IntArray,
-        D: FloatArray,
-        log_ratio: FloatArray,
-        kind: str,
-        treatment: Locals = "carried",
+        self, chosen: IntArray, D: FloatArray, log_ratio: FloatArray, kind: str, treatment: Locals = "carried"
     ) -> None:
         """Metropolis step to shared values D of the chosen walkers; ``log_ratio`` of the proposal itself."""
         w = self.walkers

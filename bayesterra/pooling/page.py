@@ -239,10 +239,7 @@ def _by_word(result: PooledResult, column: str, *, beside: str | None = None) ->
 
 
 def _sentences(names_by_word: Mapping[str, list[Markup]]) -> Markup:
-    words = {
-        CONSTANT: "All groups have one value of",
-        OPEN: "The data cannot tell for",
-    }
+    words = {CONSTANT: "All groups have one value of", OPEN: "The data cannot tell for"}
     sentences = [
         Markup("{} {}.").format(words.get(word, "Each group has its own value of"), listed(names))
         for word, names in names_by_word.items()

@@ -155,9 +155,7 @@ def run_pooled(
     degrees: tuple[Degree, ...] = ()
     if complete is not None:
         degrees = failures.attempt(
-            "degrees",
-            lambda: degrees_of(joint, samples, complete, default_rng(weighing)),
-            tuple[Degree, ...],
+            "degrees", lambda: degrees_of(joint, samples, complete, default_rng(weighing)), tuple[Degree, ...]
         )
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = thin(samples.chains)

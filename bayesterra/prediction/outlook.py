@@ -316,10 +316,7 @@ CURVE = 21
 
 
 def drive_rover(
-    result: Result,
-    rover: Rover,
-    slopes: Sequence[float | str] = SLOPES,
-    tows: Sequence[float | str] = (0.0,),
+    result: Result, rover: Rover, slopes: Sequence[float | str] = SLOPES, tows: Sequence[float | str] = (0.0,)
 ) -> RoverOutlook:
     """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
 

@@ -194,9 +194,7 @@ class Prediction(Predicted):
     @property
     def table(self) -> pd.DataFrame:
         """Bands: one row per slip and quantity, field units; quantiles of the draws that have an answer."""
-        return pd.DataFrame(
-            [self._row(i, name) for i in range(len(self.slip)) for name in PREDICTED],
-        )
+        return pd.DataFrame([self._row(i, name) for i in range(len(self.slip)) for name in PREDICTED])
 
     def _row(self, i: int, name: str) -> dict[str, object]:
         outcome, column = PREDICTED[name], list(PREDICTED).index(name)

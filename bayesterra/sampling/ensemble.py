@@ -35,11 +35,7 @@ class IndependenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee ships n
 
 def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
     """Moves of a production run and their shares: none of them adapts."""
-    return [
-        (IndependenceMove(law), 0.6),
-        (emcee.moves.DEMove(), 0.2),
-        (emcee.moves.StretchMove(), 0.2),
-    ]
+    return [(IndependenceMove(law), 0.6), (emcee.moves.DEMove(), 0.2), (emcee.moves.StretchMove(), 0.2)]
 
 
 @dataclass(frozen=True)

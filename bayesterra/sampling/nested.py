@@ -206,12 +206,7 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
         sampler = NestedSampler(
-            log_likelihood,
-            physical,
-            d,
-            nlive=live,
-            rstate=default_rng(seed),
-            sample=_moves(d),
+            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=_moves(d)
         )
         sampler.run_nested(print_progress=False, dlogz=0.1)
         results = sampler.results

@@ -380,10 +380,7 @@ def thin(chains: FloatArray) -> ThinnedDraws:
     thinned = chains[:, ::every].swapaxes(1, 2)
     ensembles, walkers, steps, d = thinned.shape
     walker, step = np.divmod(np.arange(walkers * steps), steps)
-    labels = {
-        "walker": np.tile(walker, (ensembles, 1)),
-        "step": np.tile(step * every, (ensembles, 1)),
-    }
+    labels = {"walker": np.tile(walker, (ensembles, 1)), "step": np.tile(step * every, (ensembles, 1))}
     return ThinnedDraws(thinned.reshape(ensembles, walkers * steps, d), labels, every)
 
 

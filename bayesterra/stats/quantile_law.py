@@ -119,11 +119,7 @@ class QuantileLaw(Law):
             return self
         values = [float(f"{value:.6g}") for value in self.at_score(factor * np.array(self.scores))]
         return QuantileLaw(
-            lower=self.lower,
-            upper=self.upper,
-            source=self.source,
-            scores=self.scores,
-            values=tuple(values),
+            lower=self.lower, upper=self.upper, source=self.source, scores=self.scores, values=tuple(values)
         )
 
     def __str__(self) -> str:

@@ -303,10 +303,7 @@ def _with_readings(observations: Observations, drive: Drive) -> Observations:
 
 
 def load_range(
-    observations: Observations,
-    noise: Mapping[str, Noise],
-    stated: tuple[float, float] | None,
-    drive: Drive,
+    observations: Observations, noise: Mapping[str, Noise], stated: tuple[float, float] | None, drive: Drive
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
 

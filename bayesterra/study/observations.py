@@ -128,11 +128,7 @@ def _framed(lines: list[list[str]]) -> pd.DataFrame:
 
 
 def observations(
-    table: pd.DataFrame,
-    wheels: Mapping[str, Wheel],
-    *,
-    slip_reference: str,
-    sinkage_reference: str = "rim",
+    table: pd.DataFrame, wheels: Mapping[str, Wheel], *, slip_reference: str, sinkage_reference: str = "rim"
 ) -> Observations:
     """Check a table and convert it, once, to SI, to slip on the shearing radius and to sinkage of the rim.
 

@@ -228,10 +228,7 @@ _KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampli
 
 def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.DataTable) -> Observations:
     return observations(
-        data,
-        wheels,
-        slip_reference=described.slip_reference,
-        sinkage_reference=described.sinkage_reference,
+        data, wheels, slip_reference=described.slip_reference, sinkage_reference=described.sinkage_reference
     )
 
 

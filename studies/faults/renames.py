@@ -19,17 +19,7 @@ from pathlib import Path
 
 from points import KINDS, arm, counted
 from short_runs import quick_study
-from trials import (
-    RIGHT,
-    Process,
-    Table,
-    command,
-    content,
-    emptied,
-    everything,
-    rng_of,
-    sums_hold,
-)
+from trials import RIGHT, Process, Table, command, content, emptied, everything, rng_of, sums_hold
 
 from bayesterra.runtime import folders
 from bayesterra.runtime.ownership import WORK

@@ -23,12 +23,7 @@ from paper_wheels import SOILS, WHEELS  # noqa: E402
 
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6])
 LOAD = 80.0
-NOISE = {
-    "sinkage": 0.0005,
-    "normal_force": 1.6,
-    "drawbar_pull": 0.5,
-    "resistance_moment": 0.1,
-}
+NOISE = {"sinkage": 0.0005, "normal_force": 1.6, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 """Standard deviations, SI: half a millimetre, 2 % of the load, 2 to 3 % of the pull and of the moment."""
 
 

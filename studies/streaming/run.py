@@ -173,8 +173,7 @@ def one_by_one() -> None:
         told = {"run": name, "log_evidence": stream.log_evidence, "error": stream.log_evidence_error}
         _append("streams-evidence.csv", [{**told, "effective": cloud.effective, "alarm": alarm}])
         _append(
-            "streams.csv",
-            _quantiles(name, stream.names, quantiles_with_errors(cloud.x, cloud.weights, size)),
+            "streams.csv", _quantiles(name, stream.names, quantiles_with_errors(cloud.x, cloud.weights, size))
         )
     linear = driven(drive(ROWS, default_rng(2015), "M2"), TRUTH, seed=5)
     _, steps = streamed(linear, np.arange(ROWS), seed=1)
@@ -352,10 +351,7 @@ def time_png(rows: dict[str, pd.DataFrame]) -> bytes:
             label=f"{model}, moved",
         )
         ax.plot([], [], ".", color=colour, label=f"{model}, weighed only")
-    lines = {
-        "IM3, paper": (sum(PAPER_MS.values()), "--"),
-        "IM3, ours, 500 rows": (estimates[ROWS], ":"),
-    }
+    lines = {"IM3, paper": (sum(PAPER_MS.values()), "--"), "IM3, ours, 500 rows": (estimates[ROWS], ":")}
     for label, (level, style) in lines.items():
         ax.axhline(level, color="#333333", linewidth=0.9, linestyle=style, label=label)
     ax.set(xscale="log", yscale="log", xlabel="row", ylabel="computing time [ms]")

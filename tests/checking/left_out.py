@@ -13,15 +13,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.study.study import Study
 
-HELD = {
-    "Ks": 2.5e6,
-    "n0": 0.85,
-    "n1": 1.06,
-    "c": 268.0,
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
+HELD = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "K": 0.0101, "c1": 0.339, "c2": -0.017}
 SLIPS = (0.1, 0.11, 0.2, 0.3, 0.31, 0.4, 0.5)
 """Five levels; the last row is not in the fit."""
 MakeStudy = Callable[..., Study]

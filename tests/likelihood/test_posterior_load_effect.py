@@ -27,10 +27,7 @@ TRUTH = {
     "cP1": -0.276, "cP2": 0.633, "cDP": -0.304, "cM": 0.354,
 }  # fmt: skip
 NOISE = {"sinkage": 5e-4, "drawbar_pull": 0.5, "resistance_moment": 0.05, "normal_force": 1.0}
-WHEELS = {
-    "narrow": bt.Wheel(0.090, 0.080, 0.010, 24, 0.65),
-    "wide": bt.Wheel(0.090, 0.110, 0.010, 24, 0.65),
-}
+WHEELS = {"narrow": bt.Wheel(0.090, 0.080, 0.010, 24, 0.65), "wide": bt.Wheel(0.090, 0.110, 0.010, 24, 0.65)}
 
 
 def table(loads: tuple[float, ...] = (32.0, 64.0, 96.0), drive: str = "load") -> pd.DataFrame:

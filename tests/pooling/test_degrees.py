@@ -89,12 +89,7 @@ def test_factors_are_those_of_normal_laws(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("common", "populations", "spread"),
-    [
-        (("c",), (), 0.3),
-        ((), ("c",), 0.3),
-        (("c", "phi"), ("K",), 0.3),
-        (("c", "phi"), (), 2.0),
-    ],
+    [(("c",), (), 0.3), ((), ("c",), 0.3), (("c", "phi"), ("K",), 0.3), (("c", "phi"), (), 2.0)],
 )
 def test_six_groups_of_eight_parameters_have_the_evidence_of_normal_laws(
     common: tuple[str, ...], populations: tuple[str, ...], spread: float

@@ -56,11 +56,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "Ks fixed": {"free": ALL[1:]},
     "n1 fixed": {"free": ("Ks", "n0", *ALL[3:])},
     "n1 fixed, no angles": {"free": ("Ks", "n0", "phi")},
-    "constant exponent": {
-        "free": ALL,
-        "priors": {"n1": 0.0},
-        "model_options": {"constant_exponent": True},
-    },
+    "constant exponent": {"free": ALL, "priors": {"n1": 0.0}, "model_options": {"constant_exponent": True}},
     "c fixed": {"free": tuple(n for n in ALL if n != "c")},
     "phi fixed": {"free": tuple(n for n in ALL if n != "phi")},
     "K fixed": {"free": tuple(n for n in ALL if n != "K")},
@@ -71,9 +67,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "c3 fixed": {"priors": {"c3": -0.2}},
     "noise estimated": {"noise": ESTIMATED},
     "other laws": {"priors": OTHER_LAWS},
-    "tables that correlate": {
-        "priors": {"Ks": TABLE, "correlation": {"Ks, n0": 0.7, "c, phi": -0.6}},
-    },
+    "tables that correlate": {"priors": {"Ks": TABLE, "correlation": {"Ks, n0": 0.7, "c, phi": -0.6}}},
     "one slip": {"slips": (0.3,)},
     "nearly one slip": {"slips": (0.3, 0.3004)},
     "one parameter": {"free": ("phi",)},

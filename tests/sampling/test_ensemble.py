@@ -89,10 +89,7 @@ def box() -> Target:
         return np.where(inside, -0.5 * (u**2).sum(axis=1), -np.inf)
 
     return Target(
-        log_density,
-        lambda n, rng: law.ppf(rng.random((n, 3))),
-        np.asarray(law.mean()),
-        np.asarray(law.var()),
+        log_density, lambda n, rng: law.ppf(rng.random((n, 3))), np.asarray(law.mean()), np.asarray(law.var())
     )
 
 

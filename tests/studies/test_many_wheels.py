@@ -26,8 +26,7 @@ def _table(name: str, case: str) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(
-    ("case", "parameters", "one_soil"),
-    [("one-soil", 38, True), ("six-soils", 52, False)],
+    ("case", "parameters", "one_soil"), [("one-soil", 38, True), ("six-soils", 52, False)]
 )
 def test_soils_are_recovered_and_judged(case: str, parameters: int, one_soil: bool) -> None:
     """Converged; intervals hold what they should; factors are reliable and point right."""

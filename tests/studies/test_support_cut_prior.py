@@ -7,13 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from paper_wheels import WHEELS
-from sensitivity.cut_prior import (
-    cut_coupling,
-    forward_at,
-    group_inputs,
-    single_inputs,
-    study_problem,
-)
+from sensitivity.cut_prior import cut_coupling, forward_at, group_inputs, single_inputs, study_problem
 from sensitivity.groups import SECTION_4, Setting
 from sensitivity.problems import columns_of, draw_base
 from sensitivity.shapley import shapley

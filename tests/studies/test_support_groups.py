@@ -4,20 +4,8 @@ import numpy as np
 import pytest
 from paper_wheels import WHEELS
 from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Setting, soil_array
-from sensitivity.influence import (
-    TABLE_9,
-    influence_class,
-    influences,
-    relative_change,
-    single_changes,
-)
-from sensitivity.responses import (
-    error_bounds,
-    error_figures,
-    error_table,
-    respond,
-    respond_groups,
-)
+from sensitivity.influence import TABLE_9, influence_class, influences, relative_change, single_changes
+from sensitivity.responses import error_bounds, error_figures, error_table, respond, respond_groups
 from sensitivity.shares import force_shares, group_shares, stress_distributions
 
 from bayesterra.models import M1, M2, M3, Wheel

@@ -16,11 +16,7 @@ from bayesterra.sampling.sampler import sample
 
 SLIPS = (4, 8, 16, 64)
 ENSEMBLES = (8, 16)
-FREE = {
-    2: ("n0", "phi"),
-    4: ("n0", "n1", "phi", "K"),
-    6: ("Ks", "n0", "n1", "c", "phi", "K"),
-}
+FREE = {2: ("n0", "phi"), 4: ("n0", "n1", "phi", "K"), 6: ("Ks", "n0", "n1", "c", "phi", "K")}
 ESTIMATED = {
     name: {"estimate": {"dist": "halfnorm", "scale": scale}}
     for name, scale in {"sinkage": "1 mm", "drawbar_pull": "1 N", "resistance_moment": "0.3 N m"}.items()

@@ -204,13 +204,7 @@ def nuts(job: Job) -> Run:
     )
     started = time.process_time()
     trace = nutpie.sample(
-        model,
-        draws=DRAWS[job.space.name],
-        tune=TUNE,
-        chains=4,
-        cores=1,
-        seed=job.seed,
-        progress_bar=False,
+        model, draws=DRAWS[job.space.name], tune=TUNE, chains=4, cores=1, seed=job.seed, progress_bar=False
     )
     seconds = time.process_time() - started
     chains = np.asarray(trace.posterior["u"])

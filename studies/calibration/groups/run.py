@@ -58,8 +58,7 @@ class Sizes:
 FITS = (Sizes(), Sizes(max_steps=400))
 """A fit, and a longer one where that was not enough."""
 SMALL = PoolingOptions(
-    (15, 30, 60),
-    AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), shores=4),
+    (15, 30, 60), AdaptationOptions(particles=256, components=6, refinements=(4, 4), more=(), shores=4)
 )
 LONG_FITS = SamplingOptions(target_ess=ENOUGH, walkers=64, max_steps=4000)
 """A last one, with the usual adaptation."""

@@ -121,7 +121,7 @@ PLATEAU = {
         open=frozenset({"K"}),
         truth={"K": 1e-3},
         slips=(0.4, 0.5, 0.6, 0.7),
-    ),
+    )
 }
 """Readings that cannot tell a small K from none: one noise in forty makes them seem to."""
 EVERY = {**PROBLEMS, **PLATEAU}

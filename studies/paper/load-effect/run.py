@@ -32,10 +32,7 @@ MEAN_LOAD = 64.0
 WHEEL = Wheel(0.090, 0.110, 0.010, 24, 0.65)
 """An assumption: the paper gives no wheel of El-Dorado II."""
 TEST_SLIPS = (0.05, 0.15, 0.3, 0.45, 0.6)
-DESIGNS = {
-    "three loads": LOADS,
-    "the mean load alone": (64.0, 64.0, 64.0),
-}
+DESIGNS = {"three loads": LOADS, "the mean load alone": (64.0, 64.0, 64.0)}
 """Loads (N) of the simulated rows; every design has 15 rows, five slips three times."""
 OUTCOMES = ("sinkage", "drawbar_pull", "resistance_moment")
 _UNITS = {"sinkage": 1e3, "drawbar_pull": 1.0, "resistance_moment": 1.0}

@@ -146,11 +146,7 @@ def moduli() -> list[Finding]:
     def share(cohesive: float, frictional: float, width: float) -> float:
         return 100 * cohesive / width / (cohesive / width + frictional)
 
-    narrow, wide, moon = (
-        share(15.6, 2407.4, 0.1),
-        share(15.6, 2407.4, 0.5),
-        share(1.4, 820.0, 0.1),
-    )
+    narrow, wide, moon = (share(15.6, 2407.4, 0.1), share(15.6, 2407.4, 0.5), share(1.4, 820.0, 0.1))
     return [
         Finding(
             "Fig. 6",

@@ -11,14 +11,7 @@ from paper_wheels import WHEELS
 from sensitivity.cut_prior import group_inputs, study_problem
 from sensitivity.groups import GROUPS, REFERENCE, SECTION_4, Setting, soil_array
 from sensitivity.influence import influences
-from sensitivity.responses import (
-    OUTCOMES,
-    error_bounds,
-    error_figures,
-    error_table,
-    respond,
-    respond_groups,
-)
+from sensitivity.responses import OUTCOMES, error_bounds, error_figures, error_table, respond, respond_groups
 from sensitivity.shares import group_shares
 from sensitivity.sobol import Sobol, sobol
 

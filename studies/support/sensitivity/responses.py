@@ -41,10 +41,7 @@ class Responses:
     def table(self) -> pd.DataFrame:
         """One row per soil and slip, in field units."""
         count = len(self.setting.slips)
-        columns = {
-            "soil": np.repeat(self.names, count),
-            "slip": np.tile(self.setting.slips, len(self.names)),
-        }
+        columns = {"soil": np.repeat(self.names, count), "slip": np.tile(self.setting.slips, len(self.names))}
         for i, name in enumerate(OUTCOMES):
             channel = CHANNELS[name]
             columns[f"{name} [{channel.unit}]"] = self.values[:, :, i].ravel() / channel.scale
