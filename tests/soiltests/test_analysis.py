@@ -70,6 +70,7 @@ def test_two_stresses_separate_cohesion_from_friction_and_one_does_not(analysed:
     assert "only c + σ tan φ is determined, at σ = 15 kPa" in one.sentence
 
 
+@pytest.mark.slow
 def test_a_test_that_is_off_is_outside_its_prediction(analysed: Analysed) -> None:
     """One test twice as stiff as it was: its level leaves the prediction from the others."""
     result = analysed("plates")

@@ -1,13 +1,19 @@
 """Two short runs on the HIT wheel: four free parameters; then with phi known beforehand and K_s held."""
 
+from __future__ import annotations
+
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from bayesterra.analysis.run import run
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
+
+if TYPE_CHECKING:
+    from tests.support.shared import Shared
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 HELD = """\
@@ -40,16 +46,16 @@ def short_study(folder: Path, priors: str = "") -> Study:
 
 
 @pytest.fixture(scope="session")
-def wide(tmp_path_factory: pytest.TempPathFactory) -> Result:
+def wide(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """Flat priors on K_s, phi, c1 and c2."""
-    return run(short_study(tmp_path_factory.mktemp("wide")), seed=1)
+    return shared("wide", lambda: run(short_study(tmp_path_factory.mktemp("wide")), seed=1))
 
 
 @pytest.fixture(scope="session")
-def narrow(tmp_path_factory: pytest.TempPathFactory) -> Result:
+def narrow(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """The same readings with phi known to 0.3 deg and K_s held."""
     known = 'phi = { dist = "norm", loc = "30 deg", scale = "0.3 deg" }\nKs = "2500 kPa"\n'
-    return run(short_study(tmp_path_factory.mktemp("narrow"), known), seed=2)
+    return shared("narrow", lambda: run(short_study(tmp_path_factory.mktemp("narrow"), known), seed=2))
 
 
 @pytest.fixture(scope="session")
