@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import bayesterra as bt
 from bayesterra.checking.predictive import predict_at_read_loads
@@ -57,6 +58,7 @@ def test_the_prior_check_does_not_judge_the_range_of_loads() -> None:
             assert abs(other.high - first.high) < 0.1 * (first.high - first.low), (first, other)
 
 
+@pytest.mark.slow
 def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     """It converges, covers φ and the offset, keeps one likelihood per row, predicts forces and reports."""
     offset = {"sinkage_offset": {"dist": "norm", "scale": "2 mm"}}

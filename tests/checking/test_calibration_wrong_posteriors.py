@@ -36,6 +36,7 @@ class WithoutJacobian:
         return self.right.to_physical(u)[0], np.zeros(len(u))
 
 
+@pytest.mark.slow
 def test_the_right_posterior_passes(make_small: MakeStudy, quick: ShortRuns) -> None:
     """The default sampler is calibrated, and every replication converged."""
     found = calibration_of(make_small("K", noise=VAGUE), n=20, seed=3, fit=quick)

@@ -109,6 +109,7 @@ def test_too_few_answers_give_nothing() -> None:
     assert np.isnan(estimate(pairs((lost,), interest, np.random.default_rng(1)), interest).values).all()
 
 
+@pytest.mark.slow
 def test_the_chosen_pair_is_the_best_pair(two_free: Study) -> None:
     """Two rows chosen one after the other and exchanged have the greatest joint gain of all pairs."""
     situation = situation_of(two_free, seed=4)

@@ -39,6 +39,7 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+from tests.support.two_wheels import few_walkers
 
 TITLE = "<script>document.title='ran'</script>\"><img src=x onerror=document.title='ran'>{{7*7}}{% raw %}"
 NAME = "\"><svg onload=x>' $\\frac{a}$ {{7*7}} <b>"
@@ -218,7 +219,8 @@ def pooled_page() -> str:
         sampling={"target_ess": 400, "walkers": 32},
     )
     lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
-    return run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)).page().html()
+    with few_walkers():
+        return run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)).page().html()
 
 
 def soil_test_page() -> str:

@@ -93,6 +93,7 @@ def eight() -> tuple[Posterior, Profiles]:
     return density, profiles(density, rng=np.random.default_rng(1))
 
 
+@pytest.mark.slow
 def test_random_search_does_not_beat_the_profiles(eight: tuple[Posterior, Profiles]) -> None:
     """At three values of each of eight parameters 29 000 sets per value find nothing better, within 0.02."""
     density, found = eight
@@ -131,6 +132,7 @@ def test_intervals_of_tight_data_hold_the_truth(eight: tuple[Posterior, Profiles
         assert found.profile(name).shape == "two-sided"
 
 
+@pytest.mark.slow
 def test_a_posterior_profile_is_searched_on_its_own() -> None:
     """Under the planetary priors nothing beats the posterior profiles either, and K_s ends on both sides."""
     density = posterior(study_of(priors={"set": "planetary"}))

@@ -93,6 +93,7 @@ def test_names_read_as_they_are_meant(joint: JointPosterior) -> None:
     assert joint.names == ("phi", "K.mean", "K.spread", "K[Wh11]", "K[Wh32]")
 
 
+@pytest.mark.slow
 def test_draws_have_the_posterior(samples: JointSamples, exact: _Exact) -> None:
     """Shared parameter, mean and spread of the population."""
     assert samples.diagnosis.converged
@@ -102,6 +103,7 @@ def test_draws_have_the_posterior(samples: JointSamples, exact: _Exact) -> None:
     np.testing.assert_allclose(flat.std(axis=0), exact.sd, rtol=0.06)
 
 
+@pytest.mark.slow
 def test_evidence_of_all_and_without_a_wheel(samples: JointSamples, exact: _Exact) -> None:
     """Both from the same importance draws; errors as stated."""
     weighed = weigh_joint(samples, default_rng(0), outer=2048, inner=8)

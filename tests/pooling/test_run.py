@@ -19,7 +19,6 @@ from bayesterra.analysis.prior_only import run_prior
 from bayesterra.analysis.run import load_result, load_single, run
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
-from bayesterra.pooling import degrees as pooling_degrees
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
@@ -33,17 +32,15 @@ from bayesterra.study.canonical import write_study
 from bayesterra.study.groups import law_sd
 from bayesterra.study.model_errors import ModelErrors, Size, SlipError
 from bayesterra.study.study import Study
-from tests.support.two_wheels import TABLE
+from tests.support.two_wheels import TABLE, few_walkers
 
 MakeStudy = Callable[..., Study]
 
 
 @pytest.fixture(scope="module")
 def result(make: MakeStudy, small: PoolingOptions) -> PooledResult:
-    """A small run; evidences for other roles come from few walkers, as they are tested apart."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pooling_degrees, "WALKERS", 32)
-        patch.setattr(pooling_degrees, "SWEEPS", (40,))
+    """A small run."""
+    with few_walkers():
         return run_pooled(make(), seed=1, plan=small)
 
 

@@ -112,6 +112,7 @@ def test_notes_change_nothing(
     assert notes.made == made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends_at", ["joint-2-begun", "joint-2-round-0004"])
 def test_a_run_that_ended_goes_on(
     ends_at: str, joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]

@@ -111,6 +111,7 @@ def produce(densities: Densities, starts: list[FloatArray]) -> tuple[FloatArray,
     return np.array([e.chain for e in ensembles]), np.array([e.acceptance for e in ensembles])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blind", [1, 2, 3])
 def test_a_mode_that_some_ensembles_miss_is_no_confident_answer(blind: int) -> None:
     """Ensembles that start, and stay, in one mode only are found out by the others: not converged."""

@@ -162,6 +162,7 @@ def test_a_drive_without_any_force_has_coordinates(make_study: MakeStudy, make_t
     np.testing.assert_allclose(chosen.to_physical(chosen.from_physical(x))[0], x, rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [("n0", "c", "phi"), ("phi", "c1", "c2")], ids=str)
 def test_the_posterior_is_the_same_without_them(
     free: tuple[str, ...], make_study: MakeStudy, monkeypatch: pytest.MonkeyPatch

@@ -117,6 +117,7 @@ def adapted(densities: Densities, seed: int) -> tuple[Evidence, list[float]]:
     return evidence(densities, [one.proposal for one in found], starts[4]).beside(own), own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_funnel_that_all_proposals_miss_a_part_of_is_not_called_reliable(seed: int) -> None:
     """The weights show nothing; what each ensemble found alone does, and the error covers the truth."""
@@ -155,6 +156,7 @@ def from_the_prior(study: Study, n: int) -> tuple[float, float]:
     return float(level.max() + np.log(weights.mean() * drawn.shares["inside the support"])), float(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [("c", "phi", "K"), ("n0", "c", "phi", "K")], ids=len)
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
 def test_evidence_of_small_studies_is_that_of_the_prior(
@@ -174,6 +176,7 @@ def test_evidence_of_small_studies_is_that_of_the_prior(
     assert abs(found.log_z - expected) < 4 * np.hypot(found.error, error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [0.02, 0.2])
 def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_study: MakeStudy) -> None:
     """A whole run: with 0.02 nearly all of the law stands at its two ends."""

@@ -164,6 +164,7 @@ def test_what_is_not_installed_is_said_before_anything_runs(
         run(make_study(free=("c", "phi")), crosscheck=True)
 
 
+@pytest.mark.slow
 def test_the_report_states_the_verdict(small_result: Result) -> None:
     """Verdict, greatest difference and limit stand in the section on sampling."""
     found = three(draws(1), draws(2, shift=0.15), draws(3, shift=0.15)).record()

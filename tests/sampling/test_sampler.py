@@ -81,6 +81,7 @@ def weighted_prior(density: Posterior, n: int) -> tuple[FloatArray, FloatArray]:
     return x, weights / weights.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("free", "noise"),
     [

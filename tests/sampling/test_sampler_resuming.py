@@ -81,6 +81,7 @@ def assert_same(one: Samples, other: Samples) -> None:
             np.testing.assert_array_equal(array, again[name])
 
 
+@pytest.mark.slow
 def test_a_sampler_stopped_after_any_note_ends_with_the_same_draws(density: Posterior) -> None:
     """Whatever was noted, from nothing to everything, the draws are those of a run without a journal."""
     undisturbed = sampled(density, None)

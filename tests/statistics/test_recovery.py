@@ -36,8 +36,11 @@ def simulated(study: Study, make_study: MakeStudy, truth: Mapping[str, float], s
     return make_study(model=study.model.name, drive=study.drive, free=FREE, data=data)
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
-@pytest.mark.parametrize("model", ["M1", "M2", "M3"])
+@pytest.mark.parametrize("model", [pytest.param("M1", marks=SLOW), "M2", pytest.param("M3", marks=SLOW)])
 def test_the_truth_lies_in_the_joint_region(
     model: str, drive: str, make_study: MakeStudy, truth: Mapping[str, float]
 ) -> None:

@@ -28,6 +28,7 @@ def problems(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("problems")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_default_run_agrees_with_the_reference(
     drive: str, measures: ModuleType, problems: ModuleType

@@ -48,6 +48,7 @@ def test_baselines_come_out_again() -> None:
         np.testing.assert_allclose(made[column], before, rtol=2e-3, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_one_level_of_the_hit_wheel_comes_out_again() -> None:
     """M1 without slip 0.3, by a short run: stored medians and intervals within Monte Carlo error."""
     study = bt.load_study(STUDIES / "hit-wh32")

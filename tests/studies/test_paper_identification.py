@@ -62,6 +62,7 @@ def test_stops_follow_from_the_path(script: ModuleType) -> None:
     np.testing.assert_allclose(early["c"], fits.loc[early.index, "c"], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_posterior_agrees_with_the_stored_one(script: ModuleType) -> None:
     """M3 on HIT, K_s held, load drive: medians and evidence come out again."""
     case = script.posteriors.Case("HIT", False, "M3", "load", True)

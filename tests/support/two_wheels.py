@@ -1,12 +1,15 @@
 """Two wheels with few free parameters, quick to sample and small enough for a grid."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pandas as pd
+import pytest
 from paper_wheels import ABOUT_WH32
 from paper_wheels import WHEELS as PAPER_WHEELS
 
+from bayesterra.pooling import degrees
 from bayesterra.study.study import Study
 
 WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
@@ -37,3 +40,12 @@ def made(**tables: Any) -> Study:
         "pooling": {"shared": ["phi"], "hierarchical": {"K": {}}},
     }
     return Study(tables.pop("data", TABLE), WHEELS, **{**options, **tables})
+
+
+@contextmanager
+def few_walkers() -> Iterator[None]:
+    """Runs with groups whose evidences for other roles come from few walkers: these are tested apart."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(degrees, "WALKERS", 32)
+        patch.setattr(degrees, "SWEEPS", (40,))
+        yield
