@@ -12,6 +12,8 @@ from types import ModuleType
 
 import pytest
 
+from bayesterra.study.result import AnalysisResult
+
 ROOT = Path(__file__).parent.parent
 SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} - {*(ROOT / "bayesterra" / "models").rglob("*.py")})
 MODELS = sorted((ROOT / "models").rglob("*.py"))
@@ -134,6 +136,23 @@ def test_public_names_exist_and_do_not_clash_with_modules() -> None:
         assert getattr(bayesterra, name) is not None
     modules = {path.stem for path in (ROOT / "bayesterra").iterdir()}
     assert not modules & set(bayesterra.__all__)
+
+
+def test_every_result_has_functions_that_show_it() -> None:
+    """What a class of results names as its view has an overview, and a page where there is one."""
+    for path in SOURCES:
+        if "AnalysisResult" in path.read_text(encoding="utf-8"):
+            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    kinds = [kind for kind in derived(AnalysisResult) if kind.VIEW]
+    assert {"RunResult", "FollowedStream", "PooledResult"} < {kind.__name__ for kind in kinds}
+    for kind in kinds:
+        for word in ("overview", *(["page"] if kind.PAGE else [])):
+            assert callable(pkgutil.resolve_name(f"{kind.VIEW}_{word}"))
+
+
+def derived(kind: type[AnalysisResult]) -> list[type[AnalysisResult]]:
+    """All classes that derive from one."""
+    return [one for child in kind.__subclasses__() for one in (child, *derived(child))]
 
 
 REFERENCE = re.compile(r":(?:mod|class|func|meth|attr|data|exc):`([^`]+)`")

@@ -22,7 +22,7 @@ from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.study.study import Study
 
 
-def contrast_page(comparison: Comparison) -> VerdictPage:
+def comparison_page(comparison: Comparison) -> VerdictPage:
     """Put the page together."""
     titles = dict.fromkeys(result.study.title for result in comparison.results.values())
     first = next(iter(comparison.results.values()))

@@ -378,7 +378,7 @@ def profiles_in_words(profiles: Profiles) -> str:
     return "Likelihood profiles: " + "; ".join(said) + "."
 
 
-def identified_overview(made: Identified) -> Overview:
+def identifiability_overview(made: Identified) -> Overview:
     """The verdict on every parameter with its figures, and the finding."""
     rows = made.found.verdicts.to_dict("records")
     table = Table(made.study.title, "llrll", IDENTIFIED, tuple(_identified(row) for row in rows))

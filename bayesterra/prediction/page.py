@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Prediction, quantiles
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
@@ -178,10 +178,10 @@ def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Predictio
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
 
 
-def forecast_overview(points: Sequence[Prediction]) -> Overview:
+def forecast_overview(forecast: Predicted) -> Overview:
     """The bands at the slips that were asked for, and what is doubtful."""
     blocks: list[Table | Text] = []
-    for at in points:
+    for at in forecast.points:
         blocks += [_bands(at), _derived(at), *map(Text, _remarks(at))]
     return tuple(blocks)
 

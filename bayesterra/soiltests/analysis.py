@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,10 +44,6 @@ from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
 from bayesterra.study.result import DrawnResult, OriginRecord
 
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview
-    from bayesterra.soiltests.page import SoilTestPage
-
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 BAND_DRAWS = 1000
 GRID = 60
@@ -75,6 +71,7 @@ class SoilTestResult(DrawnResult):
 
     TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands")
     RECORD = OriginRecord
+    VIEW = "bayesterra.soiltests.page:soil_test"
     ORDER = tuple(QUANTITIES)
     DIGITS = "%.6g"
 
@@ -105,18 +102,6 @@ class SoilTestResult(DrawnResult):
         """Write draws, the soil-test file and its readings."""
         super().write_inputs(part)
         write_soil_test(self.test, part)
-
-    def page(self) -> SoilTestPage:
-        """The report, with what could not be made of it."""
-        from bayesterra.soiltests.page import soil_test_page
-
-        return soil_test_page(self)
-
-    def overview(self) -> Overview:
-        """Parameters with their verdicts, and what is against the model."""
-        from bayesterra.soiltests.page import soil_test_overview
-
-        return soil_test_overview(self)
 
 
 def analyse(

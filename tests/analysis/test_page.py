@@ -15,7 +15,7 @@ from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
-from bayesterra.analysis.page import Page, data_section, page, warning
+from bayesterra.analysis.page import Page, data_section, run_page, warning
 from bayesterra.checking.validation import FitCheck
 from bayesterra.parameters import CHANNELS
 from bayesterra.report import blocks, symbols
@@ -30,7 +30,7 @@ NASTY = '<script>alert(1)</script> & "it" $x_1$'
 @pytest.fixture(scope="module")
 def content(small_result: Result) -> Page:
     """What the report of the small result shows."""
-    return page(small_result)
+    return run_page(small_result)
 
 
 @pytest.fixture(scope="module")
