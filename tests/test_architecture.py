@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -143,16 +144,16 @@ def test_every_result_has_functions_that_show_it() -> None:
     for path in SOURCES:
         if "AnalysisResult" in path.read_text(encoding="utf-8"):
             import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-    kinds = [kind for kind in derived(AnalysisResult) if kind.VIEW]
+    kinds = [kind for kind in derived(AnalysisResult.__subclasses__()) if kind.VIEW]
     assert {"RunResult", "FollowedStream", "PooledResult"} < {kind.__name__ for kind in kinds}
     for kind in kinds:
         for word in ("overview", *(["page"] if kind.PAGE else [])):
             assert callable(pkgutil.resolve_name(f"{kind.VIEW}_{word}"))
 
 
-def derived(kind: type[AnalysisResult]) -> list[type[AnalysisResult]]:
-    """All classes that derive from one."""
-    return [one for child in kind.__subclasses__() for one in (child, *derived(child))]
+def derived(kinds: Iterable[type[AnalysisResult]]) -> list[type[AnalysisResult]]:
+    """Classes, and all that derive from them."""
+    return [each for kind in kinds for each in (kind, *derived(kind.__subclasses__()))]
 
 
 REFERENCE = re.compile(r":(?:mod|class|func|meth|attr|data|exc):`([^`]+)`")

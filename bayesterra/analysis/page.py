@@ -34,6 +34,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import (
     UNSEEN,
+    Blocks,
     Cell,
     Overview,
     Section,
@@ -104,7 +105,7 @@ def _sections(result: Result, failures: Failures) -> tuple[Section, ...]:
     """All sections, in their order."""
     needed = {"loo": ("loo",), "identifiability": ("identifiability",), "methods": ("standings",)}
 
-    def made(anchor: str, title: str, make: Callable[[Result], Section]) -> Section:
+    def made(anchor: str, title: str, make: Callable[[Result], Blocks]) -> Section:
         without = failed(result.record, *needed.get(anchor, ()))
         return section(failures, anchor, title, lambda: make(result), without)
 
@@ -234,12 +235,11 @@ def identifiability_verdict(result: Result) -> Verdict:
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
 
 
-def data_section(result: Result) -> Section:
+def data_section(result: Result) -> Blocks:
     """Data and model."""
     cut = Text(support(result.record["prior_support"]))
     note = slip_note(posterior(result.study), spread_draws(result, TYPICAL))
-    blocks = (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
-    return Section("data", "Data and model", blocks)
+    return (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
 
 
 def _priors(result: Result) -> Table:

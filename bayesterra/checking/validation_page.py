@@ -20,7 +20,7 @@ from bayesterra.checking.predictive_checks import (
 from bayesterra.checking.validation import Missed, Stretch, Validation, missed
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Section, Table, Text, drawing
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
 from bayesterra.report.numbers import (
@@ -41,7 +41,7 @@ from bayesterra.study.result import Result
 PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}
 
 
-def posterior_checks(result: Result) -> tuple[Block, ...]:
+def posterior_checks(result: Result) -> Blocks:
     """The alarm, and every statistic of every channel."""
     checks = Validation.from_record(result.record).checks
     if checks is None:
@@ -143,11 +143,11 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
             probability(check.p))  # fmt: skip
 
 
-def cross_validation_section(result: Result) -> Section:
+def cross_validation_section(result: Result) -> Blocks:
     """Every row predicted by the others."""
     loo = CrossValidation.from_record(result.record["loo"])
     blocks: list[Block] = [Text(_sum(loo)), _rows(result, loo)]
-    return Section("loo", "Cross-validation", (*blocks, *_pit(result, loo)))
+    return (*blocks, *_pit(result, loo))
 
 
 def _sum(loo: CrossValidation) -> Markup:
@@ -181,7 +181,7 @@ def _way(row: LeftOut) -> str:
     return "new sampling" if row.refitted else "weights"
 
 
-def _pit(result: Result, loo: CrossValidation) -> tuple[Block, ...]:
+def _pit(result: Result, loo: CrossValidation) -> Blocks:
     if not loo.pit:
         return ()
     pictures = tuple(

@@ -23,7 +23,7 @@ from bayesterra.identifiability.verdicts import (
     identifiability,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import GRID, INK, POSTERIOR, label, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING
 from bayesterra.report.symbols import in_symbols, symbol
@@ -50,7 +50,7 @@ def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [row for row in directions.get("groups", ()) if row["view"] == MARGINAL]
 
 
-def identifiability_section(result: Result) -> Section:
+def identifiability_section(result: Result) -> Blocks:
     """Section on what the data determine."""
     bars = drawing(contraction(result), "Contraction of every parameter")
     cells = drawing(
@@ -72,9 +72,7 @@ def identifiability_section(result: Result) -> Section:
             "where these methods disagree with a verdict."
         )
     )
-    return Section(
-        "identifiability", "Identifiability", (*blocks, Gallery("half", (bars, cells), caption), more)
-    )
+    return (*blocks, Gallery("half", (bars, cells), caption), more)
 
 
 def _meaning() -> Markup:
@@ -117,7 +115,7 @@ def _multiple(row: IdentifiabilityRow) -> str:
     return f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING
 
 
-def _groups(directions: Mapping[str, Any]) -> tuple[Block, ...]:
+def _groups(directions: Mapping[str, Any]) -> Blocks:
     """Counts per group, and what the design cannot see; nothing where an older version did not count."""
     rows = tuple(count_row(row) for row in directions.get("groups", ()))
     header = ("group", "others", "determined", "effective", "by the cut")

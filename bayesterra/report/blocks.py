@@ -71,6 +71,7 @@ class Gallery:
 
 
 Block: TypeAlias = Text | Table | Gallery
+Blocks: TypeAlias = tuple[Block, ...]
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Section:
 
     anchor: str
     title: str
-    blocks: tuple[Block, ...]
+    blocks: Blocks
 
 
 def drawing(drawn: Drawn, alt: str) -> Picture:
@@ -166,13 +167,15 @@ def _cells(tag: str, cells: Sequence[Cell], block: Table) -> Markup:
 
 
 def section(
-    failures: Failures, anchor: str, title: str, make: Callable[[], Section], without: str = ""
+    failures: Failures, anchor: str, title: str, make: Callable[[], Blocks], without: str = ""
 ) -> Section:
     """A section, or a line under its heading: ``without`` what it shows, or where it cannot be made."""
     if without:
         return Section(anchor, title, (Text(without, "poor"),))
     part = f"{REPORT}{title}"
-    return failures.attempt(part, make, lambda: said(failures, part, title, anchor))
+    return failures.attempt(
+        part, lambda: Section(anchor, title, make()), lambda: said(failures, part, title, anchor)
+    )
 
 
 def said(failures: Failures, part: str, title: str, anchor: str = "missing") -> Section:

@@ -109,11 +109,9 @@ def test_names_of_a_study_are_escaped_in_every_block(small_result: Result) -> No
     study = copy.copy(small_result.study)
     for name, value in (("title", NASTY), ("source", NASTY), ("notes", (NASTY,))):
         object.__setattr__(study, name, value)
-    section = data_section(replace(small_result, study=study))
+    blocks = data_section(replace(small_result, study=study))
     cells = [
-        escape(b.caption if isinstance(b, Table) else b.text)
-        for b in section.blocks
-        if not isinstance(b, Gallery)
+        escape(b.caption if isinstance(b, Table) else b.text) for b in blocks if not isinstance(b, Gallery)
     ]
     assert sum("&lt;script&gt;" in cell for cell in cells) == 2
     assert not any("<script" in cell for cell in cells)
@@ -290,7 +288,7 @@ def test_medians_of_the_strip_are_those_of_the_summary(html: str, small_result: 
 
 def test_every_number_of_the_posterior_table_is_that_of_the_summary(small_result: Result) -> None:
     """Each in its own column: medians and means of a skew posterior differ by more than they are rounded."""
-    table = next(block for block in posterior_section(small_result).blocks if isinstance(block, Table))
+    table = next(block for block in posterior_section(small_result) if isinstance(block, Table))
     told_apart = 0
     for cells, (name, row) in zip(table.rows, summary_rows(small_result).items(), strict=True):
         shown = dict(zip(table.header[3:], map(str, cells[3:]), strict=True))
