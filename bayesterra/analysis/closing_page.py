@@ -285,13 +285,9 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
         "Before and after the readings: the prior ({}; after the physical cut) and the posterior, each "
         "with its 90 % HDI, the ratio of the standard deviations (1: nothing learnt), and the "
         "information gained about each parameter alone."
-    ).format(listed(_origins(result, rows)))
+    ).format(listed(list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))))
     header = ("", "unit", "before", "90 % HDI", "after", "90 % HDI", "sd ratio", "gain [bit]")
     return Table(caption, "llrrrrrr", header, tuple(body))
-
-
-def _origins(result: Result, rows: dict[str, SummaryRow]) -> list[str]:
-    return list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))
 
 
 def _correlations(result: Result, names: list[str]) -> Blocks:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.checking import validation
-from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation, LeftOut
+from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
@@ -164,7 +164,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
     slips = dict(zip(result.study.observations.rows, result.study.observations.slip, strict=True))
     rows = tuple(
         (str(row.row), f"{slips[row.row]:.4g}", rounded(row.elpd, 0.01), plain(row.error, 1),
-         rounded(before - row.elpd, 0.01), f"{row.k:.2f}", _way(row))
+         rounded(before - row.elpd, 0.01), f"{row.k:.2f}", "new sampling" if row.refitted else "weights")
         for row, before in zip(loo.rows, loo.full, strict=True)
     )  # fmt: skip
     caption = Markup(
@@ -175,10 +175,6 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
     ).format(pareto_limit(4000), FEW_ROWS)
     header = ("row", symbol("slip"), "elpd", "Monte Carlo error", "loss", "k̂", "left out by")
     return Table(caption, "lrrrrrl", header, rows)
-
-
-def _way(row: LeftOut) -> str:
-    return "new sampling" if row.refitted else "weights"
 
 
 def _pit(result: Result, loo: CrossValidation) -> Blocks:

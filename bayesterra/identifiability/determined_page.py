@@ -27,7 +27,7 @@ from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, 
 from bayesterra.report.figures import GRID, INK, POSTERIOR, label, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING
 from bayesterra.report.symbols import in_symbols, symbol
-from bayesterra.study.result import COUPLED, IdentifiabilityRow, Result, identifiability_rows
+from bayesterra.study.result import COUPLED, Result, identifiability_rows
 
 GROUPS = Markup(
     "Directions of each group of parameters whose variance shrinks tenfold or more, in normal scores of the "
@@ -97,7 +97,7 @@ def _verdicts(result: Result) -> Table:
             f"{max(row.contraction, 0.0):.2f}",
             symbol(row.tied_to) if row.tied_to != name else NOTHING,
             signed(row.tie),
-            _multiple(row),
+            f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING,
         )
         for name, row in identifiability_rows(result).items()
     )
@@ -109,10 +109,6 @@ def _verdicts(result: Result) -> Table:
 def signed(value: float) -> str:
     """A correlation with its sign."""
     return f"{value:+.2f}".replace("-", MINUS) if value == value else NOTHING
-
-
-def _multiple(row: IdentifiabilityRow) -> str:
-    return f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING
 
 
 def _groups(directions: Mapping[str, Any]) -> Blocks:
