@@ -29,7 +29,7 @@ ONLY_IN = {
     "distributed": {"runtime/dask.py"},
     "dask": {"runtime/dask.py"},
     "cloudpickle": {"runtime/dask.py"},
-    "jinja2": {"report/blocks.py"},
+    "jinja2": {"report/sections.py"},
     "dynesty": {"sampling/nested.py"},
     "typer": {"cli.py", "__main__.py"},
 }
@@ -88,7 +88,12 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
             "import bayesterra; bayesterra.run",
             {
                 *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
-                *("bayesterra.analysis.page", "bayesterra.report.blocks", "bayesterra.soiltests"),
+                *(
+                    "bayesterra.analysis.page",
+                    "bayesterra.report.blocks",
+                    "bayesterra.report.sections",
+                    "bayesterra.soiltests",
+                ),
                 *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
             },
         ),

@@ -16,8 +16,9 @@ from bayesterra.analysis.contents_page import (
     repeat_section,
     signed,
 )
-from bayesterra.report.blocks import Overview, Section, Table, Text, Verdict, VerdictPage
+from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.numbers import estimate, given, rounded, with_error
+from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.study.study import Study
 

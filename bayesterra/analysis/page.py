@@ -32,23 +32,10 @@ from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import (
-    UNSEEN,
-    Blocks,
-    Cell,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    missing,
-    said,
-    section,
-    verdict,
-)
+from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.numbers import interval, moments, plain, probability, resolution, rounded
+from bayesterra.report.sections import UNSEEN, Section, Verdict, VerdictPage, missing, said, section, verdict
 from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.page import StripRow

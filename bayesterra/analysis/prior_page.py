@@ -15,25 +15,11 @@ from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
-from bayesterra.report.blocks import (
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    missing,
-    origin_rows,
-    section,
-    verdict,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
+from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 

@@ -17,19 +17,7 @@ from bayesterra.checking.folds import Band
 from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES, baseline_names
 from bayesterra.parameters import CHANNELS
-from bayesterra.report.blocks import (
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    origin_rows,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import (
     DATA,
     GRID,
@@ -44,6 +32,7 @@ from bayesterra.report.figures import (
     white_png,
 )
 from bayesterra.report.numbers import NOTHING, number, plain
+from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.symbols import listed, symbol, with_unit
 
 WIDE = 2.0

@@ -20,7 +20,7 @@ from bayesterra.checking.predictive_checks import (
 from bayesterra.checking.validation import Missed, Stretch, Validation, missed
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
-from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
 from bayesterra.report.numbers import (
@@ -33,6 +33,7 @@ from bayesterra.report.numbers import (
     rounded,
     share,
 )
+from bayesterra.report.sections import Section
 from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
 from bayesterra.stats.weights import pareto_limit

@@ -17,20 +17,10 @@ from bayesterra.design.choosing import UNANSWERED as LOST
 from bayesterra.design.choosing import Progress as DesignProgress
 from bayesterra.design.gain import Estimate
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import (
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
+from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
 from bayesterra.report.terminal import task_bar
 

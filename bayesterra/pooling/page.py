@@ -17,26 +17,20 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
-from bayesterra.report.blocks import (
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.sections import (
     UNSEEN,
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
     Section,
-    Table,
-    Text,
     Verdict,
     VerdictPage,
-    drawing,
     missing,
     origin_rows,
     section,
     verdict,
 )
-from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling

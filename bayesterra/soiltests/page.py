@@ -13,27 +13,20 @@ from markupsafe import Markup
 from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
-from bayesterra.report.blocks import (
-    UNSEEN,
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    missing,
-    origin_rows,
-    photograph,
-    section,
-    verdict,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import TAIL, Axis
 from bayesterra.report.numbers import estimate, interval, plain, probability, resolution, rounded
+from bayesterra.report.sections import (
+    UNSEEN,
+    Section,
+    Verdict,
+    VerdictPage,
+    missing,
+    origin_rows,
+    section,
+    verdict,
+)
 from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures

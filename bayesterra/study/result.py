@@ -31,7 +31,8 @@ from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
+    from bayesterra.report.blocks import Overview
+    from bayesterra.report.sections import VerdictPage
 
 
 CURVE_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -18,9 +18,10 @@ from bayesterra.analysis.outputs_page import _chains, driving, posterior_section
 from bayesterra.analysis.page import Page, data_section, run_page, warning
 from bayesterra.checking.validation import FitCheck
 from bayesterra.parameters import CHANNELS
-from bayesterra.report import blocks, symbols
-from bayesterra.report.blocks import Gallery, Table, render
+from bayesterra.report import sections, symbols
+from bayesterra.report.blocks import Gallery, Table
 from bayesterra.report.numbers import interval, resolution
+from bayesterra.report.sections import render
 from bayesterra.study.page import _lanes
 from bayesterra.study.result import Result, summary_rows
 
@@ -185,7 +186,7 @@ def test_identifiability_verdict_counts_directions(small_result: Result) -> None
 
 def test_every_grade_has_its_own_sign() -> None:
     """Verdicts can be told apart without colour."""
-    assert len(set(blocks.SIGNS.values())) == 3
+    assert len(set(sections.SIGNS.values())) == 3
 
 
 def test_words_name_the_strongest_trade(small_result: Result) -> None:

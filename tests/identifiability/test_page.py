@@ -20,8 +20,9 @@ from bayesterra.identifiability import determined_page
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
-from bayesterra.report.blocks import Table, VerdictPage
+from bayesterra.report.blocks import Table
 from bayesterra.report.failures import Failures
+from bayesterra.report.sections import VerdictPage
 from bayesterra.study.result import Result, identifiability_rows
 
 from .conftest import VARIANTS
