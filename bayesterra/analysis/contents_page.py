@@ -21,8 +21,9 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
-from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
+from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
+from bayesterra.report.style import DATA, INK
 from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
 from bayesterra.stats.laws import Law
 from bayesterra.study.page import axis, law_text

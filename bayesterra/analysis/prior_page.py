@@ -17,9 +17,10 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
+from bayesterra.report.figures import label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
+from bayesterra.report.style import INK, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 

@@ -27,9 +27,10 @@ from bayesterra.checking.ranks import (
 from bayesterra.checking.replications import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parameter
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Picture, Table, Text, drawing
-from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
+from bayesterra.report.figures import one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.style import INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import listed, symbol
 from bayesterra.report.terminal import task_bar
 

@@ -24,8 +24,9 @@ from bayesterra.identifiability.verdicts import (
 )
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
-from bayesterra.report.figures import GRID, INK, POSTERIOR, label, own_axes, styled
+from bayesterra.report.figures import label, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING
+from bayesterra.report.style import GRID, INK, POSTERIOR
 from bayesterra.report.symbols import in_symbols, symbol
 from bayesterra.study.result import COUPLED, Result, identifiability_rows
 

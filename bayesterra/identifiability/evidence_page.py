@@ -20,9 +20,10 @@ from bayesterra.identifiability.local import CRITICAL
 from bayesterra.identifiability.verdicts import DETERMINED, WEAK
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, records
-from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
+from bayesterra.report.figures import label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import origin_rows
+from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
 
 

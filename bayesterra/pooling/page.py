@@ -19,7 +19,7 @@ from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
+from bayesterra.report.figures import label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
 from bayesterra.report.sections import (
     UNSEEN,
@@ -31,6 +31,7 @@ from bayesterra.report.sections import (
     section,
     verdict,
 )
+from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling

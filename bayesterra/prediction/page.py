@@ -18,21 +18,9 @@ from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, P
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.figures import (
-    DATA,
-    GRID,
-    INK,
-    POSTERIOR,
-    PRIOR,
-    figure_of,
-    label,
-    literal,
-    new_figure,
-    own_axes,
-    styled,
-    white_png,
-)
+from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled, white_png
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
+from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""

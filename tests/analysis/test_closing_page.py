@@ -11,8 +11,8 @@ from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import Table, Text
-from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.style import MARKS
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
