@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from bayesterra.runtime.checkpoints import read_tasks
     from bayesterra.runtime.dask import dask_cluster
     from bayesterra.runtime.engines import Engine, in_process, local_pool
-    from bayesterra.soiltests.run import soil_test
+    from bayesterra.soiltests.analysis import soil_test
     from bayesterra.soiltests.study import load_soil_test
     from bayesterra.stats.laws import Law
     from bayesterra.study.noise import Noise
@@ -67,7 +67,7 @@ _HOMES = {
     "runtime.dask": ("dask_cluster",),
     "runtime.engines": ("Engine", "in_process", "local_pool"),
     "runtime.checkpoints": ("read_tasks",),
-    "soiltests.run": ("soil_test",),
+    "soiltests.analysis": ("soil_test",),
     "soiltests.study": ("load_soil_test",),
     "stats.laws": ("Law",),
     "study.noise": ("Noise",),

@@ -475,7 +475,7 @@ def soiltest(
     quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
-    from bayesterra.soiltests.run import soil_test_into
+    from bayesterra.soiltests.analysis import soil_test_into
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")

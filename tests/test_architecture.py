@@ -6,11 +6,14 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from bayesterra.study.result import AnalysisResult
 
 ROOT = Path(__file__).parent.parent
 SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} - {*(ROOT / "bayesterra" / "models").rglob("*.py")})
@@ -26,7 +29,7 @@ ONLY_IN = {
     "distributed": {"runtime/dask.py"},
     "dask": {"runtime/dask.py"},
     "cloudpickle": {"runtime/dask.py"},
-    "jinja2": {"report/blocks.py"},
+    "jinja2": {"report/sections.py"},
     "dynesty": {"sampling/nested.py"},
     "typer": {"cli.py", "__main__.py"},
 }
@@ -85,7 +88,12 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
             "import bayesterra; bayesterra.run",
             {
                 *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
-                *("bayesterra.analysis.page", "bayesterra.report.blocks", "bayesterra.soiltests"),
+                *(
+                    "bayesterra.analysis.page",
+                    "bayesterra.report.blocks",
+                    "bayesterra.report.sections",
+                    "bayesterra.soiltests",
+                ),
                 *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
             },
         ),
@@ -134,6 +142,23 @@ def test_public_names_exist_and_do_not_clash_with_modules() -> None:
         assert getattr(bayesterra, name) is not None
     modules = {path.stem for path in (ROOT / "bayesterra").iterdir()}
     assert not modules & set(bayesterra.__all__)
+
+
+def test_every_result_has_functions_that_show_it() -> None:
+    """What a class of results names as its view has an overview, and a page where there is one."""
+    for path in SOURCES:
+        if "AnalysisResult" in path.read_text(encoding="utf-8"):
+            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    kinds = [kind for kind in derived(AnalysisResult.__subclasses__()) if kind.VIEW]
+    assert {"RunResult", "FollowedStream", "PooledResult"} < {kind.__name__ for kind in kinds}
+    for kind in kinds:
+        for word in ("overview", *(["page"] if kind.PAGE else [])):
+            assert callable(pkgutil.resolve_name(f"{kind.VIEW}_{word}"))
+
+
+def derived(kinds: Iterable[type[AnalysisResult]]) -> list[type[AnalysisResult]]:
+    """Classes, and all that derive from them."""
+    return [each for kind in kinds for each in (kind, *derived(kind.__subclasses__()))]
 
 
 REFERENCE = re.compile(r":(?:mod|class|func|meth|attr|data|exc):`([^`]+)`")

@@ -15,9 +15,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS, field_values
-from bayesterra.report.blocks import Block, Cell, Section, Table, Text, origin_rows
-from bayesterra.report.figures import MARKS
+from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, share, with_error
+from bayesterra.report.sections import Section, origin_rows
+from bayesterra.report.style import MARKS
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
 from bayesterra.stats.diagnostics import divergence, hdi
@@ -25,16 +26,14 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result, SummaryRow, summary_rows
 
 
-def methods_section(result: Result) -> Section:
+def methods_section(result: Result) -> Blocks:
     """Least squares side by side."""
     notes: list[Block] = [Text(Markup("{}: {}.").format(name, angles("; ".join(fit["notes"]))))
                           for name, fit in result.record["fits"].items() if fit["notes"]]  # fmt: skip
     refused: list[Block] = [
         Text(Markup("Not fitted: {}").format(line)) for line in result.record["refused_fits"]
     ]
-    return Section(
-        "methods", "Least squares side by side", (_values(result), _standing(result), *notes, *refused)
-    )
+    return (_values(result), _standing(result), *notes, *refused)
 
 
 def _values(result: Result) -> Table:
@@ -128,7 +127,7 @@ def _standing_word(standing: Mapping[str, Any]) -> Markup:
     return Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
 
 
-def prior_section(result: Result) -> Section:
+def prior_section(result: Result) -> Blocks:
     """Sensitivity to the prior: how far it shapes the result."""
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
     text = (
@@ -143,7 +142,7 @@ def prior_section(result: Result) -> Section:
         "No second prior was run for this report. To see what another one does, change [priors] in the "
         "study, run again and set the two results side by side."
     )
-    return Section("prior", "Sensitivity to the prior", (Text(text), _widths(result), Text(advice)))
+    return (Text(text), _widths(result), Text(advice))
 
 
 def _widths(result: Result) -> Table:
@@ -159,7 +158,7 @@ def _widths(result: Result) -> Table:
     return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), tuple(rows))
 
 
-def reproduce_section(result: Result) -> Section:
+def reproduce_section(result: Result) -> Blocks:
     """Everything needed to make the result again."""
     record = result.record
     facts = (
@@ -174,7 +173,7 @@ def reproduce_section(result: Result) -> Section:
         "The same study, data, seed and versions give the same draws on one machine, whatever the number of "
         "cores; fingerprints are SHA-256."
     )
-    return Section("reproduce", "Reproduce this", (Table(caption, "ll", ("", ""), facts), _checklist()))
+    return (Table(caption, "ll", ("", ""), facts), _checklist())
 
 
 def _pairs(values: Mapping[str, Any]) -> str:
@@ -287,16 +286,12 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
         "Before and after the readings: the prior ({}; after the physical cut) and the posterior, each "
         "with its 90 % HDI, the ratio of the standard deviations (1: nothing learnt), and the "
         "information gained about each parameter alone."
-    ).format(listed(_origins(result, rows)))
+    ).format(listed(list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))))
     header = ("", "unit", "before", "90 % HDI", "after", "90 % HDI", "sd ratio", "gain [bit]")
     return Table(caption, "llrrrrrr", header, tuple(body))
 
 
-def _origins(result: Result, rows: dict[str, SummaryRow]) -> list[str]:
-    return list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))
-
-
-def _correlations(result: Result, names: list[str]) -> tuple[Block, ...]:
+def _correlations(result: Result, names: list[str]) -> Blocks:
     prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
     body: list[tuple[float, tuple[Cell, ...]]] = []
     for a, b in combinations(names, 2):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -23,9 +22,6 @@ from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
 from bayesterra.study.result import AnalysisResult, Result, check_single
 from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 MOST = 6
 BARE = 1.0
@@ -69,6 +65,7 @@ class Comparison(AnalysisResult):
 
     MARK = "comparison.csv"
     RECORD = None
+    VIEW = "bayesterra.analysis.comparison_page:comparison"
     PAGE = "comparison.html"
     CALLED = "Page"
     DIGITS = None
@@ -190,18 +187,6 @@ class Comparison(AnalysisResult):
     def tables(self) -> dict[str, pd.DataFrame]:
         """Parameters, predictions and evidence."""
         return {"comparison": self.parameters, "predictions": self.predictions, "evidence": self.evidences}
-
-    def page(self) -> VerdictPage:
-        """The page, with what could not be made of it."""
-        from bayesterra.analysis.comparison_page import contrast_page
-
-        return contrast_page(self)
-
-    def overview(self) -> Overview:
-        """Medians and intervals side by side, and what the evidence says."""
-        from bayesterra.analysis.comparison_page import comparison_overview
-
-        return comparison_overview(self)
 
 
 def side_by_side(

@@ -16,13 +16,14 @@ from bayesterra.analysis.contents_page import (
     repeat_section,
     signed,
 )
-from bayesterra.report.blocks import Overview, Table, Text, Verdict, VerdictPage
+from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.numbers import estimate, given, rounded, with_error
+from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.study.study import Study
 
 
-def contrast_page(comparison: Comparison) -> VerdictPage:
+def comparison_page(comparison: Comparison) -> VerdictPage:
     """Put the page together."""
     titles = dict.fromkeys(result.study.title for result in comparison.results.values())
     first = next(iter(comparison.results.values()))
@@ -33,11 +34,11 @@ def contrast_page(comparison: Comparison) -> VerdictPage:
         warning=_warning(comparison),
         verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
         sections=(
-            parameters_section(comparison),
-            predictions_section(comparison),
-            compared_section(comparison),
-            judged_section(comparison),
-            repeat_section(comparison),
+            Section("parameters", "Parameters", parameters_section(comparison)),
+            Section("predictions", "Predictions", predictions_section(comparison)),
+            Section("studies", "What is compared", compared_section(comparison)),
+            Section("evidence", "Evidence, cross-validation, fit and sampling", judged_section(comparison)),
+            Section("repeat", "Reproduce this", repeat_section(comparison)),
         ),
         version=first.record["versions"]["bayesterra"],
         template="contrast.html",

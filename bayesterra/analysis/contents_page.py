@@ -20,9 +20,10 @@ from bayesterra.models import Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
-from bayesterra.report.blocks import Cell, Gallery, Section, Table, Text, drawing
-from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
+from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
+from bayesterra.report.style import DATA, INK
 from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
 from bayesterra.stats.laws import Law
 from bayesterra.study.page import axis, law_text
@@ -53,7 +54,7 @@ def signed(value: float) -> str:
     return "0.0" if text in ("+0.0", "−0.0") else text
 
 
-def parameters_section(comparison: Comparison) -> Section:
+def parameters_section(comparison: Comparison) -> Blocks:
     """Densities, intervals and shifts of parameters and derived quantities."""
     rows = [_row(comparison, name) for name in _free(comparison)]
     derived = [_row(comparison, name) for name in DERIVED if _cells(comparison, name)]
@@ -68,7 +69,7 @@ def parameters_section(comparison: Comparison) -> Section:
         "Derived quantities under {} N, {}. Sinkage moduli of different exponents do not compare; these do."
     ).format(given(round(curve.load, 1)), driven_by(comparison))
     blocks = [Table(caption, "lllrr", header, tuple(rows)), Table(other, "lllrr", header, tuple(derived))]
-    return Section("parameters", "Parameters", tuple(block for block in blocks if block.rows))
+    return tuple(block for block in blocks if block.rows)
 
 
 def _free(comparison: Comparison) -> list[str]:
@@ -116,7 +117,7 @@ def _fixed(comparison: Comparison, name: str) -> Iterator[tuple[Markup, str, str
             yield coloured(comparison, result_name, f"fixed at {value}"), "", ""
 
 
-def predictions_section(comparison: Comparison) -> Section:
+def predictions_section(comparison: Comparison) -> Blocks:
     """Predictions of the results for driving under one load."""
     pictures = tuple(
         drawing(contrast_prediction(comparison, name), f"{quantity.description} over slip in all results")
@@ -133,9 +134,7 @@ def predictions_section(comparison: Comparison) -> Section:
         for n, p in comparison.points.items()
         for note in p.notes
     ]
-    return Section(
-        "predictions", "Predictions", (Gallery("half", pictures, caption), _predicted(comparison), *notes)
-    )
+    return (Gallery("half", pictures, caption), _predicted(comparison), *notes)
 
 
 def _predicted(comparison: Comparison) -> Table:
@@ -172,7 +171,7 @@ def _unanswered(table: pd.DataFrame) -> str:
     return f"{share}: unreliable" if worst["marked"] else share
 
 
-def compared_section(comparison: Comparison) -> Section:
+def compared_section(comparison: Comparison) -> Blocks:
     """Entries that the studies have in common, and those in which they differ."""
     rows = []
     for what, described in _ASPECTS.items():
@@ -185,7 +184,7 @@ def compared_section(comparison: Comparison) -> Section:
     rows.sort(key=lambda row: row[-1] == "same")
     caption = "The studies: first, in bold, where they differ; then what all share."
     header = ("", *keys(comparison))
-    return Section("studies", "What is compared", (Table(caption, "l" * len(header), header, tuple(rows)),))
+    return (Table(caption, "l" * len(header), header, tuple(rows)),)
 
 
 def _same(cells: list[Cell]) -> tuple[Cell, ...]:
@@ -243,7 +242,7 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
 }
 
 
-def judged_section(comparison: Comparison) -> Section:
+def judged_section(comparison: Comparison) -> Blocks:
     """Evidence, cross-validation, fit and sampling of every result."""
     rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
     caption = Markup(
@@ -255,9 +254,7 @@ def judged_section(comparison: Comparison) -> Section:
     ).format(comparison.names[0])
     header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
     table = Table(caption, "lrrlcrrl", header, tuple(rows))
-    return Section(
-        "evidence", "Evidence, cross-validation, fit and sampling", (table, *_left_out(comparison))
-    )
+    return (table, *_left_out(comparison))
 
 
 def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -316,7 +313,7 @@ def _difference(comparison: Comparison, name: str, value: float, error: float) -
     return " ± ".join(with_error(float(value), float(error)))
 
 
-def repeat_section(comparison: Comparison) -> Section:
+def repeat_section(comparison: Comparison) -> Blocks:
     """Origin of the page: everything that it was made of."""
     rows = [
         (
@@ -331,7 +328,7 @@ def repeat_section(comparison: Comparison) -> Section:
     ]
     header = ("", "seed", "made", "bayesterra", "study", "data")
     caption = "The results; fingerprints of study and data (SHA-256, first 16 digits)."
-    return Section("repeat", "Reproduce this", (Table(caption, "lrllll", header, tuple(rows)),))
+    return (Table(caption, "lrllll", header, tuple(rows)),)
 
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

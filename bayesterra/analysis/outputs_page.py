@@ -17,7 +17,7 @@ from bayesterra.checking.validation import complete_soils
 from bayesterra.checking.validation_page import posterior_checks, prior_predictive
 from bayesterra.likelihood.forward import SLIP_GRID, reference_load
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, photograph
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, photograph
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import (
     NOTHING,
@@ -55,7 +55,7 @@ CORRELATIONS = Markup(
 )
 
 
-def sampling_section(result: Result) -> Section:
+def sampling_section(result: Result) -> Blocks:
     """Sampling quality."""
     names = result.names
     ranks = tuple(
@@ -66,17 +66,13 @@ def sampling_section(result: Result) -> Section:
         photograph(analysis_figures.trace(result, name), f"Trace of {_spoken(name)}")
         for name in ("lp", *names)
     )
-    return Section(
-        "sampling",
-        "Sampling quality",
-        (
-            _checks(result),
-            Text(_evidence(result.record)),
-            *_crosscheck(result.record),
-            _chains(result),
-            Gallery("tiny", ranks, RANKS),
-            Gallery("tiny", traces, TRACES),
-        ),
+    return (
+        _checks(result),
+        Text(_evidence(result.record)),
+        *_crosscheck(result.record),
+        _chains(result),
+        Gallery("tiny", ranks, RANKS),
+        Gallery("tiny", traces, TRACES),
     )
 
 
@@ -167,7 +163,7 @@ def _chains(result: Result) -> Table:
     return Table(caption, "lrrrrrrr", header, rows)
 
 
-def posterior_section(result: Result) -> Section:
+def posterior_section(result: Result) -> Blocks:
     """The posterior: table, corner plot, correlations."""
     corner = photograph(
         analysis_figures.corner(result),
@@ -175,11 +171,7 @@ def posterior_section(result: Result) -> Section:
         width=1060,
     )
     heat = drawing(analysis_figures.correlations(result), "Correlations of all pairs of parameters")
-    return Section(
-        "posterior",
-        "Posterior",
-        (_summary(result), Gallery("whole", (corner,), CORNER), Gallery("half", (heat,), CORRELATIONS)),
-    )
+    return (_summary(result), Gallery("whole", (corner,), CORNER), Gallery("half", (heat,), CORRELATIONS))
 
 
 def _summary(result: Result) -> Table:
@@ -199,7 +191,7 @@ def _summary(result: Result) -> Table:
     return Table(caption, "lllrrrrrrr", header, tuple(rows))
 
 
-def predictive_section(result: Result) -> Section:
+def predictive_section(result: Result) -> Blocks:
     """Predictive checks."""
     blocks: list[Block] = list(posterior_checks(result))
     if line := failed(result.record, "curves"):
@@ -208,7 +200,7 @@ def predictive_section(result: Result) -> Section:
         for wheel in result.study.wheels:
             blocks += [_bands(result, wheel), slip_table(result, wheel)]
     blocks += [_residuals(result), prior_predictive(result)]
-    return Section("checks", "Predictive checks", tuple(blocks))
+    return tuple(blocks)
 
 
 def _bands(result: Result, wheel: str) -> Gallery:

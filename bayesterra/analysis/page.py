@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,9 @@ from bayesterra.analysis.outputs_page import (
 from bayesterra.checking.validation import FitCheck, Validation, fit_checks, spread_draws
 from bayesterra.checking.validation_page import (
     alarm_sentence,
+    alarming,
     cross_validation_section,
+    misfit_text,
     misfit_warning,
     missed_sections,
 )
@@ -29,25 +31,15 @@ from bayesterra.identifiability.information import ALL
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import (
-    UNSEEN,
-    Cell,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    missing,
-    said,
-    section,
-    verdict,
-)
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.numbers import moments, plain
-from bayesterra.report.symbols import angles, listed, symbol, symbols
+from bayesterra.report.numbers import interval, moments, plain, probability, resolution, rounded
+from bayesterra.report.sections import UNSEEN, Section, Verdict, VerdictPage, missing, said, section, verdict
+from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols
+from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.page import StripRow
-from bayesterra.study.result import Result, identifiability_rows, summary_rows
+from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
 
@@ -67,7 +59,7 @@ class Page(VerdictPage):
     findings: tuple[Finding, ...]
 
 
-def page(result: Result) -> Page:
+def run_page(result: Result) -> Page:
     """Put the page of a result together; a part that cannot be made is a line that says so."""
     failures = Failures()
     checks = failures.attempt("report: χ² checks", lambda: fit_checks(result), tuple[FitCheck, ...])
@@ -100,7 +92,7 @@ def _sections(result: Result, failures: Failures) -> tuple[Section, ...]:
     """All sections, in their order."""
     needed = {"loo": ("loo",), "identifiability": ("identifiability",), "methods": ("standings",)}
 
-    def made(anchor: str, title: str, make: Callable[[Result], Section]) -> Section:
+    def made(anchor: str, title: str, make: Callable[[Result], Blocks]) -> Section:
         without = failed(result.record, *needed.get(anchor, ()))
         return section(failures, anchor, title, lambda: make(result), without)
 
@@ -230,12 +222,11 @@ def identifiability_verdict(result: Result) -> Verdict:
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
 
 
-def data_section(result: Result) -> Section:
+def data_section(result: Result) -> Blocks:
     """Data and model."""
     cut = Text(support(result.record["prior_support"]))
     note = slip_note(posterior(result.study), spread_draws(result, TYPICAL))
-    blocks = (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
-    return Section("data", "Data and model", blocks)
+    return (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
 
 
 def _priors(result: Result) -> Table:
@@ -261,3 +252,48 @@ def _joined(study: Study) -> str:
 def _cut_moments(result: Result, name: str) -> tuple[str, str]:
     rows = summary_rows(result)
     return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
+
+
+def run_overview(result: Result) -> Overview:
+    """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
+    lines = [Text(verdict_line(result.record))]
+    if misfit := misfit_line(result):
+        lines.append(Text(misfit, "poor"))
+    if crosscheck := result.record.get("crosscheck"):
+        verdict = f"{crosscheck['verdict']} ({crosscheck['worst']})"
+        lines.append(Text(f"Cross-check by nested sampling: {verdict}."))
+    return (_parameters(result), *lines, *failure_lines(result.record))
+
+
+def _parameters(result: Result) -> Table:
+    """Parameters and their verdicts, then derived quantities."""
+    words = {name: _verdict(row) for name, row in identifiability_rows(result).items()}
+    rows = [(*_cells(row), words.get(row["parameter"], "")) for row in result.summary.to_dict("records")]
+    header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
+    return Table(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
+
+
+def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+    """A row of the summary, to the precision that its interval supports."""
+    low, high = row["hdi90_lo"], row["hdi90_hi"]
+    step = resolution(low, high)
+    figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
+    return (QUANTITIES[row["parameter"]].symbol, row["unit"], *figures)
+
+
+def _verdict(row: IdentifiabilityRow) -> str:
+    """The word, with the partner of a coupled parameter."""
+    if row.verdict != "coupled":
+        return row.word
+    return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
+
+
+def misfit_line(result: Result) -> str:
+    """One line where the model cannot make readings like these, with what is wrong; else empty."""
+    checks = Validation.from_record(result.record).checks
+    if checks is None or not checks.alarm:
+        return ""
+    misfits = "; ".join(
+        f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks)
+    )
+    return misfit_text(f"{misfits} (overall p {probability(checks.overall)})")

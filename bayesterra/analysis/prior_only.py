@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,9 +24,6 @@ from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.result import DrawnResult, PriorRecord, conditions_dataset, parameter_dataset
 from bayesterra.study.study import Study
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 DRAWS = 4000
 CURVE_DRAWS = 1000
@@ -49,22 +46,11 @@ class PriorResult(DrawnResult):
     TABLES = ("summary", "predictive")
     RECORD = PriorRecord
     GROUP = "prior"
+    VIEW = "bayesterra.analysis.prior_page:prior"
     WITH_STUDY = True
 
     study: Study
     predictive: pd.DataFrame
-
-    def page(self) -> VerdictPage:
-        """The report, with what could not be made of it."""
-        from bayesterra.analysis.prior_page import prior_page
-
-        return prior_page(self)
-
-    def overview(self) -> Overview:
-        """What physics leaves of the prior."""
-        from bayesterra.analysis.prior_page import prior_overview
-
-        return prior_overview(self)
 
 
 def run_prior(study: Study, *, seed: int = 1) -> PriorResult:

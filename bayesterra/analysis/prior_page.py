@@ -15,24 +15,12 @@ from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
-from bayesterra.report.blocks import (
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    missing,
-    origin_rows,
-    section,
-    verdict,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import INK, PRIOR, label, own_axes, styled
+from bayesterra.report.figures import label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
+from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
+from bayesterra.report.style import INK, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 
@@ -123,12 +111,12 @@ def _pull(result: PriorResult) -> Verdict:
     return Verdict("Greatest pull", f"{interval(low, high)} N", "good" if low > 0 else "fair", sentence)
 
 
-def _conditions(result: PriorResult) -> Section:
+def _conditions(result: PriorResult) -> Blocks:
     note = slip_note(posterior(result.study), result.values()[:TYPICAL])
-    return Section("data", "Conditions and model", (*conditions(result.study), *note))
+    return (*conditions(result.study), *note)
 
 
-def _prior_section(result: PriorResult) -> Section:
+def _prior_section(result: PriorResult) -> Blocks:
     rows = {row["parameter"]: row for row in result.summary.to_dict("records")}
     entries = result.study.prior.entries
     body = tuple(
@@ -148,15 +136,11 @@ def _prior_section(result: PriorResult) -> Section:
     shown = (
         "Grey: draws of the prior after the physical cut. Line: the law as stated. Where they differ, physics"
     )
-    return Section(
-        "prior",
-        "Prior",
-        (
-            Table(caption, "lllrrrr", header, body),
-            *prior_sources(result.study),
-            Text(support(result.record["prior_support"])),
-            Gallery("tiny", pictures, f"{shown} has already said something."),
-        ),
+    return (
+        Table(caption, "lllrrrr", header, body),
+        *prior_sources(result.study),
+        Text(support(result.record["prior_support"])),
+        Gallery("tiny", pictures, f"{shown} has already said something."),
     )
 
 
@@ -167,9 +151,9 @@ def _numbers(row: Mapping[Hashable, Any] | None) -> tuple[Cell, ...]:
     return (middle, *moments(row["prior_mean"], row["prior_sd"]), ends)
 
 
-def _predictive_section(result: PriorResult) -> Section:
+def _predictive_section(result: PriorResult) -> Blocks:
     if line := failed(result.record, "curves"):
-        return Section("predictions", "What the prior predicts", (Text(line, "poor"), _rows(result)))
+        return (Text(line, "poor"), _rows(result))
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
     galleries = []
     for wheel in result.study.wheels:
@@ -183,7 +167,7 @@ def _predictive_section(result: PriorResult) -> Section:
             "the table. A reading outside would contradict the prior."
         ).format(wheel)
         galleries.append(Gallery("small", pictures, caption))
-    return Section("predictions", "What the prior predicts", (*galleries, _rows(result)))
+    return (*galleries, _rows(result))
 
 
 def _rows(result: PriorResult) -> Table:
@@ -198,7 +182,7 @@ def _rows(result: PriorResult) -> Table:
     return Table(caption, "llrlrrr", header, tuple(body))
 
 
-def _derived_section(result: PriorResult) -> Section:
+def _derived_section(result: PriorResult) -> Blocks:
     rows = {row["parameter"]: row for row in result.summary.to_dict("records") if row["parameter"] in DERIVED}
     body = tuple(
         (symbol(name), angles(DERIVED[name].description), unit(name) or NOTHING, *_numbers(row))
@@ -209,7 +193,7 @@ def _derived_section(result: PriorResult) -> Section:
         "reading."
     )
     header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
-    return Section("derived", "Derived quantities", (Table(caption, "lllrrrr", header, body),))
+    return (Table(caption, "lllrrrr", header, body),)
 
 
 def _reproduce(result: PriorResult) -> Table:

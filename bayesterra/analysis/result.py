@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired
+from typing import Annotated, Any, Literal, NotRequired
 
 import numpy as np
 import pandas as pd
@@ -39,11 +39,6 @@ from bayesterra.study.result import (
     parameter_dataset,
 )
 from bayesterra.study.study import Study, load_study
-
-if TYPE_CHECKING:
-    from bayesterra.analysis.page import Page
-    from bayesterra.report.blocks import Overview
-
 
 Method = Literal["IM1", "IM2", "IM3", "joint"]
 Names = list[ParameterName]
@@ -128,23 +123,12 @@ class RunResult(Result):
     """The outcome of a run on one soil."""
 
     RECORD = RunRecord
+    VIEW = "bayesterra.analysis.page:run"
 
     @property
     def validation(self) -> Validation:
         """Predictive checks under posterior and prior, and leave-one-out by row."""
         return Validation.from_record(self.record)
-
-    def page(self) -> Page:
-        """The report, with what could not be made of it."""
-        from bayesterra.analysis.page import page
-
-        return page(self)
-
-    def overview(self) -> Overview:
-        """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
-        from bayesterra.analysis.terminal import run_overview
-
-        return run_overview(self)
 
 
 NUMBER, TEXT = "number", "text"

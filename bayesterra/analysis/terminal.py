@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -12,69 +11,16 @@ from rich.table import Table
 
 from bayesterra.analysis.simulation import Truth
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.validation import Validation
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import Overview, Text
-from bayesterra.report.blocks import Table as PlainTable
-from bayesterra.report.numbers import interval, probability, resolution, rounded
-from bayesterra.report.symbols import QUANTITIES
-from bayesterra.report.terminal import PlainConsole, failure_lines, verdict_line
+from bayesterra.report.terminal import PlainConsole
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Tie
-from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows
 from bayesterra.study.study import Study
-
-
-def run_overview(result: Result) -> Overview:
-    """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
-    lines = [Text(verdict_line(result.record))]
-    if misfit := misfit_line(result):
-        lines.append(Text(misfit, "poor"))
-    if crosscheck := result.record.get("crosscheck"):
-        verdict = f"{crosscheck['verdict']} ({crosscheck['worst']})"
-        lines.append(Text(f"Cross-check by nested sampling: {verdict}."))
-    return (_parameters(result), *lines, *failure_lines(result.record))
-
-
-def _parameters(result: Result) -> PlainTable:
-    """Parameters and their verdicts, then derived quantities."""
-    words = {name: _verdict(row) for name, row in identifiability_rows(result).items()}
-    rows = [(*_cells(row), words.get(row["parameter"], "")) for row in result.summary.to_dict("records")]
-    header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
-    return PlainTable(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
-
-
-def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
-    """A row of the summary, to the precision that its interval supports."""
-    low, high = row["hdi90_lo"], row["hdi90_hi"]
-    step = resolution(low, high)
-    figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
-    return (QUANTITIES[row["parameter"]].symbol, row["unit"], *figures)
-
-
-def _verdict(row: IdentifiabilityRow) -> str:
-    """The word, with the partner of a coupled parameter."""
-    if row.verdict != "coupled":
-        return row.word
-    return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
-
-
-def misfit_line(result: Result) -> str:
-    """One line where the model cannot make readings like these, with what is wrong; else empty."""
-    from bayesterra.checking.validation_page import alarming, misfit_text
-
-    checks = Validation.from_record(result.record).checks
-    if checks is None or not checks.alarm:
-        return ""
-    misfits = "; ".join(
-        f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks)
-    )
-    return misfit_text(f"{misfits} (overall p {probability(checks.overall)})")
 
 
 def print_overview(study: Study, console: Console | None = None) -> None:

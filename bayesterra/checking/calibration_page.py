@@ -26,21 +26,11 @@ from bayesterra.checking.ranks import (
 )
 from bayesterra.checking.replications import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parameter
-from bayesterra.report.blocks import (
-    Cell,
-    Gallery,
-    Overview,
-    Picture,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    origin_rows,
-)
-from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Picture, Table, Text, drawing
+from bayesterra.report.figures import one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
+from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.style import INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import listed, symbol
 from bayesterra.report.terminal import task_bar
 
@@ -56,11 +46,11 @@ def calibration_page(calibration: Calibration) -> VerdictPage:
         warning=_warning(calibration),
         verdicts=(_posterior(calibration), _sampling(calibration), _power(calibration)),
         sections=(
-            _ranks_section(calibration),
-            _coverage_section(calibration),
-            _power_section(calibration),
-            _replications_section(calibration),
-            _reproduce_section(calibration),
+            Section("ranks", "Ranks", _ranks_section(calibration)),
+            Section("coverage", "Coverage", _coverage_section(calibration)),
+            Section("power", "Power", _power_section(calibration)),
+            Section("replications", "Replications", _replications_section(calibration)),
+            Section("reproduce", "Reproduce this", _reproduce_section(calibration)),
         ),
         version=calibration.record["versions"]["bayesterra"],
         template="calibration.html",
@@ -170,7 +160,7 @@ def percent(share: float) -> str:
     return "< 1 %" if share < 0.01 else "> 99 %" if share > 0.99 else f"{100 * share:.0f} %"
 
 
-def _ranks_section(calibration: Calibration) -> Section:
+def _ranks_section(calibration: Calibration) -> Blocks:
     pictures = tuple(_picture(calibration, name) for name in calibration.tested)
     caption = Markup(
         "For each quantity the share of true values below each rank among {} draws, less the uniform share. "
@@ -186,9 +176,7 @@ def _ranks_section(calibration: Calibration) -> Section:
         "posterior with such ranks, in units of the right standard deviation (0 and 1 where all is right; "
         "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
     ).format(p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
-    return Section(
-        "ranks", "Ranks", (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
-    )
+    return (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
 
 
 def _picture(calibration: Calibration, name: str) -> Picture:
@@ -207,7 +195,7 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def _coverage_section(calibration: Calibration) -> Section:
+def _coverage_section(calibration: Calibration) -> Blocks:
     header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in COVERAGES))
     tests = calibration.tests[calibration.tests["verdict"] != "constant"]
     rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
@@ -217,7 +205,7 @@ def _coverage_section(calibration: Calibration) -> Section:
         "Share of true values inside the central intervals, in %. Binomial standard errors of right ones: "
         "{}. Bold: farther off than three of them; the verdict rests on the test above."
     ).format(errors)
-    return Section("coverage", "Coverage", (Table(caption, "lrrrr", header, rows),))
+    return (Table(caption, "lrrrr", header, rows),)
 
 
 def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -230,7 +218,7 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     return (named(row["quantity"]), *cells)
 
 
-def _power_section(calibration: Calibration) -> Section:
+def _power_section(calibration: Calibration) -> Blocks:
     free = len(calibration.study.prior.names)
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
     rows = tuple(
@@ -241,10 +229,10 @@ def _power_section(calibration: Calibration) -> Section:
         "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
         "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
     ).format(calibration.ranked)
-    return Section("power", "Power", (Table(caption, "lrr", header, rows),))
+    return (Table(caption, "lrr", header, rows),)
 
 
-def _replications_section(calibration: Calibration) -> Section:
+def _replications_section(calibration: Calibration) -> Blocks:
     table = calibration.table
     rows: list[tuple[Cell, ...]] = [
         ("replications", str(len(table))),
@@ -263,14 +251,14 @@ def _replications_section(calibration: Calibration) -> Section:
         "under the study’s conditions and noise, and samples the posterior of these with the sampler of "
         "every run, until there are enough effective draws for {} near-independent ones."
     ).format(DRAWS)
-    return Section("replications", "Replications", (Table(caption, "lr", ("", ""), tuple(rows)),))
+    return (Table(caption, "lr", ("", ""), tuple(rows)),)
 
 
 def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
     return f"{plain(float(getattr(values, extreme)()), digits)}, {plain(float(values.median()), digits)}"
 
 
-def _reproduce_section(calibration: Calibration) -> Section:
+def _reproduce_section(calibration: Calibration) -> Blocks:
     record = calibration.record
     command = "bayesterra calibrate STUDY -n {} --seed {}"
     rows: tuple[tuple[Cell, ...], ...] = (
@@ -287,7 +275,7 @@ def _reproduce_section(calibration: Calibration) -> Section:
     caption = (
         "The same study, seed and versions give the same ranks on one machine, with any number of workers."
     )
-    return Section("reproduce", "Reproduce this", (method, Table(caption, "ll", ("", ""), rows)))
+    return (method, Table(caption, "ll", ("", ""), rows))
 
 
 def _settings(settings: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import pandas as pd
 
@@ -29,9 +29,6 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study, load_study
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 
 @dataclass(frozen=True)
@@ -51,6 +48,7 @@ class Holdout(AnalysisResult):
         kind=Literal["holdout"], by=str, seed=Count, model=str, drive=str, data=str,
         fingerprints=dict[str, str], settings=dict, versions=dict[str, str], converged=bool,
     )  # fmt: skip
+    VIEW = "bayesterra.checking.holdout_page:holdout"
     WITH_STUDY = True
     PLOT = "holdout.png"
     CALLED = "Page"
@@ -123,18 +121,6 @@ class Holdout(AnalysisResult):
         from bayesterra.report.figures import white_png
 
         return {self.PLOT: left_out_png(self.table), "bands.png": white_png(bands_without(self))}
-
-    def page(self) -> VerdictPage:
-        """The page, with what could not be made of it."""
-        from bayesterra.checking.holdout_page import holdout_page
-
-        return holdout_page(self)
-
-    def overview(self) -> Overview:
-        """Coverage and mean scores of model and baselines."""
-        from bayesterra.checking.holdout_page import holdout_overview
-
-        return holdout_overview(self)
 
 
 def holdout_of(

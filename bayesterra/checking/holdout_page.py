@@ -17,32 +17,11 @@ from bayesterra.checking.folds import Band
 from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES, baseline_names
 from bayesterra.parameters import CHANNELS
-from bayesterra.report.blocks import (
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    origin_rows,
-)
-from bayesterra.report.figures import (
-    DATA,
-    GRID,
-    INK,
-    POSTERIOR,
-    label,
-    literal,
-    new_figure,
-    one_of,
-    own_axes,
-    styled,
-    white_png,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
+from bayesterra.report.figures import label, literal, new_figure, one_of, own_axes, styled, white_png
 from bayesterra.report.numbers import NOTHING, number, plain
+from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.style import DATA, GRID, INK, POSTERIOR
 from bayesterra.report.symbols import listed, symbol, with_unit
 
 WIDE = 2.0
@@ -66,10 +45,10 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
         warning=_warning(holdout),
         verdicts=(_coverage(holdout), _skill(holdout), _refits(holdout)),
         sections=(
-            _rows_section(holdout),
-            _scores_section(holdout),
-            _bands_section(holdout),
-            _method_section(holdout),
+            Section("rows", "Left-out readings", _rows_section(holdout)),
+            Section("scores", "Scores", _scores_section(holdout)),
+            Section("bands", "Fits without each level", _bands_section(holdout)),
+            Section("method", "Method", _method_section(holdout)),
         ),
         version=holdout.record["versions"]["bayesterra"],
         template="holdout.html",
@@ -156,7 +135,7 @@ def _refits(holdout: Holdout) -> Verdict:
     return Verdict("Fits", f"{fine} of {len(holdout.outcomes)} converged", grade, text)
 
 
-def _rows_section(holdout: Holdout) -> Section:
+def _rows_section(holdout: Holdout) -> Blocks:
     picture = drawing(all_left_out(holdout.table), "Left-out readings and their predictive intervals")
     caption = Markup(
         "Every left-out reading (dot) with the central 50 and 90 % of what was predicted for it by fits that "
@@ -172,10 +151,10 @@ def _rows_section(holdout: Holdout) -> Section:
             listed(entries)
         )
         blocks = (*blocks, Text(sentence))
-    return Section("rows", "Left-out readings", blocks)
+    return blocks
 
 
-def _scores_section(holdout: Holdout) -> Section:
+def _scores_section(holdout: Holdout) -> Blocks:
     header: tuple[Cell, ...] = (
         "", "rows", "", "rows, levels", "mean CRPS", "±", "in 50 % [%]", "±", "in 90 % [%]", "±",
         "not scored",
@@ -193,11 +172,7 @@ def _scores_section(holdout: Holdout) -> Section:
         "Skill: 1 − mean CRPS of {} / mean CRPS of the baseline, with the central 90 % when levels are drawn "
         "again with replacement. Positive: the model is better."
     ).format(holdout.model)
-    return Section(
-        "scores",
-        "Scores",
-        (Table(caption, "lllrrrrrrrr", header, rows), Table(below, "lllrrr", head, against)),
-    )
+    return (Table(caption, "lllrrrrrrrr", header, rows), Table(below, "lllrrr", head, against))
 
 
 def _score_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -218,16 +193,16 @@ def _skill_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     return (*head, percent(row["skill"]), _between(row), won)
 
 
-def _bands_section(holdout: Holdout) -> Section:
+def _bands_section(holdout: Holdout) -> Blocks:
     picture = drawing(bands_without(holdout), "Predictive bands of the fits without each level")
     caption = Markup(
         "The model fitted without each level: median and 90 % of readings over slip at the median load. "
         "Dots: training rows; rings: the rows left out."
     )
-    return Section("bands", "Fits without each level", (Gallery("whole", (picture,), caption),))
+    return (Gallery("whole", (picture,), caption),)
 
 
-def _method_section(holdout: Holdout) -> Section:
+def _method_section(holdout: Holdout) -> Blocks:
     text = Markup(
         "One level at a time is left out and the posterior of all other rows is sampled. Of a left-out row "
         "{} stay known; everything else that was read is predicted, noise included. The predictive law is "
@@ -247,8 +222,7 @@ def _method_section(holdout: Holdout) -> Section:
         ("seed", str(record["seed"])),
         *origin_rows(record, "study", "data"),
     )
-    blocks = (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
-    return Section("method", "Method", blocks)
+    return (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
 
 
 def _tolerance(record: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,9 +20,6 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 from bayesterra.study.study import Study
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 DRAWS = 99
 """Draws that a true value is ranked among."""
@@ -200,6 +197,7 @@ class Calibration(AnalysisResult):
         verdict=str, calibrated=bool, replications=Count, not_converged=Count, failed=Count,
         thresholds=dict[str, float], tests=list[dict[str, Any]], power=list[dict[str, Any]],
     )  # fmt: skip
+    VIEW = "bayesterra.checking.calibration_page:calibration"
     WITH_STUDY = True
 
     study: Study
@@ -295,18 +293,6 @@ class Calibration(AnalysisResult):
     def tables(self) -> dict[str, pd.DataFrame]:
         """The ranks."""
         return {"ranks": self.table}
-
-    def page(self) -> VerdictPage:
-        """The page, with what could not be made of it."""
-        from bayesterra.checking.calibration_page import calibration_page
-
-        return calibration_page(self)
-
-    def overview(self) -> Overview:
-        """The ranks of every quantity, the verdict, and what stands behind it."""
-        from bayesterra.checking.calibration_page import calibration_overview
-
-        return calibration_overview(self)
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file: the verdict with every figure and threshold behind it."""

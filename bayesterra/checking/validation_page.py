@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.checking import validation
-from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation, LeftOut
+from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
@@ -20,9 +20,9 @@ from bayesterra.checking.predictive_checks import (
 from bayesterra.checking.validation import Missed, Stretch, Validation, missed
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, label, one_of, own_axes, styled
+from bayesterra.report.figures import label, one_of, own_axes, styled
 from bayesterra.report.numbers import (
     NOTHING,
     interval,
@@ -33,6 +33,8 @@ from bayesterra.report.numbers import (
     rounded,
     share,
 )
+from bayesterra.report.sections import Section
+from bayesterra.report.style import DATA, INK, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
 from bayesterra.stats.weights import pareto_limit
@@ -41,7 +43,7 @@ from bayesterra.study.result import Result
 PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}
 
 
-def posterior_checks(result: Result) -> tuple[Block, ...]:
+def posterior_checks(result: Result) -> Blocks:
     """The alarm, and every statistic of every channel."""
     checks = Validation.from_record(result.record).checks
     if checks is None:
@@ -143,11 +145,11 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
             probability(check.p))  # fmt: skip
 
 
-def cross_validation_section(result: Result) -> Section:
+def cross_validation_section(result: Result) -> Blocks:
     """Every row predicted by the others."""
     loo = CrossValidation.from_record(result.record["loo"])
     blocks: list[Block] = [Text(_sum(loo)), _rows(result, loo)]
-    return Section("loo", "Cross-validation", (*blocks, *_pit(result, loo)))
+    return (*blocks, *_pit(result, loo))
 
 
 def _sum(loo: CrossValidation) -> Markup:
@@ -164,7 +166,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
     slips = dict(zip(result.study.observations.rows, result.study.observations.slip, strict=True))
     rows = tuple(
         (str(row.row), f"{slips[row.row]:.4g}", rounded(row.elpd, 0.01), plain(row.error, 1),
-         rounded(before - row.elpd, 0.01), f"{row.k:.2f}", _way(row))
+         rounded(before - row.elpd, 0.01), f"{row.k:.2f}", "new sampling" if row.refitted else "weights")
         for row, before in zip(loo.rows, loo.full, strict=True)
     )  # fmt: skip
     caption = Markup(
@@ -177,11 +179,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
     return Table(caption, "lrrrrrl", header, rows)
 
 
-def _way(row: LeftOut) -> str:
-    return "new sampling" if row.refitted else "weights"
-
-
-def _pit(result: Result, loo: CrossValidation) -> tuple[Block, ...]:
+def _pit(result: Result, loo: CrossValidation) -> Blocks:
     if not loo.pit:
         return ()
     pictures = tuple(

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from importlib.metadata import version
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,9 +22,6 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.runtime.engines import Engine, ended, in_process
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 METHODS = {"mixture": estimate, "regression": normal_estimate}
 
@@ -247,6 +244,7 @@ class Design(AnalysisResult):
         draws=Count, seed=Count, about=list[str], by=str, candidates=Count, method=str,
         recommended=list[str], channels=list[list[str]],
     )  # fmt: skip
+    VIEW = "bayesterra.design.page:design"
     PLOT = "design.png"
     CALLED = "Page"
 
@@ -329,18 +327,6 @@ class Design(AnalysisResult):
         from bayesterra.report.figures import white_png
 
         return {self.PLOT: white_png(gain_over_slip(self))}
-
-    def page(self) -> VerdictPage:
-        """The page, with what could not be made of it."""
-        from bayesterra.design.page import design_page
-
-        return design_page(self)
-
-    def overview(self) -> Overview:
-        """The ranking with its Monte Carlo errors, and what is recommended."""
-        from bayesterra.design.page import design_overview
-
-        return design_overview(self)
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

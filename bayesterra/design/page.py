@@ -17,19 +17,11 @@ from bayesterra.design.choosing import UNANSWERED as LOST
 from bayesterra.design.choosing import Progress as DesignProgress
 from bayesterra.design.gain import Estimate
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import (
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-)
-from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
+from bayesterra.report.figures import figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
+from bayesterra.report.sections import Section, Verdict, VerdictPage
+from bayesterra.report.style import DATA, GRID
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
 from bayesterra.report.terminal import task_bar
 
@@ -40,7 +32,7 @@ SHOWN = 15
 def design_page(design: Design) -> VerdictPage:
     """Put the page together."""
     study = design.situation.study
-    plan = (_plan_section(design),) if len(design.picks) > 1 else ()
+    plan = (Section("plan", "Plan", _plan_section(design)),) if len(design.picks) > 1 else ()
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(
@@ -52,7 +44,11 @@ def design_page(design: Design) -> VerdictPage:
         ),
         warning=_warning(design),
         verdicts=(_next(design), _promise(design), _certainty(design)),
-        sections=(_ranking_section(design), *plan, _method_section(design)),
+        sections=(
+            Section("ranking", "Ranking", _ranking_section(design)),
+            *plan,
+            Section("method", "Method", _method_section(design)),
+        ),
         version=version("bayesterra"),
         template="design.html",
     )
@@ -127,7 +123,7 @@ def _certainty(design: Design) -> Verdict:
     return Verdict("Ranking", "clear" if clear else "a tie", "good" if clear else "fair", sentence)
 
 
-def _ranking_section(design: Design) -> Section:
+def _ranking_section(design: Design) -> Blocks:
     picture = drawing(gain_over_slip(design), "Expected information against slip")
     caption = Markup(
         "Expected information of one more drive about {}, with a band of two Monte Carlo errors. Rings: "
@@ -148,7 +144,7 @@ def _ranking_section(design: Design) -> Section:
         f"{100 * UNANSWERED:g}",
     )
     table = Table(below, "rllrrrr" + "r" * len(design.about[:4]), header, rows)
-    return Section("ranking", "Ranking", (Gallery("whole", (picture,), caption), table))
+    return (Gallery("whole", (picture,), caption), table)
 
 
 def _now(design: Design, column: int) -> Markup:
@@ -170,7 +166,7 @@ def _row(design: Design, rank: int, index: int) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def _plan_section(design: Design) -> Section:
+def _plan_section(design: Design) -> Blocks:
     header: tuple[Cell, ...] = (
         "", "drive", "together [bit]", "± ",
         *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
@@ -185,10 +181,10 @@ def _plan_section(design: Design) -> Section:
         bound if design.method == "regression" else ""
     )
     table = Table(caption, "rlrr" + "r" * len(design.about[:4]), header, tuple(rows))
-    return Section("plan", "Plan", (table,))
+    return (table,)
 
 
-def _method_section(design: Design) -> Section:
+def _method_section(design: Design) -> Blocks:
     by = {
         "information": "the information about the parameters of interest together",
         "sd": "the mean log shrinking of the standard deviation of each parameter of interest",
@@ -214,7 +210,7 @@ def _method_section(design: Design) -> Section:
         ("seed", given(design.seed)),
         ("parameters of interest", symbols(design.about)),
     )
-    return Section("method", "Method", (Text(text), Table("", "lr", ("", ""), rows)))
+    return (Text(text), Table("", "lr", ("", ""), rows))
 
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

@@ -15,8 +15,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.report.blocks import Overview, Table, Text
-from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled, white_png
+from bayesterra.report.figures import figure_of, label, new_figure, styled, white_png
 from bayesterra.report.numbers import estimate
+from bayesterra.report.style import DATA, GRID, POSTERIOR
 from bayesterra.report.terminal import PlainConsole, note
 
 ALARM = "#D55E00"

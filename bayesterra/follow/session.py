@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import pandas as pd
 
@@ -21,9 +21,6 @@ from bayesterra.study import schema
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import STUDY_FILE, load_study
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview
 
 UPDATES = "updates.csv"
 
@@ -54,6 +51,7 @@ class FollowedStream(AnalysisResult):
 
     MARK = Stream.MARK
     RECORD = Stream.RECORD
+    VIEW = "bayesterra.follow.page:followed"
     PAGE = ""
     PLOT = "rows.png"
     CALLED = "Written"
@@ -118,12 +116,6 @@ class FollowedStream(AnalysisResult):
         truth = self.stream.study.truth
         values = dict(truth.values) if truth else None
         return {self.PLOT: bands_over_rows_png(pd.DataFrame(self.table), values)}
-
-    def overview(self) -> Overview:
-        """The parameters, the evidence, and whether the soil has changed."""
-        from bayesterra.follow.page import followed_overview
-
-        return followed_overview(self)
 
 
 def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> FollowedStream:

@@ -114,7 +114,12 @@ def analyse(
     report : called with the name of each part as it begins.
     """
     clock, (tracing, *streams) = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
-    profiled = clock("profiles", lambda: _profiled(posterior, prior, draws, mode, tracing, engine))
+    profiled = clock(
+        "profiles",
+        lambda: profiles(
+            posterior, rng=tracing, draws=draws, prior_draws=prior, references=mode, engine=engine
+        ),
+    )
     best = clock(
         "local analysis", lambda: local_analysis(posterior, profiled.best["posterior"], prior, draws)
     )
@@ -144,17 +149,6 @@ class _Clock:
         result = work()
         self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
         return result
-
-
-def _profiled(
-    posterior: Posterior,
-    prior: FloatArray,
-    draws: FloatArray,
-    mode: FloatArray | None,
-    rng: Generator,
-    engine: Engine | None,
-) -> Profiles:
-    return profiles(posterior, rng=rng, draws=draws, prior_draws=prior, references=mode, engine=engine)
 
 
 def _from_draws(

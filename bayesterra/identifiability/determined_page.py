@@ -23,11 +23,12 @@ from bayesterra.identifiability.verdicts import (
     identifiability,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing
-from bayesterra.report.figures import GRID, INK, POSTERIOR, label, own_axes, styled
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
+from bayesterra.report.figures import label, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING
+from bayesterra.report.style import GRID, INK, POSTERIOR
 from bayesterra.report.symbols import in_symbols, symbol
-from bayesterra.study.result import COUPLED, IdentifiabilityRow, Result, identifiability_rows
+from bayesterra.study.result import COUPLED, Result, identifiability_rows
 
 GROUPS = Markup(
     "Directions of each group of parameters whose variance shrinks tenfold or more, in normal scores of the "
@@ -50,7 +51,7 @@ def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [row for row in directions.get("groups", ()) if row["view"] == MARGINAL]
 
 
-def identifiability_section(result: Result) -> Section:
+def identifiability_section(result: Result) -> Blocks:
     """Section on what the data determine."""
     bars = drawing(contraction(result), "Contraction of every parameter")
     cells = drawing(
@@ -72,9 +73,7 @@ def identifiability_section(result: Result) -> Section:
             "where these methods disagree with a verdict."
         )
     )
-    return Section(
-        "identifiability", "Identifiability", (*blocks, Gallery("half", (bars, cells), caption), more)
-    )
+    return (*blocks, Gallery("half", (bars, cells), caption), more)
 
 
 def _meaning() -> Markup:
@@ -99,7 +98,7 @@ def _verdicts(result: Result) -> Table:
             f"{max(row.contraction, 0.0):.2f}",
             symbol(row.tied_to) if row.tied_to != name else NOTHING,
             signed(row.tie),
-            _multiple(row),
+            f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING,
         )
         for name, row in identifiability_rows(result).items()
     )
@@ -113,11 +112,7 @@ def signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", MINUS) if value == value else NOTHING
 
 
-def _multiple(row: IdentifiabilityRow) -> str:
-    return f"{row.multiple:.2f}" if row.multiple == row.multiple else NOTHING
-
-
-def _groups(directions: Mapping[str, Any]) -> tuple[Block, ...]:
+def _groups(directions: Mapping[str, Any]) -> Blocks:
     """Counts per group, and what the design cannot see; nothing where an older version did not count."""
     rows = tuple(count_row(row) for row in directions.get("groups", ()))
     header = ("group", "others", "determined", "effective", "by the cut")

@@ -19,13 +19,15 @@ from bayesterra.identifiability.information import Coupling, Information
 from bayesterra.identifiability.local import CRITICAL
 from bayesterra.identifiability.verdicts import DETERMINED, WEAK
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Cell, Gallery, Section, Table, Text, drawing, origin_rows, records
-from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, records
+from bayesterra.report.figures import label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain
+from bayesterra.report.sections import origin_rows
+from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
 
 
-def coupling_section(coupling: Coupling) -> Section:
+def coupling_section(coupling: Coupling) -> Blocks:
     """Coupling of parameters and of groups."""
     blocks: list[Block] = []
     if len(coupling.names) > 1:
@@ -33,7 +35,7 @@ def coupling_section(coupling: Coupling) -> Section:
     if len(coupling.between):
         blocks.append(_between(coupling))
     alone = Text("There is a single free parameter: nothing to be coupled with.")
-    return Section("coupling", "Coupling", tuple(blocks) or (alone,))
+    return tuple(blocks) or (alone,)
 
 
 def _couplings(coupling: Coupling) -> Gallery:
@@ -74,7 +76,7 @@ def _between(coupling: Coupling) -> Table:
     return Table(caption, "lrrrr", header, rows)
 
 
-def information_section(information: Information) -> Section:
+def information_section(information: Information) -> Blocks:
     """Section on what the data contract, of parameters and of directions of the groups."""
     bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
     rows = tuple((*count_row(row), *_elsewhere(row)) for row in records(information.counts))
@@ -85,14 +87,14 @@ def information_section(information: Information) -> Section:
         "the latter is no information in the data."
     )
     table = Table(GROUPS + extra, "llrrrrr", header, rows)
-    return Section("information", "Information", (table, Gallery("half", (bars,), caption)))
+    return (table, Gallery("half", (bars,), caption))
 
 
 def _elsewhere(row: dict[str, object]) -> tuple[str, str]:
     return str(row["determined_plain"]), str(row["determined_sampling"])
 
 
-def local_section(analysis: Analysis) -> Section:
+def local_section(analysis: Analysis) -> Blocks:
     """Exact sensitivities, their spectrum and the bounds that follow from them."""
     picture = drawing(determined_page.spectrum(analysis.spread), "Spectrum of the Fisher information")
     decades = analysis.spread.decades
@@ -114,7 +116,7 @@ def local_section(analysis: Analysis) -> Section:
         "Information of the independent directions in units of the prior’s: dots at the posterior’s median, "
         "bars 5 to 95 %. Broken line: as much as the prior holds; dotted: a tenth of its variance is left."
     )
-    return Section("local", "Sensitivities", (Text(text), table, Gallery("half", (picture,), caption)))
+    return (Text(text), table, Gallery("half", (picture,), caption))
 
 
 def _spreads(row: dict[str, object]) -> Sequence[Cell]:
@@ -123,7 +125,7 @@ def _spreads(row: dict[str, object]) -> Sequence[Cell]:
     return [*(plain(value / PARAMETERS[name].scale) for value in values), unit(name) or NOTHING]
 
 
-def further_section(analysis: Analysis) -> Section:
+def further_section(analysis: Analysis) -> Blocks:
     """Data cloning and power-scaling."""
     drawn = analysis.drawn
     cloned, scaled = records(drawn.cloned.parameters), records(drawn.scaling.table)
@@ -146,7 +148,7 @@ def further_section(analysis: Analysis) -> Section:
     )
     header = ("", "slope", "cloning", "own prior", "likelihood", "power-scaling")
     table = Table(caption, "lrlrrl", header, rows)
-    return Section("further", "Cloned data and power-scaling", (table, *_doubts(analysis)))
+    return (table, *_doubts(analysis))
 
 
 def _doubts(analysis: Analysis) -> tuple[Text, ...]:
@@ -156,7 +158,7 @@ def _doubts(analysis: Analysis) -> tuple[Text, ...]:
     return (Text(text),) if doubted else ()
 
 
-def method_section(made: Identified) -> Section:
+def method_section(made: Identified) -> Blocks:
     """Section on what the design sees, and how the page was made."""
     analysis, record = made.found, made.record
     nulls = [f"{null.words[:1].upper()}{null.words[1:]}." for null in analysis.structure.nulls]
@@ -178,7 +180,7 @@ def method_section(made: Identified) -> Section:
         "power-scaling: Kallioinen et al. 2024; mutual information: Gaussian copula, and Kraskov et al. 2004 "
         "as the check."
     )
-    return Section("method", "Structure and method", (Text(text), sources, Table("", "ll", ("", ""), rows)))
+    return (Text(text), sources, Table("", "ll", ("", ""), rows))
 
 
 @styled

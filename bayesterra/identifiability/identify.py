@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,9 +22,6 @@ from bayesterra.runtime.tables import Count, Record
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
 from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
 
 LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
 ENDS = ("lower_95", "lower_68", "best", "upper_68", "upper_95")
@@ -48,6 +45,7 @@ class Identified(AnalysisResult):
         sentence=str, model=str, drive=str, seed=Count, draws_from=str, draws=Count, converged=bool,
         seconds=dict[str, float],
     )  # fmt: skip
+    VIEW = "bayesterra.identifiability.page:identifiability"
 
     study: Study
     found: Analysis
@@ -99,18 +97,6 @@ class Identified(AnalysisResult):
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
         return {"sentence": self.sentence, **self.record}
-
-    def page(self) -> VerdictPage:
-        """The page, with what could not be made of it."""
-        from bayesterra.identifiability.page import identifiability_page
-
-        return identifiability_page(self)
-
-    def overview(self) -> Overview:
-        """The verdict on every parameter with its figures, and the finding."""
-        from bayesterra.identifiability.page import identified_overview
-
-        return identified_overview(self)
 
 
 @dataclass(frozen=True)

@@ -34,22 +34,11 @@ from bayesterra.identifiability.verdicts import (
     WORDS,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import (
-    Block,
-    Cell,
-    Gallery,
-    Overview,
-    Record,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    records,
-)
-from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
+from bayesterra.report.figures import label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain
+from bayesterra.report.sections import Section, Verdict, VerdictPage
+from bayesterra.report.style import GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
 from bayesterra.study.result import COUPLED, shown
 
@@ -67,13 +56,13 @@ def identifiability_page(made: Identified) -> VerdictPage:
         warning=_warning(made),
         verdicts=(_directions_card(made), _parameters_card(made), _agreement_card(made)),
         sections=(
-            _verdict_section(made),
-            _profile_section(made),
-            coupling_section(made.found.drawn.coupling),
-            information_section(made.found.drawn.information),
-            local_section(made.found),
-            further_section(made.found),
-            method_section(made),
+            Section("verdicts", "Verdicts", _verdict_section(made)),
+            Section("profiles", "Profiles", _profile_section(made)),
+            Section("coupling", "Coupling", coupling_section(made.found.drawn.coupling)),
+            Section("information", "Information", information_section(made.found.drawn.information)),
+            Section("local", "Sensitivities", local_section(made.found)),
+            Section("further", "Cloned data and power-scaling", further_section(made.found)),
+            Section("method", "Structure and method", method_section(made)),
         ),
         version=made.record["versions"]["bayesterra"],
         template="identifiability.html",
@@ -123,7 +112,7 @@ def _agreement_card(made: Identified) -> Verdict:
     return Verdict("Methods", count, "fair", sentence)
 
 
-def _verdict_section(made: Identified) -> Section:
+def _verdict_section(made: Identified) -> Blocks:
     text = Markup(
         "<b>Determined</b>: variance at most {:.0f} % of the prior’s after the physical cut. "
         "<b>One-sided</b>: so, but one end is the prior’s bound; or the likelihood’s profile excludes "
@@ -134,9 +123,7 @@ def _verdict_section(made: Identified) -> Section:
         "disagree. <b>Repeats its prior</b>: none of these. "
         "<b>Structurally not determined</b>: no data of this design can tell it, however many."
     ).format(100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
-    return Section(
-        "verdicts", "Verdicts", (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
-    )
+    return (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
 
 
 def _verdict_table(made: Identified) -> Table:
@@ -178,7 +165,7 @@ def _ends(row: Record) -> Cell:
     return Markup(", below {}").format(amount(name, plain(high))) if high == high else ""
 
 
-def _objections(made: Identified) -> tuple[Block, ...]:
+def _objections(made: Identified) -> Blocks:
     said = tuple(
         Markup("<b>{}</b> ({}): {}").format(symbol(row["parameter"]), row["verdict"], row["against"])
         for row in records(made.verdicts)
@@ -199,7 +186,7 @@ def _combinations(made: Identified) -> Table:
     return Table(caption, "lrl", ("verdict", "contraction", "combination"), rows)
 
 
-def _profile_section(made: Identified) -> Section:
+def _profile_section(made: Identified) -> Blocks:
     panels = drawing(profile_panels(made.found.profiles), profiles_in_words(made.found.profiles))
     caption = (
         "The best that all other parameters can do at each value of one. Where a curve crosses the 95 % line "
@@ -223,7 +210,7 @@ def _profile_section(made: Identified) -> Section:
         ("", "class", "trust", "others move by"),
         rows,
     )
-    return Section("profiles", "Profiles", (Gallery("whole", (panels,), caption), moves))
+    return (Gallery("whole", (panels,), caption), moves)
 
 
 def _lost(failed: int) -> str:
@@ -378,7 +365,7 @@ def profiles_in_words(profiles: Profiles) -> str:
     return "Likelihood profiles: " + "; ".join(said) + "."
 
 
-def identified_overview(made: Identified) -> Overview:
+def identifiability_overview(made: Identified) -> Overview:
     """The verdict on every parameter with its figures, and the finding."""
     rows = made.found.verdicts.to_dict("records")
     table = Table(made.study.title, "llrll", IDENTIFIED, tuple(_identified(row) for row in rows))

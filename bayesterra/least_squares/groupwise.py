@@ -214,16 +214,12 @@ def iterate(plan: Plan, settings: Settings) -> Passes:
     """
     path = [one_pass(plan, settings.start, settings, first=True)]
     changes: list[float] = []
-    while len(path) < MAX_PASSES and len(changes) - _smallest(changes) <= STALL:
+    while len(path) < MAX_PASSES and len(changes) - (int(np.argmin(changes)) if changes else 0) <= STALL:
         path.append(one_pass(plan, path[-1][0], settings, first=False))
         changes.append(_change(path[-1][0] - path[-2][0], plan, settings))
         if changes[-1] < settings.delta:
             return Passes(tuple(theta for theta, _ in path), path[-1][1], rested=True)
     return Passes(tuple(theta for theta, _ in path), converged=False, rested=False)
-
-
-def _smallest(changes: list[float]) -> int:
-    return int(np.argmin(changes)) if changes else 0
 
 
 def one_pass(plan: Plan, theta: FloatArray, settings: Settings, *, first: bool) -> tuple[FloatArray, bool]:

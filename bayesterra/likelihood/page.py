@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import slip_doubts
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import Block, Cell, Table, Text
+from bayesterra.report.blocks import Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
 from bayesterra.stats.laws import Law
@@ -38,7 +38,7 @@ def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
 
 
-def conditions(study: Study) -> tuple[Block, ...]:
+def conditions(study: Study) -> Blocks:
     """Rows, wheels, model and notes."""
     notes = [Text(Markup("Note: {}").format(note)) for note in study.notes]
     return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
@@ -164,7 +164,7 @@ def _option(value: object) -> str:
     return " and ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
 
 
-def prior_sources(study: Study) -> tuple[Block, ...]:
+def prior_sources(study: Study) -> Blocks:
     """A table of where the prior laws come from; nothing where none says so."""
     rows = tuple((symbols(names), source) for names, source in study.prior.sources.items())
     return (Table("Where the prior laws come from.", "ll", ("", "source"), rows),) if rows else ()

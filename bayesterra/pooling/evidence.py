@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import logsumexp
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.posterior import INSIDE, Posterior
@@ -27,7 +26,7 @@ from bayesterra.pooling.sampler import JointSamples, group_coordinates
 from bayesterra.sampling.coordinates import Coordinates
 from bayesterra.sampling.importance import Evidence, summed
 from bayesterra.stats.mixture import ProposalLaw
-from bayesterra.stats.weights import pareto_limit, pareto_smoothed
+from bayesterra.stats.weights import log_mean, pareto_limit, pareto_smoothed
 
 OUTER, INNER = 4096, 16
 """Draws of shared values, and of every group's locals for each of them."""
@@ -62,7 +61,7 @@ class Weighed:
         pooled = summed(self.base + likelihood)
         if self.apart is None:
             return pooled
-        own = logsumexp(self.apart + likelihood, axis=1) - np.log(likelihood.shape[1])
+        own = log_mean(self.apart + likelihood, axis=1)
         return pooled.beside(own.tolist())
 
     def left_out(self, group: int, row: int | None = None) -> LeftOutShare:
@@ -71,7 +70,7 @@ class Weighed:
         others = self.base + np.delete(self.groups, group, axis=0).sum(axis=0)
         without = others if row is None else others + self.rows[group][row]
         flat, left = whole.ravel(), np.where(np.isnan(without), -np.inf, without).ravel()
-        log_z, log_left = (logsumexp(part) - np.log(flat.size) for part in (flat, left))
+        log_z, log_left = map(log_mean, (flat, left))
         deviation = np.exp(flat - log_z) - np.exp(left - log_left)
         finite = left[np.isfinite(left)]
         return LeftOutShare(
@@ -113,7 +112,7 @@ def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, in
     levels = np.array([law.drivers.log_density(everywhere) for law in laws])
     shape = (len(laws), each)
     prior = family.log_prior(everywhere).reshape(shape)
-    base = prior - (logsumexp(levels, axis=0) - np.log(len(laws))).reshape(shape)
+    base = prior - log_mean(levels, axis=0).reshape(shape)
     apart = prior - np.array([level.reshape(shape)[e] for e, level in enumerate(levels)])
     groups = np.empty((family.groups, *shape))
     rows: list[list[FloatArray]] = [[] for _ in range(family.groups)]
@@ -150,7 +149,7 @@ def _integrated(
 
     def mean(level: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore"):
-            return np.asarray(logsumexp(level.reshape(len(D), inner), axis=1) - np.log(inner))
+            return log_mean(level.reshape(len(D), inner), axis=1)
 
     finite_terms = np.where(np.isfinite(weights)[:, None], terms, 0.0)
     return mean(total), np.array([mean(total - finite_terms[:, i]) for i in range(terms.shape[1])])
@@ -181,7 +180,7 @@ def weigh_plain(
     """Weigh fresh draws of a posterior in which some groups, all or one, share every parameter."""
     each = -(-draws // len(proposals))
     u = np.concatenate([proposal.sample(each, rng) for proposal in proposals])
-    pooled = logsumexp([proposal.log_density(u) for proposal in proposals], axis=0) - np.log(len(proposals))
+    pooled = log_mean([proposal.log_density(u) for proposal in proposals], axis=0)
     x, log_jacobian = coordinates.to_physical(u)
     prior = joint.groups[groups[0]].log_prior(x)
     candidates = np.isfinite(prior) & np.isfinite(log_jacobian)

@@ -17,25 +17,21 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
-from bayesterra.report.blocks import (
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
+from bayesterra.report.failures import Failures, failed
+from bayesterra.report.figures import label, literal, new_figure, styled
+from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.sections import (
     UNSEEN,
-    Cell,
-    Gallery,
-    Overview,
     Section,
-    Table,
-    Text,
     Verdict,
     VerdictPage,
-    drawing,
     missing,
     origin_rows,
     section,
     verdict,
 )
-from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
@@ -71,7 +67,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
 
-    def made(anchor: str, title: str, make: Callable[[PooledResult], Section]) -> Section:
+    def made(anchor: str, title: str, make: Callable[[PooledResult], Blocks]) -> Section:
         without = failed(record, *needed.get(anchor, ()))
         return section(failures, anchor, title, lambda: make(result), without)
 
@@ -157,7 +153,7 @@ def _preferred(result: PooledResult) -> Verdict:
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(clauses)))
 
 
-def _sharing_section(result: PooledResult) -> Section:
+def _sharing_section(result: PooledResult) -> Blocks:
     body = []
     for row in result.sharing.to_dict("records"):
         error = _with_error(row["log_bayes_factor"], row["error"], bool(row.get("reliable", True)))
@@ -202,9 +198,7 @@ def _sharing_section(result: PooledResult) -> Section:
         "spread / prior sd",
     )
     sentence = Text(_sentence(result))
-    return Section(
-        "sharing", "What belongs to the soil", (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
-    )
+    return (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
 
 
 def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
@@ -247,7 +241,7 @@ def _sentences(names_by_word: Mapping[str, list[Markup]]) -> Markup:
     return Markup(" ").join(sentences)
 
 
-def _groups_section(result: PooledResult) -> Section:
+def _groups_section(result: PooledResult) -> Blocks:
     names = [name for name in PARAMETERS if name in result.draws["alone"].data_vars]
     held = result.draws["posterior"]
     shared = [name for name in names if "group" not in held[name].dims]
@@ -265,10 +259,10 @@ def _groups_section(result: PooledResult) -> Section:
                 "published values, where stated for all groups."
             ).format(title, symbols(chosen))
             blocks.append(Gallery("half", pictures, caption))
-    return Section("groups", "Parameters by group", tuple(blocks))
+    return tuple(blocks)
 
 
-def _degrees_section(result: PooledResult) -> Section:
+def _degrees_section(result: PooledResult) -> Blocks:
     body = []
     for row in result.pooling.to_dict("records"):
         cells = (
@@ -287,7 +281,7 @@ def _degrees_section(result: PooledResult) -> Section:
     )
     header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
     table = Table(caption, "lcrrr", header, tuple(body))
-    return Section("pooling", "Complete, partial and no pooling", (table, _by_group(result)))
+    return (table, _by_group(result))
 
 
 def _tenths(value: float) -> str:
@@ -317,7 +311,7 @@ def _by_group(result: PooledResult) -> Table:
     return Table(caption, "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
 
 
-def _summary_section(result: PooledResult) -> Section:
+def _summary_section(result: PooledResult) -> Blocks:
     body = tuple(_row(row) for row in result.summary.to_dict("records"))
     caption = (
         "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean "
@@ -336,7 +330,7 @@ def _summary_section(result: PooledResult) -> Section:
         "prior mean",
         "sd",
     )
-    return Section("posterior", "Joint posterior", (Table(caption, "ll" + "r" * 9, header, body),))
+    return (Table(caption, "ll" + "r" * 9, header, body),)
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -352,7 +346,7 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def _prior_section(result: PooledResult) -> Section:
+def _prior_section(result: PooledResult) -> Blocks:
     study = result.study
     pooling = study.pooling or Pooling()
     roles = dict.fromkeys(pooling.shared, "shared") | dict.fromkeys(pooling.separate, "separate")
@@ -371,7 +365,7 @@ def _prior_section(result: PooledResult) -> Section:
         "zero where any group's parameters are outside the physical support."
     )
     table = Table(caption.format(joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
-    return Section("prior", "Prior and roles", (table, *prior_sources(study)))
+    return (table, *prior_sources(study))
 
 
 def joined_laws(study: Study) -> Markup | str:
@@ -388,17 +382,17 @@ def joined_laws(study: Study) -> Markup | str:
     ).format(listed(named))
 
 
-def _data(result: PooledResult) -> Section:
+def _data(result: PooledResult) -> Blocks:
     blocks = [*conditions(result.study)]
     if result.study.errors.slip is not None:
         joint, frame = joint_posterior(result.study), result.to_dataframe()
         D, L = joint.split(frame[list(joint.names)].to_numpy()[:: max(1, len(frame) // TYPICAL)])
         for own, density in zip(L, joint.groups.values(), strict=True):
             blocks += slip_note(density, joint.of_group(D, own))
-    return Section("data", "Data and model", tuple(blocks))
+    return tuple(blocks)
 
 
-def _reproduce(result: PooledResult) -> Section:
+def _reproduce(result: PooledResult) -> Blocks:
     record = result.record
     facts = (
         ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
@@ -406,7 +400,7 @@ def _reproduce(result: PooledResult) -> Section:
         *origin_rows(record, "study"),
     )
     table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
-    return Section("reproduce", "Reproduce this", (table,))
+    return (table,)
 
 
 WIDTH, ROW = 4.4, 0.34

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -52,10 +52,6 @@ from bayesterra.study.result import (
 )
 from bayesterra.study.study import Study
 
-if TYPE_CHECKING:
-    from bayesterra.pooling.page import PooledPage
-    from bayesterra.report.blocks import Overview
-
 PRIOR_DRAWS = 1000
 ALONE_DRAWS = 4000
 
@@ -86,6 +82,7 @@ class PooledResult(Result):
 
     TABLES = ("summary", "pooling", "sharing", "left_out")
     RECORD = StudyRecord.having(pooling=PoolingEntry)
+    VIEW = "bayesterra.pooling.page:pooled"
 
     pooling: pd.DataFrame
     sharing: pd.DataFrame
@@ -95,18 +92,6 @@ class PooledResult(Result):
     def groups(self) -> tuple[str, ...]:
         """Names of the groups."""
         return tuple(str(name) for name in self.draws["posterior"]["group"].to_numpy())
-
-    def page(self) -> PooledPage:
-        """The report, with what could not be made of it."""
-        from bayesterra.pooling.page import pooled_page
-
-        return pooled_page(self)
-
-    def overview(self) -> Overview:
-        """Degrees of pooling, convergence, and what is shared."""
-        from bayesterra.pooling.page import pooled_overview
-
-        return pooled_overview(self)
 
     def to_dataframe(self) -> pd.DataFrame:
         """Posterior draws, one row each: chain, draw, then a column per parameter, SI and radians."""

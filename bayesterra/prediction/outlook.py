@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -33,9 +33,6 @@ from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result, che
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import measured_loads, prior_phi, resolved
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview
 
 QUANTITIES = {
     "slip": ("slip", 1.0, "-"),
@@ -78,6 +75,7 @@ class RoverOutlook(AnalysisResult):
         tow=list[Number], draws=Count, share_that_cannot=list[Number], share_without_answer=list[Number],
         marked_above=Number, notes=list[str],
     )  # fmt: skip
+    VIEW = "bayesterra.prediction.page:rover"
     PAGE = ""
     PLOT = "rover.png"
     CALLED = "Written"
@@ -249,12 +247,6 @@ class RoverOutlook(AnalysisResult):
             "marked_above": UNANSWERED,
             "notes": list(self.notes),
         }
-
-    def overview(self) -> Overview:
-        """What the rover does on every slope, the greatest slope, and notes."""
-        from bayesterra.prediction.page import rover_overview
-
-        return rover_overview(self)
 
 
 def cannot(states: State) -> FloatArray:

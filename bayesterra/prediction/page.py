@@ -14,25 +14,13 @@ from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Prediction, quantiles
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.figures import (
-    DATA,
-    GRID,
-    INK,
-    POSTERIOR,
-    PRIOR,
-    figure_of,
-    label,
-    literal,
-    new_figure,
-    own_axes,
-    styled,
-    white_png,
-)
+from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled, white_png
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
+from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
@@ -178,10 +166,10 @@ def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Predictio
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
 
 
-def forecast_overview(points: Sequence[Prediction]) -> Overview:
+def forecast_overview(forecast: Predicted) -> Overview:
     """The bands at the slips that were asked for, and what is doubtful."""
     blocks: list[Table | Text] = []
-    for at in points:
+    for at in forecast.points:
         blocks += [_bands(at), _derived(at), *map(Text, _remarks(at))]
     return tuple(blocks)
 

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -36,9 +36,6 @@ from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
 
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview
-
 UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
 PREDICTED: dict[str, Channel] = {
@@ -62,6 +59,7 @@ class Predicted(AnalysisResult):
     RECORD = Record.having(
         kind=Literal["prediction"], title=str, bayesterra=str, predictions=list[PredictedCase]
     )
+    VIEW = "bayesterra.prediction.page:forecast"
     PAGE = ""
     PLOT = "prediction.png"
     CALLED = "Written"
@@ -110,12 +108,6 @@ class Predicted(AnalysisResult):
                 for at in self.points
             ],
         }
-
-    def overview(self) -> Overview:
-        """The bands at the slips that were asked for, and what is doubtful."""
-        from bayesterra.prediction.page import forecast_overview
-
-        return forecast_overview(self.points)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,16 @@
-"""Blocks of a page: text, tables, pictures, verdicts; what may fail; and templates that make HTML of them."""
+"""Blocks of a page and of an overview: text, tables, pictures; and the overview of a result in a notebook."""
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
-from bayesterra.report.symbols import angles, in_symbols
+from bayesterra.report.symbols import in_symbols
 
 if TYPE_CHECKING:
     from bayesterra.report.figures import Drawn
@@ -71,15 +69,7 @@ class Gallery:
 
 
 Block: TypeAlias = Text | Table | Gallery
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the report under a heading."""
-
-    anchor: str
-    title: str
-    blocks: tuple[Block, ...]
+Blocks: TypeAlias = tuple[Block, ...]
 
 
 def drawing(drawn: Drawn, alt: str) -> Picture:
@@ -107,32 +97,6 @@ Record: TypeAlias = dict[str, Any]
 def records(table: pd.DataFrame) -> list[Record]:
     """One dictionary per row, by column."""
     return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
-
-
-@dataclass(frozen=True)
-class VerdictPage:
-    """Everything that the template shows, in its order.
-
-    Attributes
-    ----------
-    facts : what was analysed, in one line.
-    warning : what to do about a result that cannot be relied on, else empty.
-    failures : what could not be made of this page.
-    template : that is filled with it.
-    """
-
-    title: str
-    facts: tuple[Cell, ...]
-    verdicts: tuple[Verdict, ...]
-    sections: tuple[Section, ...]
-    version: str
-    warning: Markup
-    failures: Failures = field(default_factory=Failures, kw_only=True)
-    template: str = field(default="report.html", kw_only=True)
-
-    def html(self) -> str:
-        """The page as self-contained HTML; the same page gives the same text."""
-        return render(self, self.template)
 
 
 Overview: TypeAlias = tuple[Table | Text, ...]
@@ -163,83 +127,3 @@ def _cells(tag: str, cells: Sequence[Cell], block: Table) -> Markup:
     start = Markup('<{} style="text-align:{};padding:2px 10px">{}</{}>')
     sides = zip(cells, block.sides, strict=True)
     return Markup("").join(start.format(tag, side, _set(cell), tag) for cell, side in sides)
-
-
-def section(
-    failures: Failures, anchor: str, title: str, make: Callable[[], Section], without: str = ""
-) -> Section:
-    """A section, or a line under its heading: ``without`` what it shows, or where it cannot be made."""
-    if without:
-        return Section(anchor, title, (Text(without, "poor"),))
-    part = f"{REPORT}{title}"
-    return failures.attempt(part, make, lambda: said(failures, part, title, anchor))
-
-
-def said(failures: Failures, part: str, title: str, anchor: str = "missing") -> Section:
-    """A section that only says why it is empty."""
-    return Section(anchor, title, (Text(failures.said(part), "poor"),))
-
-
-def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
-    """Sentences on what could not be computed, of a result and of its page; empty where all could."""
-    return Markup("{}").format(angles(sentences(with_failures(record, failures))))
-
-
-def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verdict:
-    """A verdict, or the word that it is not known."""
-    part = f"{REPORT}verdict on {title.lower()}"
-
-    def unknown() -> Verdict:
-        return Verdict(title, "not known", "fair", Markup("{}").format(failures.said(part)))
-
-    return failures.attempt(part, make, unknown)
-
-
-def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Cell, ...], ...]:
-    """Rows of a table that says what a result was made with; ``fingerprints``: of ``study`` and ``data``."""
-    return (
-        ("versions", ", ".join(f"{name} {version}" for name, version in record["versions"].items())),
-        *((("machine", record["machine"]),) if "machine" in record else ()),
-        *(
-            (f"fingerprint of the {what}", Markup("<code>{}</code>").format(record["fingerprints"][what]))
-            for what in fingerprints
-        ),
-    )
-
-
-def render(content: object, template: str = "report.html") -> str:
-    """Fill a template with a page; everything that is not marked as HTML is escaped."""
-    environment = Environment(
-        loader=PackageLoader("bayesterra.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(template).render(page=content)
-
-
-SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
-UNSEEN = "A second solution that no ensemble found would not show."
-"""Limit of what convergence can say."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """One verdict.
-
-    Attributes
-    ----------
-    grade : ``good``, ``fair`` or ``poor``.
-    """
-
-    title: str
-    word: str
-    grade: str
-    sentence: Markup
-
-    @property
-    def sign(self) -> str:
-        """A sign that says the grade without colour."""
-        return SIGNS[self.grade]

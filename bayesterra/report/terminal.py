@@ -16,8 +16,9 @@ from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
 from bayesterra.errors import printable
-from bayesterra.report.blocks import UNSEEN, Cell, Overview, Table, Text
+from bayesterra.report.blocks import Cell, Overview, Table, Text
 from bayesterra.report.failures import sentences
+from bayesterra.report.sections import UNSEEN
 
 
 class PlainConsole(Console):

@@ -317,7 +317,12 @@ def add_components(
     points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
     for _ in range(components):
         component = points.component()
-        mixture = _with(mixture, component, share)
+        mixture = StudentMixture(
+            np.append(mixture.weights, share),
+            np.vstack([mixture.means, component.means]),
+            np.concatenate([mixture.factors, component.factors]),
+            mixture.dof,
+        )
         u, _ = straight.forward(component.sample(draws, rng))
         fresh = _Points.of(proposal, mixture, u, evaluated.log_target(u))
         points = points.with_component(component, share).joined(fresh)
@@ -326,15 +331,6 @@ def add_components(
 
 def _thinned(mixture: StudentMixture, share: float) -> StudentMixture:
     return StudentMixture(share * mixture.weights, mixture.means, mixture.factors, mixture.dof)
-
-
-def _with(mixture: StudentMixture, component: StudentMixture, share: float) -> StudentMixture:
-    return StudentMixture(
-        np.append(mixture.weights, share),
-        np.vstack([mixture.means, component.means]),
-        np.concatenate([mixture.factors, component.factors]),
-        mixture.dof,
-    )
 
 
 @dataclass(frozen=True)

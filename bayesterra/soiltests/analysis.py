@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,12 +18,14 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior
 from bayesterra.parameters import Parameter
 from bayesterra.report.failures import Failures, with_failures
+from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.netcdf import labelled_tree
+from bayesterra.runtime.status import job_folder
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import evidence
@@ -32,6 +35,7 @@ from bayesterra.sampling.sampler import (
     Samples,
     Target,
     ThinnedDraws,
+    progress_bar,
     sample_target,
     thin,
 )
@@ -39,14 +43,11 @@ from bayesterra.sampling.summary import summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
 from bayesterra.soiltests.schema import QUANTITIES
-from bayesterra.soiltests.study import SoilTest, write_soil_test
+from bayesterra.soiltests.study import SoilTest, load_soil_test, write_soil_test
+from bayesterra.soiltests.study import soil_test as from_tables
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
 from bayesterra.study import result
 from bayesterra.study.result import DrawnResult, OriginRecord
-
-if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview
-    from bayesterra.soiltests.page import SoilTestPage
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 BAND_DRAWS = 1000
@@ -75,6 +76,7 @@ class SoilTestResult(DrawnResult):
 
     TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands")
     RECORD = OriginRecord
+    VIEW = "bayesterra.soiltests.page:soil_test"
     ORDER = tuple(QUANTITIES)
     DIGITS = "%.6g"
 
@@ -105,18 +107,6 @@ class SoilTestResult(DrawnResult):
         """Write draws, the soil-test file and its readings."""
         super().write_inputs(part)
         write_soil_test(self.test, part)
-
-    def page(self) -> SoilTestPage:
-        """The report, with what could not be made of it."""
-        from bayesterra.soiltests.page import soil_test_page
-
-        return soil_test_page(self)
-
-    def overview(self) -> Overview:
-        """Parameters with their verdicts, and what is against the model."""
-        from bayesterra.soiltests.page import soil_test_overview
-
-        return soil_test_overview(self)
 
 
 def analyse(
@@ -242,9 +232,6 @@ class _Parts:
         part = (names[soil], ranges[soil], prior[:, soil], draws[:, soil], sound[soil], logs[soil])
         return table, identifiability(*part)
 
-    def _typical(self) -> float:
-        return float(np.exp(np.median(np.log(self.test.readings.path))))
-
     def _summary(self) -> pd.DataFrame:
         diagnosis, mode = self.samples.diagnosis, self._mode()
         rows = [
@@ -265,7 +252,7 @@ class _Parts:
 
     def _stress_row(self, level: float, mode: FloatArray) -> dict[str, Any]:
         """The stress at the typical path under a plate or normal stress, which tests measure directly."""
-        kind, path = self.test.kind, self._typical()
+        kind, path = self.test.kind, float(np.exp(np.median(np.log(self.test.readings.path))))
 
         def stress(x: FloatArray) -> FloatArray:
             curve = log_curve(kind, self.posterior.soil(x), np.array([path]), np.array([level]))
@@ -443,3 +430,67 @@ def _parameters(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
 def _numbered(dataset: xr.Dataset) -> xr.Dataset:
     missing = {str(dim): np.arange(size) for dim, size in dataset.sizes.items() if dim not in dataset.coords}
     return dataset.assign_coords(missing)
+
+
+def soil_test(
+    test: SoilTest | str | Path | None = None,
+    *,
+    data: pd.DataFrame | None = None,
+    seed: int = 1,
+    progress: Callable[[Progress], None] = lambda update: None,
+    **tables: Any,
+) -> SoilTestResult:
+    """Sample what plate or shear tests tell of their soil, and set it beside least squares.
+
+    Parameters
+    ----------
+    test : a soil-test file, the folder of one, or a loaded test.
+    data : in place of a file: readings with units in the headers; further keywords are then the tables of the
+        file (``kind="plate"``, ``priors``, ``noise``, ...), with numbers in SI, and options of [data] by
+        name.
+    seed : same seed, same draws on one machine.
+    progress : called as the sampling goes on.
+
+    Raises
+    ------
+    StudyError : something in the file or the tables cannot be used as it stands.
+    SupportError : the prior leaves no physical parameter set.
+    """
+    if data is not None:
+        check_kind("bt.soil_test", data, pd.DataFrame)
+        content = dict(tables)
+        options = ("source", "pressure_range", "displacement_range", "spacing")
+        rows = {"file": "readings.csv", **{name: content.pop(name) for name in options if name in content}}
+        test = from_tables(data, {"test": content.pop("kind", None), "data": rows, **content})
+    elif isinstance(test, str | Path):
+        test = load_soil_test(test)
+    if test is None or (tables and data is None):
+        raise TypeError("soil_test() takes a file, a loaded test, or data with its tables")
+    check_kind("bt.soil_test", test, SoilTest)
+    check_seed(seed)
+    return analyse(test, seed=seed, report=progress)
+
+
+def soil_test_into(
+    file: Path, out: Path, *, seed: int = 1, overwrite: bool = False, quiet: bool = False
+) -> SoilTestResult:
+    """Analyse a soil-test file into a new folder, which appears whole or not at all.
+
+    Raises
+    ------
+    StudyError : something in the file cannot be used as it stands.
+    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
+    """
+    test = load_soil_test(file)
+    check_free(out, overwrite=overwrite)
+    with job_folder(out, overwrite=overwrite) as (part, status):
+        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
+
+            def update(progress: Progress) -> None:
+                progress.note_in(status)
+                show(progress)
+
+            update(Progress("reading", 0.0))
+            result = soil_test(test, seed=seed, progress=update)
+            update(Progress("writing the report", 1.0))
+        return result.write(part)

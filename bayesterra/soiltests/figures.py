@@ -9,19 +9,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bayesterra.arrays import FloatArray
-from bayesterra.report.figures import (
-    DATA,
-    GRID,
-    MARKS,
-    POSTERIOR,
-    PRIOR,
-    figure_of,
-    label,
-    new_figure,
-    own_axes,
-    styled,
-    white_png,
-)
+from bayesterra.report.figures import figure_of, label, new_figure, own_axes, styled, white_png
+from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.schema import QUANTITIES
 

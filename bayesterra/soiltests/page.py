@@ -13,26 +13,20 @@ from markupsafe import Markup
 from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
-from bayesterra.report.blocks import (
-    UNSEEN,
-    Cell,
-    Gallery,
-    Overview,
-    Section,
-    Table,
-    Text,
-    Verdict,
-    VerdictPage,
-    drawing,
-    missing,
-    origin_rows,
-    photograph,
-    section,
-    verdict,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
 from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import TAIL, Axis
 from bayesterra.report.numbers import estimate, interval, plain, probability, resolution, rounded
+from bayesterra.report.sections import (
+    UNSEEN,
+    Section,
+    Verdict,
+    VerdictPage,
+    missing,
+    origin_rows,
+    section,
+    verdict,
+)
 from bayesterra.report.symbols import in_symbols, letters, listed
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures
@@ -79,7 +73,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         f"{record['readings']} readings",
     )
 
-    def made(anchor: str, title: str, make: Callable[[SoilTestResult], Section], part: str = "") -> Section:
+    def made(anchor: str, title: str, make: Callable[[SoilTestResult], Blocks], part: str = "") -> Section:
         return section(failures, anchor, title, lambda: make(result), failed(record, part))
 
     def strip() -> tuple[StripRow, ...]:
@@ -208,7 +202,7 @@ def _words(result: SoilTestResult, name: str) -> tuple[str, Markup]:
     return word, Markup("")
 
 
-def _readings(result: SoilTestResult) -> Section:
+def _readings(result: SoilTestResult) -> Blocks:
     kind = result.test.kind
     scale = " Both axes are logarithmic." if kind == "plate" else ""
     data = {"measured": "Measured", "simulated": "Simulated", "digitised": "Digitised"}[result.record["kind"]]
@@ -220,10 +214,10 @@ def _readings(result: SoilTestResult) -> Section:
         soiltests_figures.readings(result), "Readings of every test with the bands of new tests"
     )
     notes = tuple(Text(f"{note}.") for note in (*result.test.notes, *result.record["fits"]["notes"]))
-    return Section("readings", "Readings", (Text(LAWS[kind]), Gallery("whole", (picture,), caption), *notes))
+    return (Text(LAWS[kind]), Gallery("whole", (picture,), caption), *notes)
 
 
-def _tests(result: SoilTestResult) -> Section:
+def _tests(result: SoilTestResult) -> Blocks:
     table = result.left_out
     level = str(table.columns[1])
     header: tuple[Cell, ...] = (
@@ -260,7 +254,7 @@ def _tests(result: SoilTestResult) -> Section:
         Table(said, "lr", ("check", "p"), lines),
         Table(share, "lrrrrrrr", header, rows),
     )
-    return Section("tests", "Predictions of new tests", blocks if checks else (blocks[0], blocks[2]))
+    return blocks if checks else (blocks[0], blocks[2])
 
 
 def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -277,7 +271,7 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     )
 
 
-def _parameters(result: SoilTestResult) -> Section:
+def _parameters(result: SoilTestResult) -> Blocks:
     pairs = combinations([name for name in result.test.soil if name in result.names], 2)
     pictures = tuple(
         photograph(
@@ -290,7 +284,7 @@ def _parameters(result: SoilTestResult) -> Section:
         "squares (marks)."
     )
     gallery = (Gallery("small", pictures, caption),) if pictures else ()
-    return Section("parameters", "Parameters", (*gallery, _posterior_table(result), _words_table(result)))
+    return (*gallery, _posterior_table(result), _words_table(result))
 
 
 def _posterior_table(result: SoilTestResult) -> Table:
@@ -332,7 +326,7 @@ def _words_table(result: SoilTestResult) -> Table:
     return Table(said, "llr", ("", "verdict", "contraction"), rows)
 
 
-def _squares(result: SoilTestResult) -> Section:
+def _squares(result: SoilTestResult) -> Blocks:
     rows = tuple(
         (METHODS[row["method"]], letters(QUANTITIES[row["parameter"]].symbol), row["unit"],
          plain(row["value"], 4), plain(row["published"], 4), plain(row["posterior_share"], 2))
@@ -343,10 +337,10 @@ def _squares(result: SoilTestResult) -> Section:
         "Least squares as in usual practice, which takes all readings as independent; share of the posterior "
         "below each value. What the tests cannot separate is missing."
     )
-    return Section("least-squares", "Least squares", (Table(caption, "lllrrr", header, rows),))
+    return (Table(caption, "lllrrr", header, rows),)
 
 
-def _assumptions(result: SoilTestResult) -> Section:
+def _assumptions(result: SoilTestResult) -> Blocks:
     rows = [
         "The mean curve has exactly the form of the law above, the same for all tests.",
         "Logs of readings depart from it by a Gaussian deviation that is the test's own: independent from "
@@ -374,10 +368,10 @@ def _assumptions(result: SoilTestResult) -> Section:
             "Laws of k_c and k_φ are stated for k_c zⁿ and k_φ zⁿ, the parts of the pressure, at z = {:g} mm."
         )
         prior += Markup("{}").format(where.format(1e3 * result.test.reference))
-    return Section("assumptions", "Assumptions and prior", (Text(text), Text(prior)))
+    return (Text(text), Text(prior))
 
 
-def _reproduce(result: SoilTestResult) -> Section:
+def _reproduce(result: SoilTestResult) -> Blocks:
     record = result.record
     integral = record.get("evidence")
     evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
@@ -392,7 +386,7 @@ def _reproduce(result: SoilTestResult) -> Section:
         ),
         *origin_rows(record),
     )
-    return Section("reproduce", "Reproduce this", (Table("", "ll", ("", ""), rows),))
+    return (Table("", "ll", ("", ""), rows),)
 
 
 def soil_test_overview(result: SoilTestResult) -> Overview:

@@ -168,12 +168,8 @@ def _reference(content: Content) -> float:
 
 def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
     for name, entry in entries.items():
-        if (low := _lowest(entry)) <= 0:
+        if (low := (entry.range[0] if isinstance(entry, Law) else entry)) <= 0:
             raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
-
-
-def _lowest(entry: Law | float) -> float:
-    return entry.range[0] if isinstance(entry, Law) else entry
 
 
 def load_soil_test(path: str | Path) -> SoilTest:

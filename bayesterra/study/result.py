@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired, Self
 
 import numpy as np
@@ -30,7 +31,8 @@ from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesterra.report.blocks import Overview, VerdictPage
+    from bayesterra.report.blocks import Overview
+    from bayesterra.report.sections import VerdictPage
 
 
 CURVE_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -47,6 +49,8 @@ class AnalysisResult(ABC):
     CALLED : what the terminal calls the place where it was saved.
     DIGITS : format of the numbers in tables; None for all digits.
     WITH_STUDY : whether the folder holds the study.
+    VIEW : module and first word of the functions ``…_page`` and ``…_overview`` that show a result of this
+        kind; the module is loaded when one of them is called.
     """
 
     MARK: ClassVar[str] = "run.json"
@@ -56,15 +60,12 @@ class AnalysisResult(ABC):
     CALLED: ClassVar[str] = "Report"
     DIGITS: ClassVar[str | None] = "%.6g"
     WITH_STUDY: ClassVar[bool] = False
+    VIEW: ClassVar[str] = ""
     study: Study
 
     @abstractmethod
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """Tables by the names of their CSV files."""
-
-    @abstractmethod
-    def overview(self) -> Overview:
-        """The result in short, for a terminal and a notebook."""
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
@@ -72,7 +73,13 @@ class AnalysisResult(ABC):
 
     def page(self) -> VerdictPage:
         """The page, with what could not be made of it."""
-        raise NotImplementedError
+        page: VerdictPage = resolve_name(f"{self.VIEW}_page")(self)
+        return page
+
+    def overview(self) -> Overview:
+        """The result in short, for a terminal and a notebook."""
+        overview: Overview = resolve_name(f"{self.VIEW}_overview")(self)
+        return overview
 
     def figures(self) -> Mapping[str, bytes]:
         """Figures by the names of their files."""

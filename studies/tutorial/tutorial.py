@@ -4,16 +4,20 @@ It writes smooth-result/, lugged-result/ and comparison/ into the working direct
 """
 
 # %% Measurements, wheel, noise and prior: a study
+import sys
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra.analysis import contents_page, findings_page
+from bayesterra.analysis import contents_page
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
 
 STUDIES = Path(__file__).parents[1] if "__file__" in globals() else Path("studies")
+sys.path.insert(0, str(STUDIES / "tutorial"))
+
+from parameter_strip import parameter_strip  # noqa: E402
 
 study = bt.load_study(STUDIES / "tutorial")
 print(study)
@@ -25,7 +29,7 @@ print(smooth.summary[["parameter", "unit", "median", "hdi90_lo", "hdi90_hi"]].ro
 
 # %% Every figure is a function that returns axes
 for name, axes in {
-    "strip": findings_page.parameter_strip(smooth),
+    "strip": parameter_strip(smooth),
     "corner": analysis_figures.corner(smooth),
     "pull": validation_page.predictive(smooth, "drawbar_pull"),
 }.items():

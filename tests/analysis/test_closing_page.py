@@ -11,8 +11,8 @@ from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import Table, Text
-from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import interval, resolution, rounded
+from bayesterra.report.style import MARKS
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
@@ -96,7 +96,7 @@ def test_what_was_known_before_stands_before(built_upon: Result) -> None:
 
 def test_point_estimates_stand_beside_median_and_mode_in_this_order(small_result: Result) -> None:
     """Every column of the methods is that of its header, in the digits of the posterior."""
-    table = next(block for block in methods_section(small_result).blocks if isinstance(block, Table))
+    table = next(block for block in methods_section(small_result) if isinstance(block, Table))
     assert table.header[2:5] == ("median", "mode", "90 % HDI")
     points, told_apart = estimates(small_result), 0
     assert table.header[5:] == tuple(MARKS[method].label for method in points)

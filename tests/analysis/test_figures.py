@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayesterra.analysis import figures as analysis_figures
-from bayesterra.analysis import findings_page
 from bayesterra.checking import validation_page
 from bayesterra.identifiability import determined_page
 from bayesterra.report.figures import Axis, density, png, svg
@@ -52,13 +51,6 @@ def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
     count = len(small_result.names)
     assert axes.shape == (count, count)
     assert axes[-1, 0].get_xlim() == axes[0, 0].get_xlim()
-
-
-def test_strip_has_a_row_per_parameter(small_result: Result) -> None:
-    """The parameter strip has axes over each prior's range."""
-    axes = findings_page.parameter_strip(small_result)
-    assert axes.shape == (len(small_result.names),)
-    assert axes[list(small_result.names).index("phi")].get_xlim() == pytest.approx((0.0, 50.0))
 
 
 def test_the_same_figure_gives_the_same_bytes(small_result: Result) -> None:

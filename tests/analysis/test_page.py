@@ -15,12 +15,13 @@ from bayesterra.analysis import findings_page
 from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
-from bayesterra.analysis.page import Page, data_section, page, warning
+from bayesterra.analysis.page import Page, data_section, run_page, warning
 from bayesterra.checking.validation import FitCheck
 from bayesterra.parameters import CHANNELS
-from bayesterra.report import blocks, symbols
-from bayesterra.report.blocks import Gallery, Table, render
+from bayesterra.report import sections, symbols
+from bayesterra.report.blocks import Gallery, Table
 from bayesterra.report.numbers import interval, resolution
+from bayesterra.report.sections import render
 from bayesterra.study.page import _lanes
 from bayesterra.study.result import Result, summary_rows
 
@@ -30,7 +31,7 @@ NASTY = '<script>alert(1)</script> & "it" $x_1$'
 @pytest.fixture(scope="module")
 def content(small_result: Result) -> Page:
     """What the report of the small result shows."""
-    return page(small_result)
+    return run_page(small_result)
 
 
 @pytest.fixture(scope="module")
@@ -109,11 +110,9 @@ def test_names_of_a_study_are_escaped_in_every_block(small_result: Result) -> No
     study = copy.copy(small_result.study)
     for name, value in (("title", NASTY), ("source", NASTY), ("notes", (NASTY,))):
         object.__setattr__(study, name, value)
-    section = data_section(replace(small_result, study=study))
+    blocks = data_section(replace(small_result, study=study))
     cells = [
-        escape(b.caption if isinstance(b, Table) else b.text)
-        for b in section.blocks
-        if not isinstance(b, Gallery)
+        escape(b.caption if isinstance(b, Table) else b.text) for b in blocks if not isinstance(b, Gallery)
     ]
     assert sum("&lt;script&gt;" in cell for cell in cells) == 2
     assert not any("<script" in cell for cell in cells)
@@ -187,7 +186,7 @@ def test_identifiability_verdict_counts_directions(small_result: Result) -> None
 
 def test_every_grade_has_its_own_sign() -> None:
     """Verdicts can be told apart without colour."""
-    assert len(set(blocks.SIGNS.values())) == 3
+    assert len(set(sections.SIGNS.values())) == 3
 
 
 def test_words_name_the_strongest_trade(small_result: Result) -> None:
@@ -290,7 +289,7 @@ def test_medians_of_the_strip_are_those_of_the_summary(html: str, small_result: 
 
 def test_every_number_of_the_posterior_table_is_that_of_the_summary(small_result: Result) -> None:
     """Each in its own column: medians and means of a skew posterior differ by more than they are rounded."""
-    table = next(block for block in posterior_section(small_result).blocks if isinstance(block, Table))
+    table = next(block for block in posterior_section(small_result) if isinstance(block, Table))
     told_apart = 0
     for cells, (name, row) in zip(table.rows, summary_rows(small_result).items(), strict=True):
         shown = dict(zip(table.header[3:], map(str, cells[3:]), strict=True))

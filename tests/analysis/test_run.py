@@ -36,7 +36,7 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line, for tests that are not about it."""
     page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
-    monkeypatch.setattr("bayesterra.analysis.page.page", lambda result: page)
+    monkeypatch.setattr("bayesterra.analysis.page.run_page", lambda result: page)
 
 
 @pytest.fixture

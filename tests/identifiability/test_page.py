@@ -16,13 +16,13 @@ from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.findings_page import strip
 from bayesterra.analysis.inference import Analysis
 from bayesterra.analysis.run import load_result
-from bayesterra.analysis.terminal import _verdict
 from bayesterra.identifiability import determined_page
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
-from bayesterra.report.blocks import Table, VerdictPage
+from bayesterra.report.blocks import Table
 from bayesterra.report.failures import Failures
+from bayesterra.report.sections import VerdictPage
 from bayesterra.study.result import Result, identifiability_rows
 
 from .conftest import VARIANTS
@@ -194,7 +194,7 @@ def test_coupled_with_one_or_with_several(pair: Result) -> None:
     one, several = strip(found)
     assert str(one.remark).startswith("with <i>φ</i>")
     assert str(several.remark).startswith("with several others")
-    assert [_verdict(row) for row in identifiability_rows(found).values()] == [
+    assert [analysis_pages._verdict(row) for row in identifiability_rows(found).values()] == [
         "coupled with φ",
         "coupled with several",
     ]

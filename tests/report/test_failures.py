@@ -107,7 +107,7 @@ def test_the_draws_are_those_of_a_run_in_which_nothing_fails(
     sound = inference.run(study, seed=1)
     np.testing.assert_array_equal(sound.values(), broken[0].values())
     assert "failures" not in sound.record
-    assert pages.page(sound).failures.record() == {}
+    assert pages.run_page(sound).failures.record() == {}
     assert set(sound.identifiability.columns) == set(broken[0].identifiability.columns)
 
 
@@ -140,7 +140,7 @@ def test_a_result_without_failures_says_nothing(small_result: Result) -> None:
     """Records of before this entry are read as ones in which nothing failed."""
     assert "failures" not in small_result.record
     assert failed(small_result.record, *PARTS) == ""
-    assert pages.page(small_result).failures.record() == {}
+    assert pages.run_page(small_result).failures.record() == {}
 
 
 @pytest.mark.parametrize("copies", [190, 300, 600])
