@@ -141,7 +141,7 @@ def held(result: Result, method: str) -> tuple[str, ...]:
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
-    """Soil arrays (1, 16) of the least-squares methods that leave no parameter open."""
+    """Soil arrays (1, p) of the least-squares methods that leave no parameter open."""
     study = result.study
     estimated = {n: {**study.prior.fixed, **v} for n, v in estimates(result).items() if n in METHODS}
     soils = {

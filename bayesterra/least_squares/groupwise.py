@@ -54,7 +54,7 @@ class Step:
         return settings.free(GROUPS[self.group])
 
     def run(self, theta: FloatArray, settings: Settings) -> Minimum:
-        """Fit the group from its start values, the other parameters as in ``theta`` (9,)."""
+        """Fit the group from its start values, the other parameters as in ``theta`` (p,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
         residual = Misfit(self.curve, self.measured, self.complete)
@@ -83,7 +83,7 @@ class Misfit:
         return (self.curve.values(theta) - self.measured)[self.complete] / self._scale
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives (k, 9)."""
+        """Derivatives (k, p)."""
         return self.curve.jacobian(theta)[self.complete] / self._scale
 
 
@@ -199,7 +199,7 @@ def integral_steps(readings: Readings, model: M1) -> list[Step]:
 
 @dataclass(frozen=True)
 class Passes:
-    """Parameters (9,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
+    """Parameters (p,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
 
     path: tuple[FloatArray, ...]
     converged: bool
@@ -307,7 +307,7 @@ class Shape(NamedTuple):
 
 
 def shape(theta: Complex, at: Contact) -> Shape:
-    """Shape of the contact for parameters (9,), with θm/θ1 clipped into (c3, 1)."""
+    """Shape of the contact for parameters (p,), with θm/θ1 clipped into (c3, 1)."""
     _, _, _, _, _, _, c1, c2, c3 = theta
     t1, t2 = at.entrance, c3 * at.entrance
     tm = _inside(c1 + c2 * at.slip, c3) * t1

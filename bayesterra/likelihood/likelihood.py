@@ -73,7 +73,7 @@ class Likelihood:
         return np.where((outcomes.status == 0)[:, None, None], terms, -np.inf)
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 16); −inf where the model has no answer."""
+        """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
         return self.log_density(self.forward(soil), noise_values)
 
     def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +188,7 @@ class LatentLoad(Likelihood):
         return self._rows(soil, noise_values, None)[:, :, :1]
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 16)."""
+        """Log likelihood (n,) of soil arrays (n, p)."""
         return np.asarray(self.log_terms(soil, noise_values).sum(axis=(1, 2)))
 
     def loads(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:

@@ -150,7 +150,7 @@ def _offset_slopes(prior: Prior) -> FloatArray:
 
 
 def _column_slopes(prior: Prior) -> FloatArray:
-    """Derivative (16, d) of the columns of a soil array by the free parameters."""
+    """Derivative (p, d) of the columns of a soil array by the free parameters."""
     _, into, source = prior.soil_template
     slopes = np.zeros((len(SoilColumns), len(prior.names)))
     slopes[into, source] = 1.0

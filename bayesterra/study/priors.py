@@ -199,20 +199,20 @@ class Prior:
 
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
-        """A soil array (1, 16) of what is fixed, and which of its columns are filled from which of x."""
+        """A soil array (1, p) of what is fixed, and which of its columns are filled from which of x."""
         roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
         free = {name: self.names.index(root) for name, root in roots.items() if root in self.laws}
         return soil_array(self.fixed), [SoilColumns[name] for name in free], list(free.values())
 
     def soil_values(self, x: FloatArray) -> FloatArray:
-        """Soil array (n, 16) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
+        """Soil array (n, p) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
         template, into, source = self.soil_template
         soil = np.repeat(template, len(x), axis=0)
         soil[:, into] = x[:, source]
         return self._with_modulus(soil)
 
     def soil_of(self, values: Mapping[str, float]) -> FloatArray:
-        """Soil array (1, 16) of values by name, which override what is fixed and free alike."""
+        """Soil array (1, p) of values by name, which override what is fixed and free alike."""
         roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
         overrides = {name: values.get(name, values.get(root)) for name, root in roots.items()}
         stated = {name: value for name, value in overrides.items() if value is not None}
