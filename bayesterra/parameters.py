@@ -103,6 +103,8 @@ OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
 LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
+HELD = {"c3": 0.0}
+"""Soil parameters that stay at a value unless a study frees them."""
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"

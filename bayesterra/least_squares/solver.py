@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,6 +151,20 @@ MARGIN = 1e-6
 _N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
 
 
+Angles = TypeVar("Angles", FloatArray, NDArray[np.complex128])
+
+
+def ratio(theta: Angles, slip: FloatArray) -> Angles:
+    """Ratios θm/θ1 (m,), (8), of soil parameters (p,)."""
+    ratios: Angles = theta[_C1] + theta[_C2] * slip
+    return ratios
+
+
+def leaving(theta: Angles, slip: FloatArray) -> Angles:
+    """Ratios θ2/θ1 (m,), (7), of soil parameters (p,): one at all slips."""
+    return np.repeat(theta[_C3], len(slip))
+
+
 @dataclass(frozen=True)
 class Clip:
     """Effect of clipping on every row.
@@ -175,12 +189,12 @@ class Clip:
 def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
     """Parameters inside the model's range for every row; ``theta`` (p,), ``slip`` (m,)."""
     rows = np.repeat(theta[None, :], len(slip), axis=0)
-    ratio, exponent = theta[_C1] + theta[_C2] * slip, theta[_N0] + theta[_N1] * slip
-    inside = np.clip(ratio, theta[_C3] + margin, 1 - margin)
+    middle, exponent = ratio(theta, slip), theta[_N0] + theta[_N1] * slip
+    inside = np.clip(middle, leaving(theta, slip) + margin, 1 - margin)
     positive = np.maximum(exponent, margin)
-    rows[inside != ratio, _C1], rows[inside != ratio, _C2] = inside[inside != ratio], 0.0
+    rows[inside != middle, _C1], rows[inside != middle, _C2] = inside[inside != middle], 0.0
     rows[positive != exponent, _N0], rows[positive != exponent, _N1] = margin, 0.0
-    return Clip(rows, ratio - inside, exponent - positive)
+    return Clip(rows, middle - inside, exponent - positive)
 
 
 def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:

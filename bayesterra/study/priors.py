@@ -15,6 +15,7 @@ from scipy.special import ndtri
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
 from bayesterra.parameters import (
+    HELD,
     LOAD_EFFECT,
     MODULI,
     PARAMETERS,
@@ -34,7 +35,7 @@ PAPER_BOX: dict[str, Law | float] = {
     "K": Law("uniform", lower=0.002, upper=0.050),
     "c1": Law("uniform", lower=-1.0, upper=1.0),
     "c2": Law("uniform", lower=-1.0, upper=1.0),
-    "c3": 0.0,
+    **HELD,
 }
 """Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
 
@@ -347,7 +348,7 @@ PLANETARY: dict[str, Law | float] = {
     "K": Law("lognorm", {"s": 0.6, "scale": 0.016}, 0.001, 0.060, _SOURCES["K"]),
     "c1": Law("norm", {"loc": 0.4, "scale": 0.2}, -1.0, 1.0, _SOURCES["c1"]),
     "c2": Law("norm", {"loc": 0.3, "scale": 0.3}, -1.0, 1.0, _SOURCES["c2"]),
-    "c3": 0.0,
+    **HELD,
 }
 """Informative, from what was measured on the Moon, on Mars and in dry sands, stated with each law; nothing
 was fitted to wheel tests of the laboratory of Ding et al. 2015. c3 is held at 0, as in ``PAPER_BOX``."""
