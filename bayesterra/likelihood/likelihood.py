@@ -28,6 +28,7 @@ from bayesterra.likelihood import load_integrand as pn
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, compiled, inlined
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
@@ -142,7 +143,7 @@ class Likelihood:
         scale = self.scales(predicted, noise_values)
         with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
             standard = (self.measured - predicted) / scale
-            laws = [noise.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
+            laws = [noise.tails.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
             density = np.stack(laws, axis=2) - np.log(scale)
         return np.where(np.isnan(self.measured), 0.0, density)
 
@@ -156,8 +157,8 @@ class Likelihood:
         predicted = self.predicted(outcomes)
         standard = rng.standard_normal(predicted.shape)
         for i, noise in enumerate(self.noise):
-            if np.isfinite(noise.dof):
-                standard[:, :, i] = noise.draw(predicted.shape[:2], rng)
+            if noise.tails != GAUSSIAN:
+                standard[:, :, i] = noise.tails.draw(predicted.shape[:2], rng)
         return predicted + self.scales(predicted, noise_values) * standard
 
 
@@ -231,7 +232,7 @@ class LatentLoad(Likelihood):
             i, own = outcomes.index(noise.channel), self._given_sd[noise.channel]
             readings[:, i] = self.observations.values[noise.channel]
             fraction[:, i] = np.where(np.isnan(own), noise.fraction or 0.0, 0.0)
-            dof[i] = noise.dof
+            dof[i] = noise.tails.code
         return readings, fraction, dof
 
     def _data(self, soil: FloatArray, noise_values: FloatArray) -> Data:
@@ -244,7 +245,7 @@ class LatentLoad(Likelihood):
             values = next(estimated)[:, None] if noise.parameter else noise.sd or noise.floor
             own, i = self._given_sd[noise.channel], self.forward.outcomes.index(noise.channel)
             floor[:, :, i, 0] = np.where(np.isnan(own), values, own)
-            floor[:, :, i, 1] = noise.log_peak - np.log(floor[:, :, i, 0])
+            floor[:, :, i, 1] = noise.tails.log_peak - np.log(floor[:, :, i, 0])
         shift = np.ascontiguousarray(offset_of(soil)[:, 0])
         return readings, floor, fraction, dof, shift, np.log(self.load_range)
 

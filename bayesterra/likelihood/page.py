@@ -78,7 +78,7 @@ def _origin(study: Study) -> str:
 def noise_text(noise: Noise) -> Cell:
     """Noise of a channel in its field unit, in a few words."""
     scale = CHANNELS[noise.channel].scale
-    tails = "" if math.isinf(noise.dof) else f", t with {noise.dof:g} dof"
+    tails = noise.tails.words and f", {noise.tails.words}"
     if noise.law is not None:
         return f"estimated{tails}"
     if noise.fraction is not None:
@@ -150,10 +150,11 @@ def _size(channel: str, size: Size) -> Markup:
 
 
 def _law_of_noise(study: Study) -> str:
-    heavy = [noise for noise in study.noise.values() if not math.isinf(noise.dof)]
-    if not heavy:
-        return "Gaussian"
-    return "Student-t" if len(heavy) == len(study.noise) else "Gaussian or (where marked t) Student-t"
+    marks = {noise.tails.name: noise.tails.mark for noise in study.noise.values()}
+    if len(marks) == 1:
+        return next(iter(marks))
+    marked = (f"(where marked {mark}) {name}" for name, mark in marks.items() if mark)
+    return " or ".join(["Gaussian"] * ("" in marks.values()) + [*marked])
 
 
 def _option(value: object) -> str:

@@ -22,6 +22,7 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 from bayesterra.stats.laws import Law
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
@@ -381,9 +382,10 @@ def errors_of_outcomes(
     table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
     if drive.latent_load:
         raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got '{drive}')")
-    heavy = next((name for name, channel_noise in noise.items() if np.isfinite(channel_noise.dof)), None)
+    heavy = next((name for name, channel_noise in noise.items() if channel_noise.tails != GAUSSIAN), None)
     if heavy:
-        raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
+        keys = "' and '".join(noise[heavy].tails.keys)
+        raise StudyError(f"[{table}] needs Gaussian noise: leave '{keys}' of the noise of '{heavy}' out")
     tables = {"discrepancy": errors.discrepancy, "ripple": errors.ripple}
     notes = [
         f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"
