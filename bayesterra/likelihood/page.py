@@ -23,14 +23,6 @@ from bayesterra.study.page import law_text
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
 
-EQUATIONS = {
-    "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
-    "M2": "closed form with linear stresses, (18) to (24)",
-    "M3": "closed form with linear stress cosines, (25) and (26)",
-    "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
-}
-"""Equation numbers of Ding et al. 2015."""
-
 
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
@@ -112,7 +104,7 @@ def _model(study: Study) -> Markup:
     )
     return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
                   "{} noise of the standard deviation in the last line of the table.").format(
-        study.model.name, EQUATIONS[study.model.name], options, study.drive.sentence, _law_of_noise(study)
+        study.model.name, study.model.equations, options, study.drive.sentence, _law_of_noise(study)
     )  # fmt: skip
 
 
