@@ -178,7 +178,8 @@ def _sensor(study: Study, text: str) -> Noise:
 
 
 def _example(channel: str) -> str:
-    return {"sinkage": "0.5 mm", "resistance_moment": "0.15 N m"}.get(channel, "1 N")
+    unit = CHANNELS[channel].unit
+    return {"mm": "0.5 mm", "N m": "0.15 N m"}.get(unit, f"1 {unit}")
 
 
 def _ordered(noise: tuple[Noise, ...]) -> tuple[Noise, ...]:

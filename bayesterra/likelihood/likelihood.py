@@ -225,9 +225,10 @@ class LatentLoad(Likelihood):
 
     @cached_property
     def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Readings (m, 4), fractions (m, 4) and degrees of freedom (4,); channels as the outcomes stand."""
-        m, outcomes = len(self.observations), self.forward.outcomes
-        readings, fraction, dof = np.full((m, 4), np.nan), np.zeros((m, 4)), np.full(4, np.inf)
+        """Readings (m, k), fractions (m, k) and codes of the laws (k,) of the outcomes."""
+        outcomes = self.forward.outcomes
+        shape = (len(self.observations), lv.CHANNELS)
+        readings, fraction, dof = np.full(shape, np.nan), np.zeros(shape), np.full(lv.CHANNELS, np.inf)
         for noise in self.noise:
             i, own = outcomes.index(noise.channel), self._given_sd[noise.channel]
             readings[:, i] = self.observations.values[noise.channel]
@@ -263,9 +264,9 @@ _UNSURE = 0.2  # of the guess at the log z that carries a load
 _NARROWEST, _WIDEST = 0.02, 2.0
 
 Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""Readings and their laws, channels in the order of the outcomes: readings (m, 4), NaN where there is none;
-smallest scale of the noise, and log density there at its centre, (n, m, 4, 2) or (1, m, 4, 2); the scale as a
-fraction (m, 4) of the modelled value; degrees of freedom (4,); zero error (n,) of the sinkage; log of the
+"""Readings and their laws, channels in the order of the outcomes: readings (m, k), NaN where there is none;
+smallest scale of the noise, and log density there at its centre, (n, m, k, 2) or (1, m, k, 2); the scale as a
+fraction (m, k) of the modelled value; codes of the laws (k,); zero error (n,) of the sinkage; log of the
 range (2,) of the load."""
 
 
