@@ -103,6 +103,8 @@ OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 
 SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
 LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
+HELD = {"c3": 0.0}
+"""Soil parameters that stay at a value unless a study frees them."""
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
@@ -164,7 +166,7 @@ OFFSET = "sinkage_offset"
 
 
 class SoilColumns(IntEnum):
-    """Columns of a soil array (n, 16), SI: every parameter that the [priors] table may name, by its name.
+    """Columns of a soil array (n, p), SI: every parameter that the [priors] table may name, by its name.
 
     Columns that a study does not use are NaN, its ``sinkage_offset`` is 0. Where k_c and k_φ are used, K_s is
     that of one wheel; see :func:`bayesterra.likelihood.forward.soil_at`.
@@ -193,7 +195,7 @@ PRIOR_PARAMETERS = tuple(SoilColumns.__members__)
 
 
 def soil_array(values: Mapping[str, ArrayLike]) -> FloatArray:
-    """Soil array (n, 16) of values by name, each a number or (n,); other names are left out."""
+    """Soil array (n, p) of values by name, each a number or (n,); other names are left out."""
     stated = {OFFSET: 0.0, **values}
     columns = (np.atleast_1d(stated.get(name, np.nan)) for name in PRIOR_PARAMETERS)
     return np.column_stack(np.broadcast_arrays(*columns))

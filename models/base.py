@@ -60,6 +60,8 @@ class WheelSoilModel(ABC):
     constant_exponent: bool = False
     """Leave slip out of the sinkage exponent: N = n0."""
 
+    equations: ClassVar[str]
+    """The model in words, with its equations of Ding et al. 2015."""
     parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
     """Columns of the parameter sets (n, 9) of the batch interface; M2L has four more."""
     _code: ClassVar[int]
@@ -74,7 +76,7 @@ class WheelSoilModel(ABC):
 
     @property
     def name(self) -> str:
-        """The model's name: "M1", "M2", "M3" or "M2L"."""
+        """The model's name, a key of `models.MODELS`."""
         return type(self).__name__
 
     def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:

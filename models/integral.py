@@ -12,6 +12,7 @@ from bayesterra.models.contact import Contact
 class M1(WheelSoilModel):
     """The integral model, Ding et al. 2015, eqs. (4), (9), (14), (15), to 1e-9 of adaptive quadrature."""
 
+    equations: ClassVar[str] = "stresses (4) and (9) integrated along the arc, (14) and (15)"
     _code: ClassVar[int] = 1
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,6 +14,7 @@ from bayesterra.models.contact import Contact
 class M2(WheelSoilModel):
     """Linear sigma and tau: CM1, Ding et al. 2015, eqs. (18)-(24)."""
 
+    equations: ClassVar[str] = "closed form with linear stresses, (18) to (24)"
     _code: ClassVar[int] = 2
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -29,6 +30,7 @@ class M3(WheelSoilModel):
     The paper keeps M2's linear stresses in the other integrals; `stresses` returns those of the cosine terms.
     """
 
+    equations: ClassVar[str] = "closed form with linear stress cosines, (25) and (26)"
     _code: ClassVar[int] = 3
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:

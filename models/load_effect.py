@@ -27,6 +27,7 @@ class M2L(WheelSoilModel):
     mean_load: float
     """Mean load per wheel of the vehicle, W-bar, N."""
 
+    equations: ClassVar[str] = "closed form with linear stresses and the effect of the wheel's load, (42)"
     parameters: ClassVar[tuple[str, ...]] = (*SOIL_FIELDS, *LOAD_EFFECT_FIELDS)
     _code: ClassVar[int] = 4
 

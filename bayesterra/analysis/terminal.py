@@ -134,7 +134,7 @@ def _noise(noise: Mapping[str, Noise], name: str) -> str:
     entry, channel = noise.get(name), CHANNELS[name]
     if entry is None:
         return "given"
-    tails = "" if np.isinf(entry.dof) else f", t({entry.dof:g})"
+    tails = entry.tails.short and f", {entry.tails.short}"
     if entry.law is not None:
         return f"estimated{tails}"
     if entry.fraction is not None:

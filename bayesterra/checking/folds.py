@@ -20,6 +20,7 @@ from bayesterra.errors import BayesterraError, StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.parameters import CHANNELS
+from bayesterra.stats.tails import GAUSSIAN, Tails
 from bayesterra.study.observations import Observations
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -346,13 +347,13 @@ class Predictives:
     ----------
     channels : scored ones, the last axis.
     centre, scale : (n, rows, channels) of the law of a reading, NaN where the model has no answer.
-    dof : (channels,) of the noise.
+    tails : (channels,) of the noise.
     """
 
     channels: tuple[str, ...]
     centre: FloatArray
     scale: FloatArray
-    dof: tuple[float, ...]
+    tails: tuple[Tails, ...]
 
     def answered(self, row: int) -> BoolArray:
         """True for draws (n,) that have an answer at a row."""
@@ -363,7 +364,7 @@ class Predictives:
         kept = self.answered(row)
         if kept.sum() < FEWEST:
             return None
-        return Mixture(self.centre[kept, row, channel], self.scale[kept, row, channel], self.dof[channel])
+        return Mixture(self.centre[kept, row, channel], self.scale[kept, row, channel], self.tails[channel])
 
 
 def predictives(
@@ -384,8 +385,8 @@ def predictives(
     scale = likelihood.scales(centre, noise)
     names = scored_channels(study)
     columns = [likelihood.channels.index(name) for name in names]
-    dof = tuple(study.noise[name].dof for name in names)
-    return Predictives(names, centre[:, :, columns], scale[:, :, columns], dof)
+    tails = tuple(study.noise[name].tails for name in names)
+    return Predictives(names, centre[:, :, columns], scale[:, :, columns], tails)
 
 
 def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray) -> Predictives:
@@ -398,7 +399,7 @@ def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: 
     centre, scale = likelihood.ahead(soil, noise, left)
     names = scored_channels(study)
     columns = [likelihood.channels.index(name) for name in names]
-    return Predictives(names, centre[:, :, columns], scale[:, :, columns], (np.inf,) * len(names))
+    return Predictives(names, centre[:, :, columns], scale[:, :, columns], (GAUSSIAN,) * len(names))
 
 
 def blinded(study: Study, left: BoolArray) -> Observations:

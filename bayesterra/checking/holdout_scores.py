@@ -22,9 +22,10 @@ import pandas as pd
 from numpy.random import Generator, default_rng
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq, minimize
-from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import ndtr
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.stats.tails import GAUSSIAN, StudentT, Tails
 from bayesterra.stats.weights import log_mean
 
 PARTS = ("all", "inner", "end")
@@ -135,41 +136,34 @@ _U, _DU = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 @dataclass(frozen=True)
 class Mixture:
-    """Equal parts of normal or Student-t laws.
+    """Equal parts of laws of one shape.
 
     Attributes
     ----------
     centre, scale : of every part (n,).
-    dof : degrees of freedom of all parts; infinite for normal ones.
+    tails : the shape of all parts.
     """
 
     centre: FloatArray
     scale: FloatArray
-    dof: float = np.inf
+    tails: Tails = GAUSSIAN
 
     def cdf(self, x: FloatArray) -> FloatArray:
         """Probability (k,) below each of ``x`` (k,)."""
         z = (np.asarray(x)[:, None] - self.centre) / self.scale
-        return np.asarray((ndtr(z) if np.isinf(self.dof) else stdtr(self.dof, z)).mean(axis=1))
+        return np.asarray(self.tails.cdf(z).mean(axis=1))
 
     def log_density(self, y: float) -> float:
         """Log of the density at ``y``."""
         z = (y - self.centre) / self.scale
-        if np.isinf(self.dof):
-            log = -0.5 * z**2 - 0.5 * np.log(2 * np.pi)
-        else:
-            half = 0.5 * self.dof
-            peak = gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(self.dof * np.pi)
-            log = peak - (half + 0.5) * np.log1p(z**2 / self.dof)
-        return float(log_mean(log - np.log(self.scale)))
+        return float(log_mean(self.tails.log_density(z) - np.log(self.scale)))
 
     def quantiles(self, levels: FloatArray) -> FloatArray:
         """Quantiles (k,) at levels (k,) inside (0, 1); one lies between those of the parts."""
         return np.array([self._quantile(float(level)) for level in levels])
 
     def _quantile(self, level: float) -> float:
-        standard = ndtri(level) if np.isinf(self.dof) else stdtrit(self.dof, level)
-        of_parts = self.centre + self.scale * standard
+        of_parts = self.centre + self.scale * self.tails.quantile(level)
         low, high = float(of_parts.min()), float(of_parts.max())
         width = high - low
         if width <= 1e-12 * max(abs(low), abs(high)):
@@ -184,7 +178,7 @@ class Mixture:
 
     def crps(self, y: float) -> float:
         """Continuous ranked probability score of a reading ``y``, in its unit."""
-        if not np.isinf(self.dof):
+        if self.tails != GAUSSIAN:
             return self._integrated(y)
         square = self.scale**2
         between = _mean_size(self.centre[:, None] - self.centre, square[:, None] + square)
@@ -316,7 +310,9 @@ def _regressed(design: FloatArray, readings: FloatArray, at: FloatArray) -> tupl
     leverage = (np.linalg.solve(r.T, at.T) ** 2).sum(axis=0)
     scales = spread * np.sqrt(1 + leverage)
     pairs = zip(at @ coefficients, scales, strict=True)
-    return tuple(Mixture(np.array([centre]), np.array([scale]), float(dof)) for centre, scale in pairs)
+    return tuple(
+        Mixture(np.array([centre]), np.array([scale]), StudentT(float(dof))) for centre, scale in pairs
+    )
 
 
 def gaussian_process(training: TrainingRows, new: FloatArray) -> Answer:

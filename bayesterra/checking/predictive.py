@@ -238,7 +238,7 @@ class Modelled:
         present = ~np.isnan(readings)
         total = -np.log(self.scale).sum(axis=(1, 2), where=present)
         for i, noise in enumerate(likelihood.noise):
-            total += noise.log_density(z[:, :, i]).sum(axis=1, where=present[:, i])
+            total += noise.tails.log_density(z[:, :, i]).sum(axis=1, where=present[:, i])
         if self.slope is not None:
             curvature, pull = self._along(z, present)
             total += (0.5 * pull**2 / curvature - 0.5 * np.log(curvature)).sum(axis=1)
@@ -284,7 +284,9 @@ def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
         return likelihood.scores(posterior.prior.soil_values(x), posterior.noise_values(x))
     predicted = likelihood.predicted(posterior.outcomes(x))
     z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
-    return np.stack([noise.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2)
+    return np.stack(
+        [noise.tails.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2
+    )
 
 
 @dataclass(frozen=True)

@@ -234,7 +234,7 @@ def _judges(posterior: Posterior, rng: Generator) -> list[_Judge]:
         rows = np.flatnonzero(~np.isnan(likelihood.measured[:, column]))
         slip = likelihood.observations.slip[rows]
         order = np.argsort(slip, kind="stable")
-        unit = noise.draw((REFERENCE, len(rows)), rng)
+        unit = noise.tails.draw((REFERENCE, len(rows)), rng)
         judges.append(_Judge(noise.channel, column, rows[order], slip[order], unit))
     return judges
 

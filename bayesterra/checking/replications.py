@@ -110,7 +110,7 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
     """
     if drive.latent_load:
         return "bearing_pressure", "shear_strength"
-    first, second, _ = drive.outcomes
+    first, second, *_ = drive.outcomes
     return first + AT_SLIP, second + AT_SLIP
 
 

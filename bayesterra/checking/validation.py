@@ -96,11 +96,11 @@ def fit_checks(result: Result) -> tuple[FitCheck, ...]:
 
     Given θ, T of replicated Gaussian readings follows χ² with as many degrees of freedom as there are
     readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any. Residuals
-    under Student-t noise are first turned into the normal scores that they have under that law.
+    under noise with heavier tails are first turned into the normal scores that they have under that law.
     """
     z = residuals(result)
     for i, noise in enumerate(result.study.noise.values()):
-        z[:, :, i] = noise.normal_score(z[:, :, i])
+        z[:, :, i] = noise.tails.normal_score(z[:, :, i])
     counts = (~np.isnan(z[0])).sum(axis=0)
     distances = np.nansum(z**2, axis=1)
     return tuple(
@@ -141,7 +141,7 @@ def held(result: Result, method: str) -> tuple[str, ...]:
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
-    """Soil arrays (1, 16) of the least-squares methods that leave no parameter open."""
+    """Soil arrays (1, p) of the least-squares methods that leave no parameter open."""
     study = result.study
     estimated = {n: {**study.prior.fixed, **v} for n, v in estimates(result).items() if n in METHODS}
     soils = {

@@ -15,6 +15,7 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
@@ -177,7 +178,8 @@ def _sensor(study: Study, text: str) -> Noise:
 
 
 def _example(channel: str) -> str:
-    return {"sinkage": "0.5 mm", "resistance_moment": "0.15 N m"}.get(channel, "1 N")
+    unit = CHANNELS[channel].unit
+    return {"mm": "0.5 mm", "N m": "0.15 N m"}.get(unit, f"1 {unit}")
 
 
 def _ordered(noise: tuple[Noise, ...]) -> tuple[Noise, ...]:
@@ -247,7 +249,7 @@ class Reading:
             used = [b for b in range(a + 1) if whitening[:, a, b].any()]
             standard = sum((apart[b] * whitening[None, :, a, b] for b in used[1:]), apart[used[0]]
                            * whitening[None, :, a, used[0]])  # fmt: skip
-            total = total + noise.log_density(standard)
+            total = total + noise.tails.log_density(standard)
         return np.asarray(total)
 
 
@@ -338,6 +340,6 @@ def standard_noise(reading: Reading, rng: Generator) -> FloatArray:
     normal = rng.standard_normal((len(reading.mean), len(OUTCOMES)))
     drawn = normal[:, [OUTCOMES.index(noise.channel) for noise in reading.noise]]
     for column, noise in enumerate(reading.noise):
-        if np.isfinite(noise.dof):
-            drawn[:, column] = noise.draw((len(drawn),), rng)
+        if noise.tails != GAUSSIAN:
+            drawn[:, column] = noise.tails.draw((len(drawn),), rng)
     return drawn

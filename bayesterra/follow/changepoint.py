@@ -217,8 +217,7 @@ class Basis:
             scales = row.scales(modelled, self.posterior.noise_values(x[inside]))[:, 0][:, read]
             answered = np.isfinite(modelled[:, 0]).all(axis=1)
             sound[inside] = answered
-            dof = np.array([law.dof for law in row.noise])[read]
-            heavier = np.where(dof > 2, 1.0 / (1.0 - 2.0 / np.maximum(dof, 2.1)), 3.0)
+            heavier = np.array([noise.tails.variance for noise in row.noise])[read]
             predicted[inside[answered]] = modelled[answered][:, 0][:, read]
             variance[inside[answered]] = scales[answered] ** 2 * heavier
         sound = sound.reshape(h, -1)

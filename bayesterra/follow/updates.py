@@ -74,7 +74,7 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
         return Forecast(newest.channels, observed, np.full((3, k), np.nan), np.full(k, np.nan), 1.0)
     standard = (observed - predicted[answered]) / newest.scales(predicted[answered], noise[answered])
     share = weights[answered] / weights[answered].sum()
-    scores = [law.normal_score(standard[:, 0, i]) for i, law in enumerate(newest.noise)]
+    scores = [law.tails.normal_score(standard[:, 0, i]) for i, law in enumerate(newest.noise)]
     return Forecast(
         newest.channels,
         observed,

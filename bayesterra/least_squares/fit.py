@@ -34,7 +34,7 @@ from bayesterra.least_squares.settings import (
 from bayesterra.least_squares.solver import MARGIN, Clip, clip
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel
-from bayesterra.parameters import CHANNELS, OFFSET, SOIL_PARAMETERS
+from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, SOIL_PARAMETERS
 from bayesterra.study.study import Study
 
 
@@ -154,7 +154,7 @@ def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[st
     return Fit(
         method=method,
         soil=settings.soil(theta),
-        errors={name: joint_fit.errors.get(name, np.nan) for name in ("sinkage", *FORCES)},
+        errors={name: joint_fit.errors.get(name, np.nan) for name in OUTCOMES},
         converged=joint_fit.best.converged,
         passes=len(joint_fit.path),
         path=tuple(settings.soil(point) for point in joint_fit.path),

@@ -16,7 +16,17 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, counted
 from bayesterra.least_squares.results import FORCES, error_figure
 from bayesterra.least_squares.settings import GROUPS, Readings, Settings
-from bayesterra.least_squares.solver import MARGIN, Box, ClippedModel, Curve, Formula, Minimum, minimise
+from bayesterra.least_squares.solver import (
+    MARGIN,
+    Box,
+    ClippedModel,
+    Curve,
+    Formula,
+    Minimum,
+    leaving,
+    minimise,
+    ratio,
+)
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.models.geometry import entrance_angle, shear_start_radius
@@ -54,7 +64,7 @@ class Step:
         return settings.free(GROUPS[self.group])
 
     def run(self, theta: FloatArray, settings: Settings) -> Minimum:
-        """Fit the group from its start values, the other parameters as in ``theta`` (9,)."""
+        """Fit the group from its start values, the other parameters as in ``theta`` (p,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
         residual = Misfit(self.curve, self.measured, self.complete)
@@ -83,7 +93,7 @@ class Misfit:
         return (self.curve.values(theta) - self.measured)[self.complete] / self._scale
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives (k, 9)."""
+        """Derivatives (k, p)."""
         return self.curve.jacobian(theta)[self.complete] / self._scale
 
 
@@ -199,7 +209,7 @@ def integral_steps(readings: Readings, model: M1) -> list[Step]:
 
 @dataclass(frozen=True)
 class Passes:
-    """Parameters (9,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
+    """Parameters (p,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
 
     path: tuple[FloatArray, ...]
     converged: bool
@@ -303,19 +313,19 @@ class Shape(NamedTuple):
 
 
 def shape(theta: Complex, at: Contact) -> Shape:
-    """Shape of the contact for parameters (9,), with θm/θ1 clipped into (c3, 1)."""
-    _, _, _, _, _, _, c1, c2, c3 = theta
-    t1, t2 = at.entrance, c3 * at.entrance
-    tm = _inside(c1 + c2 * at.slip, c3) * t1
+    """Shape of the contact for parameters (p,), with θm/θ1 clipped into (θ2/θ1, 1)."""
+    back = leaving(theta, at.slip)
+    t1, t2 = at.entrance, back * at.entrance
+    tm = _inside(ratio(theta, at.slip), back) * t1
     front, rear = t1 - tm, tm - t2
     A = (np.cos(tm) - np.cos(t2)) / rear + (np.cos(tm) - np.cos(t1)) / front
     B = (np.sin(tm) - np.sin(t2)) / rear + (np.sin(tm) - np.sin(t1)) / front
     return Shape(t2, tm, A, B, (t1 - t2) / 2)
 
 
-def _inside(ratio: Complex, c3: np.complex128) -> Complex:
-    low, high = c3 + MARGIN, 1 - MARGIN
-    return np.where(ratio.real < low.real, low, np.where(ratio.real > high, high, ratio))
+def _inside(middle: Complex, back: Complex) -> Complex:
+    low, high = back + MARGIN, 1 - MARGIN
+    return np.where(middle.real < low.real, low, np.where(middle.real > high, high, middle))
 
 
 def largest_stress(theta: Complex, middle: Complex, at: Contact) -> Complex:

@@ -26,6 +26,7 @@ from bayesterra.least_squares.solver import (
     Minimum,
     clip,
     excess_jacobian,
+    leaving,
     minimise,
 )
 from bayesterra.likelihood.likelihood import Likelihood
@@ -235,7 +236,7 @@ def _summary(
     return sd, errors
 
 
-_C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2", "c3"))
+_C1, _C2 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2"))
 
 
 def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
@@ -244,8 +245,9 @@ def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
         return _narrowed(settings, columns, slip)
     angles = [_C1, _C2]
     lower, upper, basis = settings.lower.copy(), settings.upper.copy(), np.eye(len(settings.lower))
-    lower[angles], upper[angles] = settings.lower[_C3] + MARGIN, 1 - MARGIN
-    basis[np.ix_(angles, angles)] = np.linalg.inv([[1.0, slip.min()], [1.0, slip.max()]])
+    ends = np.array([slip.min(), slip.max()])
+    lower[angles], upper[angles] = leaving(settings.lower, ends) + MARGIN, 1 - MARGIN
+    basis[np.ix_(angles, angles)] = np.linalg.inv([[1.0, ends[0]], [1.0, ends[1]]])
     return Box(lower, upper, columns, basis)
 
 
@@ -254,7 +256,7 @@ def _narrowed(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
     lower, upper = settings.lower.copy(), settings.upper.copy()
     if _C1 in columns and _C2 not in columns:
         growth = settings.start[_C2] * slip
-        lower[_C1] = max(lower[_C1], settings.lower[_C3] + MARGIN - growth.min())
+        lower[_C1] = max(lower[_C1], float(np.max(leaving(settings.lower, slip) + MARGIN - growth)))
         upper[_C1] = min(upper[_C1], 1 - MARGIN - growth.max())
     if not lower[_C1] < upper[_C1]:
         return Box(settings.lower, settings.upper, columns)

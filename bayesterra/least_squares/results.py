@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior
 from bayesterra.models import Soil
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import CHANNELS, HELD, MODEL_PARAMETERS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
@@ -100,8 +100,8 @@ def report_table(fits: Mapping[str, Fit], study: Study | None = None) -> pd.Data
 
 def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, str, float, float, float]]:
     for name, value in fit.values().items():
-        if name == "c3" and name in fit.held and value == 0:
-            continue  # the wheel leaves the soil at the bottom: nothing to tell
+        if name in fit.held and value == HELD.get(name):
+            continue  # as it is by default: nothing to tell
         unit, scale = PARAMETERS[name].unit, PARAMETERS[name].scale
         shown = np.nan if name in fit.missing else value / scale
         yield fit.method, name, unit, shown, published.get(name, np.nan) / scale, np.nan

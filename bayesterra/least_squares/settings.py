@@ -13,7 +13,15 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Conditions, LoadEffectSoil, Soil
-from bayesterra.parameters import LOAD_EFFECT, MODEL_PARAMETERS, MODULI, OFFSET, PARAMETERS, SOIL_PARAMETERS
+from bayesterra.parameters import (
+    HELD,
+    LOAD_EFFECT,
+    MODEL_PARAMETERS,
+    MODULI,
+    OFFSET,
+    PARAMETERS,
+    SOIL_PARAMETERS,
+)
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import PAPER_BOX, Entry
@@ -21,15 +29,15 @@ from bayesterra.study.study import Study
 
 START: Mapping[str, float] = {
     "Ks": 2.5e6, "n0": 0.5, "n1": 0.5, "c": 200.0, "phi": float(np.radians(30.0)), "K": 0.01,
-    "c1": 0.5, "c2": 0.0, "c3": 0.0,
+    "c1": 0.5, "c2": 0.0, **HELD,
 }  # fmt: skip
 """Start values of IM1, Ding et al. 2015, Table 17; its bounds are the prior set ``paper-box``."""
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    group: tuple(name for name in SOIL_PARAMETERS if PARAMETERS[name].group == group and name != "c3")
+    group: tuple(name for name in SOIL_PARAMETERS if PARAMETERS[name].group == group and name not in HELD)
     for group in ("P_I", "P_II", "P_III")
 }
-"""Parameters that the methods identify together; c3 is identified by joint alone."""
+"""Parameters that the methods identify together; those held by default are identified by joint alone."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +143,10 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     StudyError : an empty range, or a start value outside its bounds.
     """
     asked = overrides.over(study)
-    hold = {"c3": START["c3"], **(asked.hold or {})}
-    box = {name: entry.range for name, entry in PAPER_BOX.items() if isinstance(entry, Law)}
-    box["c3"] = (START["c3"], START["c3"])
+    hold = {**HELD, **(asked.hold or {})}
+    box = {
+        name: entry.range if isinstance(entry, Law) else (entry, entry) for name, entry in PAPER_BOX.items()
+    }
     low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
     high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}
     start = {name: float(np.clip(START[name], low[name], high[name])) for name in SOIL_PARAMETERS}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,13 @@ COMPLEX_STEP = 1e-60
 
 
 class Curve(Protocol):
-    """Values (k,) that depend on soil parameters (9,), with exact derivatives (k, 9)."""
+    """Values (k,) that depend on soil parameters (p,), with exact derivatives (k, p)."""
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Values (k,); non-finite where the model has no answer."""
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives (k, 9) of the values."""
+        """Derivatives (k, p) of the values."""
 
 
 @dataclass(frozen=True)
@@ -44,20 +44,20 @@ class Formula:
         return np.real(self.formula(theta.astype(complex)))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives (k, 9), exact to rounding: nothing is subtracted in a complex step."""
+        """Derivatives (k, p), exact to rounding: nothing is subtracted in a complex step."""
         steps = theta + 1j * COMPLEX_STEP * np.eye(len(theta))
         return np.column_stack([np.imag(self.formula(step)) / COMPLEX_STEP for step in steps])
 
 
 @dataclass(frozen=True)
 class Box:
-    """Range of a search: bounds on coordinates x, with parameters (9,) = ``basis`` @ x.
+    """Range of a search: bounds on coordinates x, with parameters (p,) = ``basis`` @ x.
 
     Attributes
     ----------
-    lower, upper : (9,) bounds of the coordinates.
+    lower, upper : (p,) bounds of the coordinates.
     columns : the coordinates that are free; the others stay as at the start.
-    basis : (9, 9), None where the coordinates are the parameters.
+    basis : (p, p), None where the coordinates are the parameters.
     """
 
     lower: FloatArray
@@ -66,23 +66,23 @@ class Box:
     basis: FloatArray | None = None
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Coordinates (9,) of parameters (9,), the free ones moved inside the bounds."""
+        """Coordinates (p,) of parameters (p,), the free ones moved inside the bounds."""
         x = theta.copy() if self.basis is None else np.linalg.inv(self.basis) @ theta
         x[self.columns] = np.clip(x, self.lower, self.upper)[self.columns]
         return x
 
     def parameters(self, x: FloatArray) -> FloatArray:
-        """Parameters (9,) of coordinates (9,)."""
+        """Parameters (p,) of coordinates (p,)."""
         return x if self.basis is None else self.basis @ x
 
     def slopes(self, derivatives: FloatArray) -> FloatArray:
-        """Derivatives (k, free) by the free coordinates, from those by the parameters (k, 9)."""
+        """Derivatives (k, free) by the free coordinates, from those by the parameters (k, p)."""
         return (derivatives if self.basis is None else derivatives @ self.basis)[:, self.columns]
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Parameters (9,) at the end, half the sum of squares there, and whether a stopping rule was met."""
+    """Parameters (p,) at the end, half the sum of squares there, and whether a stopping rule was met."""
 
     theta: FloatArray
     cost: float
@@ -97,7 +97,7 @@ def minimise(
     tolerance: float = TOLERANCE,
     evaluations: int = MAX_EVALUATIONS,
 ) -> Minimum:
-    """Minimise the sum of squares of ``residual`` over the free coordinates of ``box``, from ``start`` (9,).
+    """Minimise the sum of squares of ``residual`` over the free coordinates of ``box``, from ``start`` (p,).
 
     Trust-region reflective, variables scaled by the width of their bounds. A trial step to where the
     residual is not finite is refused and the trust region shrinks; only the start must have an answer.
@@ -151,6 +151,20 @@ MARGIN = 1e-6
 _N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
 
 
+Angles = TypeVar("Angles", FloatArray, NDArray[np.complex128])
+
+
+def ratio(theta: Angles, slip: FloatArray) -> Angles:
+    """Ratios θm/θ1 (m,), (8), of soil parameters (p,)."""
+    ratios: Angles = theta[_C1] + theta[_C2] * slip
+    return ratios
+
+
+def leaving(theta: Angles, slip: FloatArray) -> Angles:
+    """Ratios θ2/θ1 (m,), (7), of soil parameters (p,): one at all slips."""
+    return np.repeat(theta[_C3], len(slip))
+
+
 @dataclass(frozen=True)
 class Clip:
     """Effect of clipping on every row.
@@ -173,18 +187,18 @@ class Clip:
 
 
 def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
-    """Parameters inside the model's range for every row; ``theta`` (9,), ``slip`` (m,)."""
+    """Parameters inside the model's range for every row; ``theta`` (p,), ``slip`` (m,)."""
     rows = np.repeat(theta[None, :], len(slip), axis=0)
-    ratio, exponent = theta[_C1] + theta[_C2] * slip, theta[_N0] + theta[_N1] * slip
-    inside = np.clip(ratio, theta[_C3] + margin, 1 - margin)
+    middle, exponent = ratio(theta, slip), theta[_N0] + theta[_N1] * slip
+    inside = np.clip(middle, leaving(theta, slip) + margin, 1 - margin)
     positive = np.maximum(exponent, margin)
-    rows[inside != ratio, _C1], rows[inside != ratio, _C2] = inside[inside != ratio], 0.0
+    rows[inside != middle, _C1], rows[inside != middle, _C2] = inside[inside != middle], 0.0
     rows[positive != exponent, _N0], rows[positive != exponent, _N1] = margin, 0.0
-    return Clip(rows, ratio - inside, exponent - positive)
+    return Clip(rows, middle - inside, exponent - positive)
 
 
 def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:
-    """Derivatives (m, ..., 9) by the parameters asked for, from those by the parameters of each row."""
+    """Derivatives (m, ..., p) by the parameters asked for, from those by the parameters of each row."""
     out = derivatives.copy()
     out[clipped.angle < 0, ..., _C3] += derivatives[clipped.angle < 0, ..., _C1]
     for column in (_C1, _C2):
@@ -216,7 +230,7 @@ class ClippedModel:
     forward: Forward
 
     def values(self, theta: FloatArray) -> FloatArray:
-        """Outcomes (m, 3) for parameters (9,); NaN where no sinkage carries the load."""
+        """Outcomes (m, 3) for parameters (p,); NaN where no sinkage carries the load."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
             outcomes: FloatArray = part.drive.answers(part.model)(row, part.conditions, part.given)[0][0]

@@ -118,7 +118,7 @@ class CorrelatedLikelihood(Likelihood):
         return self.log_rows(soil, noise_values)[1][:, :, None]
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 16)."""
+        """Log likelihood (n,) of soil arrays (n, p)."""
         total = np.full(len(soil), -np.inf)
         for good, law in self._laws(soil, noise_values):
             total[good] = law.log_density(self.measured)

@@ -52,7 +52,7 @@ class Outcomes:
 
 
 def soil_at(soil: FloatArray, width: float) -> FloatArray:
-    """Soil arrays (n, 16) with the K_s of a wheel of ``width`` (m): k_c/b + k_φ where these are used.
+    """Soil arrays (n, p) with the K_s of a wheel of ``width`` (m): k_c/b + k_φ where these are used.
 
     A modulus that is not positive is NaN: nothing carries the wheel.
     """
@@ -68,12 +68,12 @@ def _has_moduli(soil: FloatArray) -> bool:
 
 
 def offset_of(soil: FloatArray) -> FloatArray:
-    """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, 16)."""
+    """Zero error (n, 1) of the sinkage readings, m, among soil arrays (n, p)."""
     return soil[:, [SoilColumns.sinkage_offset]]
 
 
 def model_columns(soil: FloatArray, model: WheelSoilModel) -> FloatArray:
-    """Columns (n, k) of soil arrays (n, 16) that a model names."""
+    """Columns (n, k) of soil arrays (n, p) that a model names."""
     return np.take(soil, [SoilColumns[name] for name in model.parameters], axis=1)
 
 
@@ -113,7 +113,7 @@ class Forward:
         return self.drive.outcomes
 
     def __call__(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
-        """Model all rows for soil arrays (n, 16).
+        """Model all rows for soil arrays (n, p).
 
         A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
         with ``every_row`` each row that has an answer gets it.
@@ -142,7 +142,7 @@ class Forward:
         return values, status
 
     def by_wheel(self, soil: FloatArray) -> Iterator[tuple[BoolArray, FloatArray]]:
-        """Rows (m,) that share the parameters of the model, and these (n, k), for soil arrays (n, 16)."""
+        """Rows (m,) that share the parameters of the model, and these (n, k), for soil arrays (n, p)."""
         if not _has_moduli(soil):
             yield np.ones(len(self.conditions.slip), dtype=np.bool_), model_columns(soil, self.model)
             return
@@ -192,12 +192,12 @@ def reference_load(study: Study) -> float:
 
 
 def drive(study: Study, soil: FloatArray) -> Response:
-    """Drive the study's first wheel under its median load on soils (n, 16)."""
+    """Drive the study's first wheel under its median load on soils (n, p)."""
     return drive_wheel(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
 
 
 def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Response:
-    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, 16)."""
+    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, p)."""
     conditions = Conditions.of(wheel, SLIP_GRID)
     forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
     outcomes = forward(soil, every_row=True)
@@ -216,12 +216,12 @@ def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Condit
 
 
 def bearing_pressure(soil: FloatArray) -> FloatArray:
-    """Bekker pressure K_s z^n0 at ``REFERENCE_SINKAGE`` and zero slip, Pa, eq. (5); soils (n, 16)."""
+    """Bekker pressure K_s z^n0 at ``REFERENCE_SINKAGE`` and zero slip, Pa, eq. (5); soils (n, p)."""
     return soil[:, SoilColumns.Ks] * REFERENCE_SINKAGE ** soil[:, SoilColumns.n0]
 
 
 def shear_strength(soil: FloatArray) -> FloatArray:
-    """Strength c + σ tan φ at σ = ``REFERENCE_STRESS``, Pa; soils (n, 16). Eq. (9) at large displacement."""
+    """Strength c + σ tan φ at σ = ``REFERENCE_STRESS``, Pa; soils (n, p). Eq. (9) at large displacement."""
     return np.asarray(soil[:, SoilColumns.c] + REFERENCE_STRESS * np.tan(soil[:, SoilColumns.phi]))
 
 
@@ -233,7 +233,7 @@ def derive(study: Study, soil: FloatArray) -> dict[str, FloatArray]:
 def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> dict[str, FloatArray]:
     """All quantities of ``DERIVED`` for ``wheel`` under ``load`` (N), each (n,), SI.
 
-    ``soil`` (n, 16) as every forward model takes it; NaN where the model has no answer.
+    ``soil`` (n, p) as every forward model takes it; NaN where the model has no answer.
     """
     driven, soil = drive_wheel(model, wheel, load, soil), soil_at(soil, wheel.width)
     pull, pull_slip = greatest(driven.drawbar_pull)

@@ -28,6 +28,7 @@ from bayesterra.likelihood import load_integrand as pn
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, compiled, inlined
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
@@ -73,7 +74,7 @@ class Likelihood:
         return np.where((outcomes.status == 0)[:, None, None], terms, -np.inf)
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 16); −inf where the model has no answer."""
+        """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
         return self.log_density(self.forward(soil), noise_values)
 
     def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -142,7 +143,7 @@ class Likelihood:
         scale = self.scales(predicted, noise_values)
         with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
             standard = (self.measured - predicted) / scale
-            laws = [noise.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
+            laws = [noise.tails.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
             density = np.stack(laws, axis=2) - np.log(scale)
         return np.where(np.isnan(self.measured), 0.0, density)
 
@@ -156,8 +157,8 @@ class Likelihood:
         predicted = self.predicted(outcomes)
         standard = rng.standard_normal(predicted.shape)
         for i, noise in enumerate(self.noise):
-            if np.isfinite(noise.dof):
-                standard[:, :, i] = noise.draw(predicted.shape[:2], rng)
+            if noise.tails != GAUSSIAN:
+                standard[:, :, i] = noise.tails.draw(predicted.shape[:2], rng)
         return predicted + self.scales(predicted, noise_values) * standard
 
 
@@ -188,7 +189,7 @@ class LatentLoad(Likelihood):
         return self._rows(soil, noise_values, None)[:, :, :1]
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) of soil arrays (n, 16)."""
+        """Log likelihood (n,) of soil arrays (n, p)."""
         return np.asarray(self.log_terms(soil, noise_values).sum(axis=(1, 2)))
 
     def loads(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
@@ -224,14 +225,15 @@ class LatentLoad(Likelihood):
 
     @cached_property
     def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Readings (m, 4), fractions (m, 4) and degrees of freedom (4,); channels as the outcomes stand."""
-        m, outcomes = len(self.observations), self.forward.outcomes
-        readings, fraction, dof = np.full((m, 4), np.nan), np.zeros((m, 4)), np.full(4, np.inf)
+        """Readings (m, k), fractions (m, k) and codes of the laws (k,) of the outcomes."""
+        outcomes = self.forward.outcomes
+        shape = (len(self.observations), lv.CHANNELS)
+        readings, fraction, dof = np.full(shape, np.nan), np.zeros(shape), np.full(lv.CHANNELS, np.inf)
         for noise in self.noise:
             i, own = outcomes.index(noise.channel), self._given_sd[noise.channel]
             readings[:, i] = self.observations.values[noise.channel]
             fraction[:, i] = np.where(np.isnan(own), noise.fraction or 0.0, 0.0)
-            dof[i] = noise.dof
+            dof[i] = noise.tails.code
         return readings, fraction, dof
 
     def _data(self, soil: FloatArray, noise_values: FloatArray) -> Data:
@@ -244,7 +246,7 @@ class LatentLoad(Likelihood):
             values = next(estimated)[:, None] if noise.parameter else noise.sd or noise.floor
             own, i = self._given_sd[noise.channel], self.forward.outcomes.index(noise.channel)
             floor[:, :, i, 0] = np.where(np.isnan(own), values, own)
-            floor[:, :, i, 1] = noise.log_peak - np.log(floor[:, :, i, 0])
+            floor[:, :, i, 1] = noise.tails.log_peak - np.log(floor[:, :, i, 0])
         shift = np.ascontiguousarray(offset_of(soil)[:, 0])
         return readings, floor, fraction, dof, shift, np.log(self.load_range)
 
@@ -262,9 +264,9 @@ _UNSURE = 0.2  # of the guess at the log z that carries a load
 _NARROWEST, _WIDEST = 0.02, 2.0
 
 Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""Readings and their laws, channels in the order of the outcomes: readings (m, 4), NaN where there is none;
-smallest scale of the noise, and log density there at its centre, (n, m, 4, 2) or (1, m, 4, 2); the scale as a
-fraction (m, 4) of the modelled value; degrees of freedom (4,); zero error (n,) of the sinkage; log of the
+"""Readings and their laws, channels in the order of the outcomes: readings (m, k), NaN where there is none;
+smallest scale of the noise, and log density there at its centre, (n, m, k, 2) or (1, m, k, 2); the scale as a
+fraction (m, k) of the modelled value; codes of the laws (k,); zero error (n,) of the sinkage; log of the
 range (2,) of the load."""
 
 

@@ -23,14 +23,6 @@ from bayesterra.study.page import law_text
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
 
-EQUATIONS = {
-    "M1": "stresses (4) and (9) integrated along the arc, (14) and (15)",
-    "M2": "closed form with linear stresses, (18) to (24)",
-    "M3": "closed form with linear stress cosines, (25) and (26)",
-    "M2L": "closed form with linear stresses and the effect of the wheel's load, (42)",
-}
-"""Equation numbers of Ding et al. 2015."""
-
 
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
@@ -78,7 +70,7 @@ def _origin(study: Study) -> str:
 def noise_text(noise: Noise) -> Cell:
     """Noise of a channel in its field unit, in a few words."""
     scale = CHANNELS[noise.channel].scale
-    tails = "" if math.isinf(noise.dof) else f", t with {noise.dof:g} dof"
+    tails = noise.tails.words and f", {noise.tails.words}"
     if noise.law is not None:
         return f"estimated{tails}"
     if noise.fraction is not None:
@@ -112,7 +104,7 @@ def _model(study: Study) -> Markup:
     )
     return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
                   "{} noise of the standard deviation in the last line of the table.").format(
-        study.model.name, EQUATIONS[study.model.name], options, study.drive.sentence, _law_of_noise(study)
+        study.model.name, study.model.equations, options, study.drive.sentence, _law_of_noise(study)
     )  # fmt: skip
 
 
@@ -150,10 +142,11 @@ def _size(channel: str, size: Size) -> Markup:
 
 
 def _law_of_noise(study: Study) -> str:
-    heavy = [noise for noise in study.noise.values() if not math.isinf(noise.dof)]
-    if not heavy:
-        return "Gaussian"
-    return "Student-t" if len(heavy) == len(study.noise) else "Gaussian or (where marked t) Student-t"
+    marks = {noise.tails.name: noise.tails.mark for noise in study.noise.values()}
+    if len(marks) == 1:
+        return next(iter(marks))
+    marked = (f"(where marked {mark}) {name}" for name, mark in marks.items() if mark)
+    return " or ".join(["Gaussian"] * ("" in marks.values()) + [*marked])
 
 
 def _option(value: object) -> str:

@@ -150,7 +150,7 @@ def _offset_slopes(prior: Prior) -> FloatArray:
 
 
 def _column_slopes(prior: Prior) -> FloatArray:
-    """Derivative (16, d) of the columns of a soil array by the free parameters."""
+    """Derivative (p, d) of the columns of a soil array by the free parameters."""
     _, into, source = prior.soil_template
     slopes = np.zeros((len(SoilColumns), len(prior.names)))
     slopes[into, source] = 1.0
@@ -227,10 +227,8 @@ def _gradient(likelihood: Likelihood, scaled: Scaled) -> FloatArray:
     """Gradient of the log likelihood (n, d) where every reading is apart."""
     read = ~np.isnan(likelihood.measured)
     standard = np.where(read, (likelihood.measured - scaled.local.values) / scaled.scale, 0.0)
-    dof = np.array([noise.dof for noise in likelihood.noise])
-    with np.errstate(invalid="ignore"):
-        heavy = (dof + 1.0) * standard / (dof + standard**2)
-    pull = np.where(np.isfinite(dof), heavy, standard) / scaled.scale
+    pulls = [noise.tails.pull(standard[:, :, i]) for i, noise in enumerate(likelihood.noise)]
+    pull = np.stack(pulls, axis=2) / scaled.scale
     widening = np.where(read, pull * standard - 1.0 / scaled.scale, 0.0)
     gradient = np.einsum("nmk,nmkd->nd", pull, np.where(read[..., None], scaled.local.by_parameter, 0.0))
     gradient += np.einsum("nmk,nmkd->nd", widening, np.where(read[..., None], scaled.spread, 0.0))
@@ -379,10 +377,7 @@ def without_load(by_x: FloatArray, by_load: FloatArray, prior: float) -> FloatAr
 
 def _weights(noise: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
     """Roots (k,) of a and b: information of a law of unit scale about its place and its scale."""
-    dof = np.array([each.dof for each in noise])
-    with np.errstate(invalid="ignore"):
-        place = np.where(np.isinf(dof), 1.0, (dof + 1.0) / (dof + 3.0))
-        width = np.where(np.isinf(dof), 2.0, 2.0 * dof / (dof + 3.0))
+    place, width = np.array([each.tails.information for each in noise]).T
     return np.sqrt(place), np.sqrt(width)
 
 

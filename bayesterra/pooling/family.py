@@ -12,7 +12,7 @@ from numpy.random import Generator, default_rng
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.pooling.joint import JointPosterior, log_population
-from bayesterra.sampling.coordinates import Block, Coordinates, Logarithm, NormalScore, coordinates
+from bayesterra.sampling.coordinates import LEAVING, Block, Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive_component
 from bayesterra.stats.transport import TransportMap, fit_transport_map
@@ -26,8 +26,7 @@ WIDTH_DRAWS = 1000
 def restricted(posterior: Posterior, names: Sequence[str]) -> Coordinates:
     """Sampling coordinates of some of a posterior's parameters, in the order of ``names``."""
     held = {name: law.median for name, law in posterior.prior.laws.items() if name not in names}
-    if "c3" in held:
-        held["c3"] = 1.0  # unknown here: the contact angles are then mapped one by one
+    held |= {name: 1.0 for name in LEAVING if name in held}  # unknown: contact angles are mapped one by one
     entries: dict[str, Entry] = {**posterior.prior.entries, **held}
     return coordinates(Posterior(Prior(entries, posterior.prior.width), posterior.likelihood))
 

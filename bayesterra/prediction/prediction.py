@@ -39,7 +39,7 @@ from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
 UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
 PREDICTED: dict[str, Channel] = {
-    **{name: CHANNELS[name] for name in ("sinkage", "drawbar_pull", "resistance_moment")},
+    **{name: CHANNELS[name] for name in Drive.LOAD.outcomes},
     EFFICIENCY.name: EFFICIENCY,
 }
 """Outcomes that are predicted, the last axis of predictions."""

@@ -109,7 +109,7 @@ class Ground(Protocol):
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soils, as soil arrays (n, 16), through a model."""
+    """Soils, as soil arrays (n, p), through a model."""
 
     model: WheelSoilModel
     rover: Rover

@@ -300,6 +300,10 @@ def plain_coordinates(names: Sequence[str]) -> Coordinates:
     return Coordinates(((tuple(range(len(names))), Plain()),))
 
 
+LEAVING = ("c3",)
+"""Parameters of the leaving angle; where one of them is 1 or more, it counts as unknown."""
+
+
 def coordinates(posterior: Posterior) -> Coordinates:
     """Choose the map for a study: which parameters are free, and what is typical of its rows.
 
@@ -311,7 +315,7 @@ def coordinates(posterior: Posterior) -> Coordinates:
     stiffness = "kphi" if {"kc", "kphi"} <= set(loose) else "Ks"
     wanted = (stiffness, "n0", "n1")
     bearing = tuple(name for name in wanted if {stiffness, "n0"} <= set(loose) and name in loose)
-    limited = fixed.get("c3", 1.0) < 1.0 and _several_slips(posterior)
+    limited = all(fixed.get(name, 1.0) < 1.0 for name in LEAVING) and _several_slips(posterior)
     angles = ("c1", "c2") if {"c1", "c2"} <= set(loose) and limited else ()
     shear = tuple(name for name in ("c", "phi", "K") if {"c", "phi"} <= set(loose) and name in loose)
     choices: list[tuple[tuple[str, ...], Block]] = []

@@ -13,6 +13,7 @@ from bayesterra.errors import StudyError
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.parameters import (
     CHANNELS,
+    HELD,
     LOAD_EFFECT,
     MODULI,
     OFFSET,
@@ -21,6 +22,7 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 from bayesterra.stats.laws import Law
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
@@ -36,7 +38,7 @@ DEFAULT_PRIOR_SET = "paper-box"
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
 
 LOAD_EFFECT_MODEL = "M2L"
-HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, "c3": 0.0}
+HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, **HELD}
 """Contact angles that Ding et al. 2015 hold where the load effect is identified, (42)."""
 
 LOAD_MARGIN = 6.0
@@ -92,14 +94,14 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
     notes += held
     stiffness = _stiffness(entries)
     needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
-    missing = [name for name in needed if name not in entries and name != "c3"]
+    missing = [name for name in needed if name not in entries and name not in HELD]
     if missing and stated.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
     chosen = stated.chosen or (DEFAULT_PRIOR_SET if missing else None)
     prior_set: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, prior_set, chosen)
     from_set = {name: entry for name, entry in prior_set.items() if name in needed}
-    return StatedSoil({"c3": 0.0, **from_set, **entries}, correlation, earlier, tuple(notes))
+    return StatedSoil({**HELD, **from_set, **entries}, correlation, earlier, tuple(notes))
 
 
 def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
@@ -137,7 +139,7 @@ def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[
         return (), []
     held = {name: value for name, value in HELD_UNDER_LOAD.items() if name not in entries}
     entries.update(held)
-    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name != "c3")
+    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in HELD)
     return LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
 
 
@@ -380,9 +382,10 @@ def errors_of_outcomes(
     table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
     if drive.latent_load:
         raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got '{drive}')")
-    heavy = next((name for name, channel_noise in noise.items() if np.isfinite(channel_noise.dof)), None)
+    heavy = next((name for name, channel_noise in noise.items() if channel_noise.tails != GAUSSIAN), None)
     if heavy:
-        raise StudyError(f"[{table}] needs Gaussian noise: leave 'dof' of the noise of '{heavy}' out")
+        keys = "' and '".join(noise[heavy].tails.keys)
+        raise StudyError(f"[{table}] needs Gaussian noise: leave '{keys}' of the noise of '{heavy}' out")
     tables = {"discrepancy": errors.discrepancy, "ripple": errors.ripple}
     notes = [
         f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"

@@ -188,7 +188,7 @@ def _wheel(wheel: Wheel) -> dict[str, object]:
 
 def _noise(noise: Noise) -> object:
     dimension = CHANNELS[noise.channel].dimension
-    tails: dict[str, object] = {} if np.isinf(noise.dof) else {"dof": noise.dof}
+    tails = noise.tails.keys
     if noise.law is not None:
         return {"estimate": law_entry(noise.law, dimension), **tails}
     if noise.fraction is not None:

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.random import Generator
-from scipy.special import gammaln, ndtri, stdtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.stats.laws import Law
+from bayesterra.stats.tails import GAUSSIAN, StudentT, Tails
 
 LEAST = 1e-15
 """SI, at least, of a given standard deviation."""
@@ -94,26 +93,6 @@ class Noise:
         return np.where(np.isnan(given), scale, given)
 
     @cached_property
-    def log_peak(self) -> float:
-        """Log density of the law of unit scale at its centre."""
-        if np.isinf(self.dof):
-            return float(-0.5 * np.log(2 * np.pi))
-        half = 0.5 * self.dof
-        return float(gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(self.dof * np.pi))
-
-    def log_density(self, standard: FloatArray) -> FloatArray:
-        """Log density of standardised residuals (any shape), under the law of unit scale."""
-        if np.isinf(self.dof):
-            return np.asarray(self.log_peak - 0.5 * standard**2)
-        return np.asarray(self.log_peak - 0.5 * (self.dof + 1) * np.log1p(standard**2 / self.dof))
-
-    def normal_score(self, standard: FloatArray) -> FloatArray:
-        """Standardised residuals as the normal ones that are as far out; themselves for a Gaussian law."""
-        if np.isinf(self.dof):
-            return standard
-        score = ndtri(np.maximum(stdtr(self.dof, -np.abs(standard)), 1e-300))
-        return np.asarray(-np.sign(standard) * score)
-
-    def draw(self, shape: tuple[int, ...], rng: Generator) -> FloatArray:
-        """Draw standardised residuals."""
-        return rng.standard_normal(shape) if np.isinf(self.dof) else rng.standard_t(self.dof, shape)
+    def tails(self) -> Tails:
+        """Law of the residuals in units of their standard deviation."""
+        return GAUSSIAN if np.isinf(self.dof) else StudentT(self.dof)

@@ -15,6 +15,7 @@ from scipy.special import ndtri
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
 from bayesterra.parameters import (
+    HELD,
     LOAD_EFFECT,
     MODULI,
     PARAMETERS,
@@ -34,7 +35,7 @@ PAPER_BOX: dict[str, Law | float] = {
     "K": Law("uniform", lower=0.002, upper=0.050),
     "c1": Law("uniform", lower=-1.0, upper=1.0),
     "c2": Law("uniform", lower=-1.0, upper=1.0),
-    "c3": 0.0,
+    **HELD,
 }
 """Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
 
@@ -199,20 +200,20 @@ class Prior:
 
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
-        """A soil array (1, 16) of what is fixed, and which of its columns are filled from which of x."""
+        """A soil array (1, p) of what is fixed, and which of its columns are filled from which of x."""
         roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
         free = {name: self.names.index(root) for name, root in roots.items() if root in self.laws}
         return soil_array(self.fixed), [SoilColumns[name] for name in free], list(free.values())
 
     def soil_values(self, x: FloatArray) -> FloatArray:
-        """Soil array (n, 16) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
+        """Soil array (n, p) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
         template, into, source = self.soil_template
         soil = np.repeat(template, len(x), axis=0)
         soil[:, into] = x[:, source]
         return self._with_modulus(soil)
 
     def soil_of(self, values: Mapping[str, float]) -> FloatArray:
-        """Soil array (1, 16) of values by name, which override what is fixed and free alike."""
+        """Soil array (1, p) of values by name, which override what is fixed and free alike."""
         roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
         overrides = {name: values.get(name, values.get(root)) for name, root in roots.items()}
         stated = {name: value for name, value in overrides.items() if value is not None}
@@ -347,7 +348,7 @@ PLANETARY: dict[str, Law | float] = {
     "K": Law("lognorm", {"s": 0.6, "scale": 0.016}, 0.001, 0.060, _SOURCES["K"]),
     "c1": Law("norm", {"loc": 0.4, "scale": 0.2}, -1.0, 1.0, _SOURCES["c1"]),
     "c2": Law("norm", {"loc": 0.3, "scale": 0.3}, -1.0, 1.0, _SOURCES["c2"]),
-    "c3": 0.0,
+    **HELD,
 }
 """Informative, from what was measured on the Moon, on Mars and in dry sands, stated with each law; nothing
 was fitted to wheel tests of the laboratory of Ding et al. 2015. c3 is held at 0, as in ``PAPER_BOX``."""

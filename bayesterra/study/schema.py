@@ -34,6 +34,7 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs, ErrorDetails
 
 from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, suggestion
+from bayesterra.models import MODELS
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.study import entries
@@ -146,6 +147,14 @@ def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | No
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
     return low, high
+
+
+def _model(value: object) -> object:
+    """Name of a model, checked."""
+    if value not in tuple(MODELS):
+        *others, last = (f"'{name}'" for name in MODELS)
+        raise StudyError(f"'model' must be {', '.join(others)} or {last} (got {_shortened(value)})")
+    return value
 
 
 def _pooling(value: object, info: ValidationInfo) -> Pooling | None:
@@ -293,7 +302,7 @@ class StudyContent(Table):
     title: Text = ""
     soil: Text = ""
     date: Annotated[Text, BeforeValidator(_day)] = ""
-    model: Literal["M1", "M2", "M3", "M2L"] = "M1"
+    model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
     pooling: Annotated[Pooling | None, BeforeValidator(_pooling)] = None

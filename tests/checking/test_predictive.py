@@ -130,7 +130,7 @@ def test_a_wheel_out_of_use_has_curves_too(
 
 
 def soils(truth: Mapping[str, float], **changes: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """One soil (1, 16)."""
+    """One soil (1, p)."""
     return soil_array({**truth, "c3": 0.0, **changes})
 
 

@@ -165,7 +165,7 @@ def test_density_of_a_single_point_needs_no_second_axis(two: Study) -> None:
 
 
 def reasons_by_hand(study: Study, wheel: Wheel, soil: FloatArray) -> FloatArray:
-    """Which support condition a soil (n, 16) breaks, from its definition and forces at many sinkages."""
+    """Which support condition a soil (n, p) breaks, from its definition and forces at many sinkages."""
     slip, load = study.observations.slip, study.observations.load
     reasons, theta = np.zeros(len(soil), dtype=int), model_columns(soil, study.model)
     exponent = soil[:, 1:2] + soil[:, 2:3] * slip
