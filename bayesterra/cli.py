@@ -191,11 +191,10 @@ def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
 ) -> None:
     """Write a commented template of a study file."""
-    from importlib.resources import files
-
     from bayesterra.runtime.folders import write_new
+    from bayesterra.runtime.reading import MEGABYTE, read_text
 
-    write_new(file, files("bayesterra.study").joinpath("template.toml").read_text(encoding="utf-8"))
+    write_new(file, read_text(Path(__file__).parent / "study" / "template.toml", MEGABYTE))
     typer.echo(printable(f"Written: {file}"))
     typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
     typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
