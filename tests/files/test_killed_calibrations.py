@@ -1,5 +1,6 @@
 """A calibration that is killed or interrupted in a process of its own, for real."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -32,13 +33,15 @@ calibrate_study(CalibrationRequest(study, 160, seed=2, fit=exact), Path(sys.argv
 def started(out: Path) -> "subprocess.Popen[bytes]":
     """A process that begins or goes on with a calibration."""
     command = [sys.executable, "-c", CODE, str(Path(__file__).parents[1] / "checking"), str(out)]
-    return subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(command, env=env, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
-def wait_for(store: Path, tasks: int) -> None:
+def wait_for(process: "subprocess.Popen[bytes]", store: Path, tasks: int) -> None:
     """Wait until so many tasks are saved."""
     end = time.monotonic() + 120
     while finished_tasks(store) < tasks:
+        assert process.poll() is None, "it has ended before"
         assert time.monotonic() < end, "no progress"
         time.sleep(0.01)
 
@@ -50,7 +53,7 @@ def test_a_killed_calibration_loses_nothing_that_was_saved(sign: signal.Signals,
     out, store = tmp_path / "out", tmp_path / "out.part" / "checkpoint"
     for tasks in (7, 31):
         process = started(out)
-        wait_for(store, tasks)
+        wait_for(process, store, tasks)
         process.send_signal(sign)
         assert process.wait(timeout=60) != 0
         assert not out.exists()
