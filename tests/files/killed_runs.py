@@ -22,6 +22,8 @@ from bayesterra.__main__ import main
 from bayesterra.runtime.ownership import SEGMENT, WORK
 
 OUT, PART = Path("out"), Path("out.part")
+SEGMENTS = 9
+"""Segments that a whole run saves."""
 
 
 def begun(*options: str) -> int:
@@ -38,8 +40,11 @@ def ended(child: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def killed(child: int, moment: float) -> bool:
-    """Kill a process after so many seconds; whether that came before its own end."""
+def killed(child: int, moment: float, wait_for: int = 0) -> bool:
+    """Kill a process some seconds after ``wait_for`` segments stand; whether that came before its own end."""
+    seen = os.WEXITED | os.WNOHANG | os.WNOWAIT
+    while len(segments()) < wait_for and os.waitid(os.P_PID, child, seen) is None:
+        time.sleep(0.001)
     time.sleep(moment)
     os.kill(child, signal.SIGKILL)
     return ended(child) == -signal.SIGKILL
@@ -78,13 +83,18 @@ def damaged(rng: Generator) -> str | None:
     return path.name
 
 
-def one_run(span: float, plan: int, rng: Generator, expected: dict[str, bytes]) -> dict[str, Any] | None:
+def one_run(
+    span: float, plan: int, wait_for: int, rng: Generator, expected: dict[str, bytes]
+) -> dict[str, Any] | None:
     """Kill a run at a random moment, resume it to its end, compare; None if it was too quick to be killed.
 
-    ``plan`` 1: its resumption is killed as well; 2: one of its segments is damaged.
+    ``plan`` 1: its resumption is killed as well; 2: one of its segments is damaged. ``wait_for`` above 0: the
+    moment falls within 0.1 s after so many segments stand.
     """
     moments = rng.uniform(0.0, span, 2 if plan == 1 else 1).tolist()
-    if not killed(begun(), moments[0]):
+    if wait_for:
+        moments[0] = rng.uniform(0.0, 0.1)
+    if not killed(begun(), moments[0], wait_for):
         removed(OUT, PART)
         return None
     found = {"moments": moments, "segments": len(segments()), "stood": OUT.exists()}
@@ -98,7 +108,10 @@ def one_run(span: float, plan: int, rng: Generator, expected: dict[str, bytes]) 
 
 
 def kill_all(number: int, seed: int) -> None:
-    """Kill ``number`` runs, each at a moment uniform over the time of an undisturbed one."""
+    """Kill ``number`` runs: every other one while segments are saved, the rest at any moment of a run's time.
+
+    Waiting for a segment keeps the stages of death apart on machines of any speed.
+    """
     rng = np.random.default_rng(seed)
     make_runs_quick()
     main(["run", "study.toml", "--out", "undisturbed", "--quiet"])  # this also compiles what is compiled
@@ -108,7 +121,8 @@ def kill_all(number: int, seed: int) -> None:
     removed(OUT)
     done = 0
     while done < number:
-        if (found := one_run(span, done % 3, rng, expected)) is not None:
+        wait_for = done // 2 % SEGMENTS + 1 if done % 2 else 0
+        if (found := one_run(span, done % 3, wait_for, rng, expected)) is not None:
             print(json.dumps(found), flush=True)  # noqa: T201
             done += 1
 
