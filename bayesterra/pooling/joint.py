@@ -13,7 +13,8 @@ from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
-from bayesterra.stats.laws import Law, SharedCopula
+from bayesterra.stats.dependence import SharedCopula
+from bayesterra.stats.laws import Law
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 
