@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from bayesterra.arrays import FloatArray, spaced
+from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.diagnostics import array_ess, rank_scores
-from bayesterra.stats.mixture_copula import MixtureCopula, fit_mixture_copula
+from bayesterra.stats.mixture_copula import TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
@@ -49,8 +49,6 @@ NOISE = 1.0
 """Largest difference of a probability that n draws of the copula itself show, times √n."""
 POOR = 0.1
 """Difference of a probability from which a joint law stands badly for the draws."""
-FITTED = 4000
-"""Draws at most that a mixture is fitted to."""
 SIMULATED = 2**15
 """Draws of a mixture that its probabilities are counted on."""
 
@@ -299,12 +297,12 @@ def _mixture(
 
     Each half of these is compared with the fit to the other half.
     """
-    mixture, halves = fit_mixture_copula(spaced(scores, min(int(size), FITTED)))
+    mixture, halves = fit_mixture_copula(scores[:: max(1, round(len(scores) / size))])
     away = [
         _shares(unseen, matrix) - _shares(fit.sample(SIMULATED, np.random.default_rng(0)), matrix)
         for fit, unseen in halves
     ]
-    return mixture, _compared(names, np.mean(away, axis=0), matrix, min(size, FITTED))
+    return mixture, _compared(names, np.mean(away, axis=0), matrix, min(size, TRIED))
 
 
 def _text(drawn: Drawn, size: float, widen: float) -> str:

@@ -20,6 +20,7 @@ from bayesterra.identifiability.cloning import (
 )
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.study.result import Result
 
 N = 4000
@@ -147,3 +148,8 @@ def test_laws_that_correlate_are_scaled_together() -> None:
     np.testing.assert_array_equal(first, third)
     np.testing.assert_allclose(second, -0.5 * z[:, 1] ** 2, atol=1e-9)
     np.testing.assert_allclose(stated.together(1.0 + 0.1 * z).log_density, first + second, atol=1e-9)
+    one = MixtureCopula((1.0,), ((0.0, 0.0),), (((1.0, -0.8), (-0.8, 1.0)),))
+    mixed = Stated(["n0", "n1", "c1"], [law] * 3, [False] * 3, np.eye(3), [([0, 2], one)])
+    alike = [found.log_density - found.log_density[0] for found in mixed.densities(1.0 + 0.1 * z)]
+    for ours, theirs in zip(alike, (first, second, third), strict=True):
+        np.testing.assert_allclose(ours, theirs - theirs[0], atol=1e-9)

@@ -60,7 +60,19 @@ def test_an_entry_held_just_outside_leaves_the_others_in_place() -> None:
     np.testing.assert_allclose(found[1], found[0], atol=1e-6)
 
 
-def study(drive: str, correlation: dict[str, float] | None = None, **options: Any) -> Study:
+BENT = {
+    "weights": [0.4, 0.35, 0.25],
+    "means": [[-1.0, 0.8, 0.0], [0.0, -0.7, 0.2], [1.1, 0.6, -0.3]],
+    "covariances": [
+        [[0.4, -0.3, 0.1], [-0.3, 0.3, 0.0], [0.1, 0.0, 1.0]],
+        [[0.3, 0.0, 0.0], [0.0, 0.05, 0.02], [0.0, 0.02, 0.7]],
+        [[0.4, 0.3, 0.1], [0.3, 0.3, 0.05], [0.1, 0.05, 0.9]],
+    ],
+}
+"""A mixture of scores along a ridge that bends."""
+
+
+def study(drive: str, dependence: dict[str, Any] | None = None, **options: Any) -> Study:
     """Four rows of two wheels of different width, with noise of every kind."""
     wheels = {"narrow": Wheel(0.157, 0.165, 0.01, 30, 0.65), "wide": Wheel(0.157, 0.28, 0.01, 30, 0.65)}
     data: dict[str, list[Any]] = {
@@ -94,24 +106,25 @@ def study(drive: str, correlation: dict[str, float] | None = None, **options: An
         "c2": Tie("n1"),
         "n1": Law("uniform", {}, 0.0, 0.5),
         "sinkage_offset": Law("norm", {"loc": 0.0, "scale": 1e-3}),
-        "correlation": correlation or {},
+        **(dependence or {}),
     }
     return Study(table, wheels, slip_reference="shearing", drive=drive, noise=noise, priors=priors, **options)
 
 
 @pytest.mark.parametrize(
-    ("drive", "correlation"),
+    ("drive", "dependence"),
     [
         ("load", {}),
-        ("load", {"c, phi": -0.8, "phi, K": 0.5, "kc, kphi": -0.9}),
+        ("load", {"correlation": {"c, phi": -0.8, "phi, K": 0.5, "kc, kphi": -0.9}}),
+        ("load", {"correlation": {"kc, kphi": -0.9}, "mixture": {"phi, c, K": BENT}}),
         ("sinkage", {}),
         ("both", {}),
     ],
 )
-def test_slopes_are_those_of_the_density(drive: str, correlation: dict[str, float]) -> None:
-    """Moduli, ties, noise of every kind, correlated laws: slopes are those of the log density."""
+def test_slopes_are_those_of_the_density(drive: str, dependence: dict[str, Any]) -> None:
+    """Moduli, ties, noise of every kind, correlated and bent laws: slopes are those of the log density."""
     options: dict[str, Any] = {"load_range": (20.0, 200.0)} if drive == "both" else {}
-    density = posterior(study(drive, correlation, **options))
+    density = posterior(study(drive, dependence, **options))
     scaled = chart(density)
     y = scaled.from_physical(draw_cut_prior(density, 20, np.random.default_rng(1)).x)
     target = Target(density, scaled, with_prior=True, anchor=np.full(y.shape[1], 0.5))
