@@ -29,13 +29,15 @@ STEPS = 100
 CORRELATION_DRAWS = 2**15
 SINGULAR = 1e-9
 """Smallest eigenvalue of a covariance that can hold."""
-COMPONENTS = (2, 4, 6, 8, 12, 16)
-TRIED, FITTED = 8000, 20_000
+COMPONENTS = (2, 4, 8, 12, 16, 24)
+TRIED, FITTED = 4000, 20_000
 """Draws at most by which the number of components is chosen, and of the fit with it."""
+THINNEST = 1e-7
+"""Variance of scores that no ridge falls below, so that rounding leaves covariances what they are."""
+EM_STEPS = 100
+"""Steps of a fit at most."""
 PATIENCE = 2
 """Numbers of components in a row without gain, after which no more are tried."""
-STARTS = 2
-"""Fits from other starting centres, of which the best is kept."""
 FLOOR = 1e-4
 """Least eigenvalue of a component's covariance, in scores that the correlations are taken out of."""
 _LOG_ROOT = 0.5 * float(np.log(2 * np.pi))
@@ -280,15 +282,13 @@ def fit_mixture_copula(z: FloatArray) -> tuple[MixtureCopula, list[tuple[Mixture
 
 
 def _fitted(z: FloatArray, components: int) -> MixtureCopula:
-    """The best of some fits by expectation–maximisation."""
-    root, rng = np.asarray(np.linalg.cholesky(np.corrcoef(z.T))), default_rng(0)
-    u, weights = np.asarray(np.linalg.solve(root, z.T).T, dtype=np.float64), np.ones(len(z))
-    fits = [
-        fit_mixture(u, weights, components, rng, dof=np.inf, steps=200, gain=2e-5, floor=FLOOR)
-        for _ in range(STARTS)
-    ]
-    mixture = max(fits, key=lambda fit: float(fit.log_density(u).mean()))
+    """The fit by expectation–maximisation, rounded to what a file says."""
+    root, weights = np.asarray(np.linalg.cholesky(np.corrcoef(z.T))), np.ones(len(z))
+    u = np.asarray(np.linalg.solve(root, z.T).T, dtype=np.float64)
+    mixture = fit_mixture(
+        u, weights, components, default_rng(0), dof=np.inf, steps=EM_STEPS, gain=1e-4, floor=FLOOR
+    )
     factors = root @ mixture.factors
-    covariances = np.round(factors @ factors.swapaxes(1, 2), 8)
+    covariances = np.round(factors @ factors.swapaxes(1, 2) + THINNEST * np.eye(z.shape[1]), 8)
     shares, means = np.round(mixture.weights, 8), np.round(mixture.means @ root.T, 8)
     return MixtureCopula.of(shares, means, np.tril(covariances) + np.tril(covariances, -1).swapaxes(1, 2))

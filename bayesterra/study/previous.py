@@ -26,7 +26,7 @@ from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.diagnostics import array_ess, rank_scores
-from bayesterra.stats.mixture_copula import TRIED, MixtureCopula, fit_mixture_copula
+from bayesterra.stats.mixture_copula import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
@@ -161,7 +161,7 @@ def taken(
     matrix = np.atleast_2d(np.corrcoef(scores.T))
     fidelity = _fidelity(tuple(take), scores, matrix, size)
     mixture, tried = None, None
-    if fidelity.difference > fidelity.noise:
+    if fidelity.difference > fidelity.noise and np.linalg.eigvalsh(matrix)[0] > SINGULAR:
         mixture, tried = _mixture(tuple(take), scores, matrix, size)
         mixture = mixture if tried.difference < fidelity.difference else None
     bound = [name for name in take if name in tied] if mixture is not None else []
