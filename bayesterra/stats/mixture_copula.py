@@ -103,7 +103,7 @@ class MixtureCopula:
 
     @cached_property
     def correlation(self) -> FloatArray:
-        """See :class:`Dependence`; of many draws."""
+        """See :class:`bayesterra.stats.dependence.Dependence`; of many draws."""
         return np.asarray(np.corrcoef(self.sample(CORRELATION_DRAWS, default_rng(0)).T))
 
     def sample(self, n: int, rng: Generator) -> FloatArray:
@@ -117,13 +117,16 @@ class MixtureCopula:
         return np.column_stack([np.empty((len(z), 0)), *columns])
 
     def log_density(self, z: FloatArray) -> FloatArray:
-        """See :class:`Dependence`."""
+        """See :class:`bayesterra.stats.dependence.Dependence`."""
         y = self._latent(z)
         own = sum(law.log_density(y[:, i]) for i, law in enumerate(self._marginals))
         return np.asarray(self._mixture.log_density(y) - own)
 
     def completed(self, given: FloatArray, normal: FloatArray) -> FloatArray:
-        """See :class:`Dependence`; each component's mean and weight follow from the values before."""
+        """See :class:`bayesterra.stats.dependence.Dependence`.
+
+        Each component's mean and weight follow from the values before.
+        """
         k, y = given.shape[1], self._latent(given)
         weights, means, factors = (getattr(self._mixture, name) for name in ("weights", "means", "factors"))
         white, logs = np.zeros((len(normal), *means.shape)), np.tile(np.log(weights), (len(normal), 1))
@@ -165,12 +168,12 @@ class MixtureCopula:
         return (slope - first) * stretch, kept
 
     def marginal(self, at: Sequence[int]) -> MixtureCopula:
-        """See :class:`Dependence`."""
+        """See :class:`bayesterra.stats.dependence.Dependence`."""
         means, covariances = np.array(self.means)[:, at], np.array(self.covariances)[:, at][:, :, at]
         return MixtureCopula.of(np.array(self.weights), means, covariances)
 
     def split(self, shared: int) -> Split:
-        """See :class:`Dependence`."""
+        """See :class:`bayesterra.stats.dependence.Dependence`."""
         return Split(self, shared)
 
     @classmethod
