@@ -38,6 +38,7 @@ from bayesterra.report.numbers import interval, moments, plain, probability, res
 from bayesterra.report.sections import UNSEEN, Section, Verdict, VerdictPage, missing, said, section, verdict
 from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
+from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import StripRow
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
@@ -260,6 +261,9 @@ def _cut_moments(result: Result, name: str) -> tuple[str, str]:
 def run_overview(result: Result) -> Overview:
     """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
     lines = [Text(verdict_line(result.record))]
+    laws = result.study.prior.laws.values()
+    earlier = dict.fromkeys(law.source for law in laws if isinstance(law, QuantileLaw) and law.source)
+    lines += [Text(f"Prior: {source}.") for source in earlier]
     if misfit := misfit_line(result):
         lines.append(Text(misfit, "poor"))
     if crosscheck := result.record.get("crosscheck"):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayesterra.analysis.closing_page import added_sections, methods_section
+from bayesterra.analysis.page import data_section, run_overview
 from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, field_values
@@ -14,6 +15,7 @@ from bayesterra.report.blocks import Table, Text
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.report.style import MARKS
 from bayesterra.stats.diagnostics import hdi
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Prior
@@ -110,3 +112,21 @@ def test_point_estimates_stand_beside_median_and_mode_in_this_order(small_result
             expected = "–" if value is None else rounded(value / PARAMETERS[name].scale, step)
             assert str(cell).removeprefix("= ").removeprefix("| ") == expected
     assert told_apart >= 3
+
+
+def test_the_overview_of_a_run_names_the_earlier_result(built_upon: Result, small_result: Result) -> None:
+    """Once for all parameters of one source, with what it says of the joint law; nothing without one."""
+    lines = [block.text for block in run_overview(built_upon) if isinstance(block, Text)]
+    assert lines.count(f"Prior: {LAW.source}.") == 1
+    others = [block.text for block in run_overview(small_result) if isinstance(block, Text)]
+    assert not [line for line in others if str(line).startswith("Prior: ")]
+
+
+def test_a_bent_joint_law_is_named_beside_the_stated_laws(built_upon: Result) -> None:
+    """The caption of the laws counts the normal laws of the mixture."""
+    study = copy(built_upon.study)
+    bent = MixtureCopula((0.5, 0.5), ((-0.5, 0.0), (0.5, 0.0)), (((0.7, 0.5), (0.5, 1.0)),) * 2)
+    object.__setattr__(study, "prior", replace(study.prior, correlation={}, mixtures={"phi, K": bent}))
+    tables = [block for block in data_section(replace(built_upon, study=study)) if isinstance(block, Table)]
+    captions = [str(table.caption) for table in tables]
+    assert any("joined by a mixture of 2 normal laws of the scores of phi, K" in text for text in captions)
