@@ -111,7 +111,9 @@ def _measurements(study: Study) -> Table:
         table.add_column(f"{name} [{CHANNELS[name].unit}]", justify="right")
     for i, row in enumerate(rows.rows):
         wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
-        cells = [_cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()]
+        cells = [
+            rows.marks(name)[i] + _cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()
+        ]
         mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
         table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
     table.add_section()
@@ -135,6 +137,7 @@ def _noise(noise: Mapping[str, Noise], name: str) -> str:
     if entry is None:
         return "given"
     tails = entry.tails.short and f", {entry.tails.short}"
+    tails += f", read to {entry.resolution / channel.scale:g}" if entry.resolution else ""
     if entry.law is not None:
         return f"estimated{tails}"
     if entry.fraction is not None:

@@ -252,7 +252,7 @@ class _Scorer:
             number[fold.left] = i
         inputs, rows = conditions(self.study), []
         for channel in scored_channels(self.study):
-            values = self.study.observations.values[channel]
+            values = self.study.observations.numbers().values[channel]
             kept = self.kept & ~np.isnan(values)
             answer = Answer(())
             if kept.sum() >= 2:
@@ -267,8 +267,8 @@ class _Scorer:
     def _scored(
         self, predictor: str, place: int, channel: str, law: Mixture | None, unanswered: float, detail: str
     ) -> list[dict[str, Any]]:
-        """One row of the table; none where nothing was measured."""
-        rows, scale = self.study.observations, CHANNELS[channel].scale
+        """One row of the table; none where nothing was measured, or a limit only."""
+        rows, scale = self.study.observations.numbers(), CHANNELS[channel].scale
         observed = float(rows.values[channel][place])
         if np.isnan(observed):
             return []

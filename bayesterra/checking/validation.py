@@ -82,8 +82,7 @@ def standardised(target: Posterior, x: FloatArray) -> FloatArray:
     """
     outcomes = target.explained(x, np.random.default_rng(0))
     predicted = target.likelihood.predicted(outcomes)
-    scales = target.likelihood.scales(predicted, target.noise_values(x))
-    return np.asarray((target.likelihood.measured - predicted) / scales)
+    return target.likelihood.standardised(predicted, target.noise_values(x))
 
 
 def residuals(result: Result, most: int = DRAWS) -> FloatArray:
@@ -173,7 +172,7 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     for name, soil in complete_soils(result).items():
         outcomes = likelihood.forward(soil, every_row=True)
         predicted = likelihood.predicted(outcomes)
-        residuals_of[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
+        residuals_of[name] = likelihood.standardised(predicted, noise)[0]
     return residuals_of
 
 

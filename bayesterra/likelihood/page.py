@@ -40,7 +40,10 @@ def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
-    shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
+    shown = [
+        [f"{mark}{cell}" for mark, cell in zip(rows.marks(name), cells, strict=True)]
+        for name, cells in ((n, column(v / CHANNELS[n].scale)) for n, v in columns.items())
+    ]
     slips, body = column(rows.slip, 4), []
     for i, row in enumerate(rows.rows):
         wheel = (rows.wheel[i],) if many else ()
@@ -71,6 +74,7 @@ def noise_text(noise: Noise) -> Cell:
     """Noise of a channel in its field unit, in a few words."""
     scale = CHANNELS[noise.channel].scale
     tails = noise.tails.words and f", {noise.tails.words}"
+    tails += f", read to {noise.resolution / scale:g}" if noise.resolution else ""
     if noise.law is not None:
         return f"estimated{tails}"
     if noise.fraction is not None:

@@ -384,7 +384,9 @@ def _with_noise(
     readings = np.full((*outcomes.values.shape[:2], len(PREDICTED)), np.nan)
     if not noise:
         return readings
-    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
+    blank = replace(
+        study.observations.used(), given_sd={}, values={}, limits={}, rows=tuple(range(len(forward.given)))
+    )
     read = replace(outcomes, values=outcomes.values.copy())
     read.add("sinkage", offset_of(study.prior.soil_values(draws)))
     columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]

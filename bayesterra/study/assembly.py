@@ -396,6 +396,36 @@ def errors_of_outcomes(
     return errors.of(tuple(noise)), notes + (_several_loads(rows, drive) if errors.discrepancy else [])
 
 
+def check_limits(
+    rows: Observations, noise: Mapping[str, Noise], errors: ModelErrors, drive: Drive
+) -> tuple[Observations, list[str]]:
+    """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
+
+    Raises
+    ------
+    StudyError : such a reading is conditioned on, its load is latent, or its rows hang together.
+    """
+    notes = []
+    for name in rows.limits:
+        limited = rows.limited(name) & rows.use
+        where = f"row{'s' if limited.sum() > 1 else ''} {', '.join(map(str, np.array(rows.rows)[limited]))}"
+        if not limited.any():
+            continue
+        if name not in noise and name in (*drive.conditioned(rows), "normal_force"):
+            raise StudyError(
+                f"'{name}' must be a number where the drive conditions on it (a limit in {where})"
+            )
+        if drive.latent_load:
+            raise StudyError(f"'{name}' known by a limit takes the drives 'load' and 'sinkage' ({where})")
+        if errors and name in noise:
+            raise StudyError(
+                f"'{name}' known by a limit takes no discrepancy, ripple or slip error ({where})"
+            )
+        if name in noise:
+            notes.append(f"{name} is known to lie below or above a limit only in {where}")
+    return replace(rows, limits={name: ends for name, ends in rows.limits.items() if name in noise}), notes
+
+
 def _several_loads(rows: Observations, drive: Drive) -> list[str]:
     """A note where one curve of discrepancy stands for several loads."""
     used = rows.used()

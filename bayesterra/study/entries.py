@@ -198,7 +198,8 @@ def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: lis
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
     """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`.
 
-    A table may add ``dof``, the degrees of freedom of a Student-t law; a value is then written ``sd``.
+    A table may add ``dof``, the degrees of freedom of a Student-t law, and ``resolution``, the step to which
+    readings are rounded; a value is then written ``sd``.
     """
     if channel not in CHANNELS:
         raise StudyError(f"unknown channel '{channel}'{did_you_mean(channel, CHANNELS)}")
@@ -208,8 +209,11 @@ def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
         return Noise(channel, law=value)
     entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
     dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
+    resolution, dimension = 0.0, CHANNELS[channel].dimension
+    if "resolution" in entry:
+        resolution = quantity(entry.pop("resolution"), dimension, f"{channel}.resolution", bare=bare)
     size = _noise_size(channel, entry, bare=bare)
-    return Noise(channel, dof=dof, **size)
+    return Noise(channel, dof=dof, resolution=resolution, **size)
 
 
 def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:

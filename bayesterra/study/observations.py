@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, checked_name, did_you_mean
@@ -44,6 +46,9 @@ class Observations:
     rows : row numbers as in the file, the first data row is 1.
     notes : rows that had to be left out altogether, and why; one sentence each.
     labels : the columns of ``LABELS`` that the table has.
+    limits : (m, 2) for channels of which a reading is known only to lie below or above a limit: a reading at
+        or below the first means anything below it, one at or above the second anything above; −inf and +inf
+        where the row has none.
     """
 
     wheel: tuple[str, ...]
@@ -55,6 +60,7 @@ class Observations:
     rows: tuple[int, ...]
     notes: tuple[str, ...] = ()
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    limits: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -75,6 +81,34 @@ class Observations:
         loads = self.carried
         middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
         return np.where(np.isnan(loads), middle, loads)
+
+    def limited(self, name: str) -> BoolArray:
+        """Rows (m,) of which a channel's reading is known to lie below or above a limit only."""
+        if name not in self.limits:
+            return np.zeros(len(self), dtype=np.bool_)
+        lower, upper = self.limits[name].T
+        return np.asarray((self.values[name] <= lower) | (self.values[name] >= upper))
+
+    def cells(self, name: str, unit: float = 1.0) -> NDArray[Any]:
+        """Readings (m,) of a channel as a table has them, in a unit: numbers, or texts such as ``<0.002``."""
+        values = self.values.get(name, self.load) / unit
+        if not self.limited(name).any():
+            return values
+        cells = zip(self.marks(name), values.tolist(), strict=True)
+        return np.array([f"{mark}{value!r}" if mark else value for mark, value in cells], dtype=object)
+
+    def marks(self, name: str) -> tuple[str, ...]:
+        """``<`` or ``>`` (m,) before readings of a channel that are known by a limit only; else empty."""
+        upper = self.limits[name][:, 1] if name in self.limits else np.full(len(self), np.inf)
+        beyond = self.values[name] >= upper if name in self.values else self.limited(name)
+        words = np.where(self.limited(name), np.where(beyond, ">", "<"), "")
+        return tuple(words.tolist())
+
+    def numbers(self) -> Observations:
+        """The same without the readings that are known by a limit only."""
+        values = {n: np.where(self.limited(n), np.nan, v) if n in self.limits else v
+                  for n, v in self.values.items()}  # fmt: skip
+        return replace(self, values=values, limits={})
 
     def label(self, by: str) -> tuple[str, ...]:
         """Group of every row: its wheel, or what a column of ``LABELS`` says.
@@ -102,6 +136,7 @@ class Observations:
             rows=tuple(int(row) for row in np.array(self.rows)[keep]),
             notes=self.notes,
             labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
+            limits={name: frozen(ends[keep]) for name, ends in self.limits.items()},
         )
 
 
@@ -150,7 +185,8 @@ def observations(
         wheel=_wheel_names(columns, len(table), tuple(wheels)),
         slip=_required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
-        values={name: columns[name].si() for name in OUTCOMES if name in columns},
+        values={name: columns[name].readings() for name in OUTCOMES if name in columns},
+        limits={name: columns[name].limits() for name in OUTCOMES if name in columns and columns[name].marks},
         given_sd=_given_sd(columns, len(table)),
         use=_use(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
@@ -170,8 +206,30 @@ class Column:
 
     def si(self) -> FloatArray:
         """The cells as SI numbers, NaN where empty."""
-        values = [self._number(cell, row) for row, cell in enumerate(self.cells, start=1)]
+        return self._numbers(self.cells)
+
+    def _numbers(self, cells: Sequence[Any]) -> FloatArray:
+        values = [self._number(cell, row) for row, cell in enumerate(cells, start=1)]
         return np.array(values, dtype=np.float64) * self.scale
+
+    @cached_property
+    def marks(self) -> dict[int, str]:
+        """``<`` or ``>`` by index of the cells that begin with it: readings known by a limit only."""
+        texts = {i: cell.strip() for i, cell in enumerate(self.cells) if isinstance(cell, str)}
+        return {i: text[0] for i, text in texts.items() if text[:1] in ("<", ">")}
+
+    def readings(self) -> FloatArray:
+        """The cells as SI numbers, limits where they begin with ``<`` or ``>``; NaN where empty."""
+        bare = [cell.strip()[1:].strip() or cell if i in self.marks else cell
+                for i, cell in enumerate(self.cells)]  # fmt: skip
+        return self._numbers(bare)
+
+    def limits(self) -> FloatArray:
+        """Limits (m, 2) of the readings, −inf and +inf where there is none."""
+        ends = np.tile([-np.inf, np.inf], (len(self.cells), 1))
+        for i, mark in self.marks.items():
+            ends[i, "<>".index(mark)] = self.readings()[i]
+        return ends
 
     def _number(self, cell: Any, row: int) -> float:
         if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
@@ -291,10 +349,12 @@ def _referenced(
     rim = np.array([wheel.radius for wheel in of_row])
     behind = {"rim": rim, "tip": rim + lug, "shearing": shearing}[slip_reference]
     slip = raw.slip if slip_reference == "shearing" else np.asarray(convert_slip(raw.slip, behind, shearing))
-    values = dict(raw.values)
+    values, limits = dict(raw.values), dict(raw.limits)
     if "sinkage" in values and sinkage_reference == "tip":
         values["sinkage"] = values["sinkage"] - lug
-    return replace(raw, slip=slip, values=values)
+        if "sinkage" in limits:
+            limits["sinkage"] = limits["sinkage"] - lug[:, None]
+    return replace(raw, slip=slip, values=values, limits=limits)
 
 
 def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:

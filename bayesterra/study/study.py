@@ -200,13 +200,14 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
     errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
     errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
+    rows, limit_notes = assembly.check_limits(rows, noise, errors, drive)
     loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
     if pooling is not None:
         check_groups(errors, pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
-    notes += load_notes
+    notes += [*limit_notes, *load_notes]
     return {
         **{name: getattr(content, name) for name in _KEPT},
         **{
