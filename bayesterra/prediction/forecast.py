@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, check_seed
+from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.prediction import prediction
 from bayesterra.prediction.prediction import Case, Forecast, Prediction
-from bayesterra.study.result import Result, check_single
+from bayesterra.study.result import Result
 from bayesterra.study.wheels import checked_slips, driven_range, wheel_named
 
 
@@ -41,11 +41,13 @@ def forecast(
     loads: Sequence[str] = (),
     wheels: Sequence[str] = (),
     slip_reference: str = "shearing",
+    group: str | None = None,
 ) -> Forecast:
     """Predict every wheel under every load.
 
     Parameters
     ----------
+    group : of a joint posterior, whose parameters count; by default as for :func:`predict`.
     slips : asked for; by default those that were driven.
     loads : texts with units; by default the median load of the study.
     wheels : names or files; by default the study's first wheel.
@@ -53,11 +55,14 @@ def forecast(
     """
     cases: list[Case] = []
     for name, wheel in [wheel_named(result.study, text) for text in wheels or (None,)]:
+        known, basis = of_group(result, name, group)
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
         grid = _grid(result, asked)
         for load in loads or (None,):
-            whole = prediction.predict(result, np.union1d(grid, asked), load=load, wheel=wheel, name=name)
+            whole = prediction.predict(
+                known, np.union1d(grid, asked), load=load, wheel=wheel, name=name, basis=basis
+            )
             cases.append((whole.at(grid), whole.at(asked)))
     return Forecast(tuple(cases))
 
@@ -89,6 +94,7 @@ def predict(
     load: float | str | None = None,
     wheel: str | Path | Wheel | None = None,
     seed: int = 1,
+    group: str | None = None,
 ) -> Prediction:
     """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
 
@@ -97,15 +103,40 @@ def predict(
     slip : slips on the shearing radius, in [0, 1).
     load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
     wheel : name of one of the study's wheels (by default its first), a file of one, or another wheel.
-    seed : of the noise on the readings.
+    seed : of the noise on the readings, and of the parameters of a group that was not tested.
+    group : of a joint posterior, whose parameters count; by default that of the wheel, where groups are
+        wheels, else one that was not tested: its own parameters are drawn from the population.
 
     Raises
     ------
-    StudyError : a slip or load outside the model's range, or an unknown wheel.
+    StudyError : a slip or load outside the model's range, or an unknown wheel or group.
     """
-    check_single("bt.predict", result, Result)
+    check_kind("bt.predict", result, Result)
     check_seed(seed)
     if isinstance(wheel, Wheel):
-        return prediction.predict(result, slip, load=load, wheel=wheel, seed=seed)
-    name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))
-    return prediction.predict(result, slip, load=load, wheel=chosen, name=name, seed=seed)
+        name, chosen = "", wheel
+    else:
+        name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))
+    known, basis = of_group(result, name, group, seed)
+    return prediction.predict(known, slip, load=load, wheel=chosen, name=name, seed=seed, basis=basis)
+
+
+def of_group(result: Result, wheel: str, group: str | None, seed: int = 1) -> tuple[Result, str]:
+    """The result that predicts a wheel, and a sentence on it where it is one group of a joint posterior.
+
+    Raises
+    ------
+    StudyError : there is no such group, or the result has none.
+    """
+    if result.study.pooling is None:
+        if group is not None:
+            raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
+        return result, ""
+    from bayesterra.pooling.group import basis, group_result
+    from bayesterra.pooling.run import PooledResult
+
+    if not isinstance(result, PooledResult):  # of the prior alone
+        raise StudyError("a prediction needs a joint posterior (got a prior of several groups)")
+    if group is None and result.study.pooling.by == "wheel" and wheel in result.groups:
+        group = wheel
+    return group_result(result, group, seed=seed), basis(result, group)

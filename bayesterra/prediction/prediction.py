@@ -293,6 +293,7 @@ def predict(
     wheel: str | Wheel | None = None,
     name: str = "",
     seed: int = 1,
+    basis: str = "",
 ) -> Prediction:
     """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
 
@@ -303,6 +304,7 @@ def predict(
     wheel : name of one of the study's wheels (by default its first), or another wheel.
     name : what another wheel is called.
     seed : of the noise on the readings.
+    basis : sentence on where the draws come from, where a joint posterior of several groups gave them.
 
     Raises
     ------
@@ -334,7 +336,7 @@ def predict(
         driven=(float(rows.min()), float(rows.max())),
         derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
-        remarks=tuple(_remarks(study, driven, carried)),
+        remarks=tuple(_remarks(study, driven, carried, basis)),
     )
 
 
@@ -412,8 +414,10 @@ def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str
     return derive_for(study.model, wheel, load, study.prior.soil_values(x))
 
 
-def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
+def _remarks(study: Study, wheel: Wheel, load: float, basis: str) -> Iterator[str]:
     """Sentences on where load and wheel leave what was measured."""
+    if basis:
+        yield basis
     ends = measured_loads(study)
     if ends and not 0.999 * ends[0] <= load <= 1.001 * ends[1]:
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
@@ -425,12 +429,12 @@ def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
         yield (
             f"the model's own error is part of it, {basis}; derived quantities are those of the model alone"
         )
-    yield from wheel_remarks(study, wheel)
+    yield from wheel_remarks(study, wheel, known=bool(basis))
 
 
-def wheel_remarks(study: Study, wheel: Wheel) -> Iterator[str]:
-    """Sentences on where a wheel leaves those that were measured."""
-    if wheel not in study.wheels.values():
+def wheel_remarks(study: Study, wheel: Wheel, *, known: bool = False) -> Iterator[str]:
+    """Sentences on where a wheel leaves those that were measured; ``known``: its parameters allow for it."""
+    if wheel not in study.wheels.values() and not known:
         yield (
             f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
             " soil need not hold for another, least of all when only one of them has lugs"
