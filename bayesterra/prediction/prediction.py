@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, check_seed
 from bayesterra.likelihood.forward import (
     Forward,
     Outcomes,
@@ -31,7 +32,7 @@ from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
-from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
+from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result, check_single
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
@@ -290,7 +291,7 @@ def predict(
     slip: ArrayLike,
     *,
     load: float | str | None = None,
-    wheel: str | Wheel | None = None,
+    wheel: str | Path | Wheel | None = None,
     name: str = "",
     seed: int = 1,
 ) -> Prediction:
@@ -298,9 +299,9 @@ def predict(
 
     Parameters
     ----------
-    slip : slips on the shearing radius, in [0, 1); sorted, each once.
+    slip : slips on the shearing radius, in [0, 1).
     load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
-    wheel : name of one of the study's wheels (by default its first), or another wheel.
+    wheel : name of one of the study's wheels (by default its first), a file of one, or another wheel.
     name : what another wheel is called.
     seed : of the noise on the readings.
 
@@ -308,6 +309,8 @@ def predict(
     ------
     StudyError : a slip or load outside the model's range, or an unknown wheel.
     """
+    check_single("bt.predict", result, Result)
+    check_seed(seed)
     study = result.study
     at, carried = checked_slips(slip), _load(study, load)
     called, driven = chosen_wheel(study, wheel, name)
