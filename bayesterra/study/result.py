@@ -354,7 +354,7 @@ def shown(verdict: str) -> str:
     return {"weakly": "weakly determined"}.get(verdict, verdict)
 
 
-def summary_rows(result: Result) -> dict[str, SummaryRow]:
+def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
     names = [column.name for column in fields(SummaryRow)]
     return {
