@@ -237,11 +237,12 @@ def predict(
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
     from bayesterra.prediction import forecast
+    from bayesterra.prediction.prediction import of_group
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
     loaded = load_result(result)
     if rover is not None:
-        known, _ = forecast.of_group(loaded, "", group)
+        known, _ = of_group(loaded, "", group)
         _drive(known, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return
     cases = forecast.forecast(

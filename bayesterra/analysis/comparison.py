@@ -21,7 +21,7 @@ from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
 from bayesterra.study.result import AnalysisResult, Result, check_single
-from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
+from bayesterra.study.wheels import GRID, chosen_wheel
 
 MOST = 6
 BARE = 1.0
@@ -314,7 +314,7 @@ def _named(results: object) -> Mapping[str, Result]:
 
 def _common_wheel(results: Mapping[str, Result], name: str) -> tuple[str, Wheel]:
     knows = (result for result in results.values() if name in result.study.wheels)
-    return wheel_named(next(knows, next(iter(results.values()))).study, name)
+    return chosen_wheel(next(knows, next(iter(results.values()))).study, name)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:

@@ -35,7 +35,7 @@ from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling import importance, sampler
-from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.importance import Evidence, ensembles_evidence
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
@@ -91,7 +91,12 @@ def run(
     mode = failures.attempt(
         "mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced)
     )
-    integral = failures.attempt("evidence", lambda: _evidence(target, samples, weighing), lambda: None)
+    densities = Target(target, samples.coordinates).densities
+    integral = failures.attempt(
+        "evidence",
+        lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)),
+        lambda: None,
+    )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
     result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
@@ -105,12 +110,6 @@ def run(
 
     entry = failures.attempt("crosscheck", against, dict[str, Any])
     return replace(result, record=with_failures({**result.record, **entry}, failures))
-
-
-def _evidence(target: Posterior, samples: Samples, seed: SeedSequence) -> Evidence | None:
-    proposals = [adaptation.proposal for adaptation in samples.adaptations]
-    pooled = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
-    return pooled.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
 @dataclass(frozen=True)

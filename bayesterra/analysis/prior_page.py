@@ -43,7 +43,9 @@ def prior_page(result: PriorResult) -> VerdictPage:
     failures = Failures()
     verdicts = (
         verdict(failures, "Physics leaves", lambda: _support(result)),
-        verdict(failures, "Readings would teach", lambda: _predictions(result)),
+        verdict(
+            failures, "Readings would teach", lambda: _predictions(result), failed(result.record, "curves")
+        ),
         verdict(failures, "Greatest pull", lambda: _pull(result)),
     )
     sections = (
@@ -79,8 +81,6 @@ def _support(result: PriorResult) -> Verdict:
 
 def _predictions(result: PriorResult) -> Verdict:
     """Width of the predictions beside the noise."""
-    if line := failed(result.record, "curves"):
-        return Verdict("Readings would teach", "not known", "fair", Markup("{}").format(line))
     outcomes = result.draws["curves"]["outcome"].to_numpy().tolist()
     ratios = {name: _ratio(result, name) for name in result.study.noise if name in outcomes}
     phrases = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())

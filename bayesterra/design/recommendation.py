@@ -32,7 +32,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
 from bayesterra.study.result import Result, check_single, versions
 from bayesterra.study.study import Study
-from bayesterra.study.wheels import wheel_named
+from bayesterra.study.wheels import chosen_wheel
 
 TASKS = "candidates"
 DRAWS = 2000
@@ -120,7 +120,7 @@ def design_request(
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
-    wishes = CandidateOptions(slips, loads, dict(_wheel(study, wheel) for wheel in wheels), channels)
+    wishes = CandidateOptions(slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
     grid = candidates(study, wishes)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
 
@@ -167,10 +167,6 @@ def recommend(
         seed=seed,
     )  # fmt: skip
     return question.answered(engine, lambda estimates, update: progress(update))
-
-
-def _wheel(study: Study, wheel: str | Wheel) -> tuple[str, Wheel]:
-    return ("other wheel", wheel) if isinstance(wheel, Wheel) else wheel_named(study, wheel)
 
 
 def design_into(

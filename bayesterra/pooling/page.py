@@ -35,7 +35,7 @@ from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import law_text
+from bayesterra.study.page import failed_checks, law_text
 from bayesterra.study.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
@@ -62,7 +62,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
     )
     warning, failures = Markup(""), Failures()
     if not result.converged:
-        advice = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
+        advice = [check["advice"] for check in failed_checks(result)]
         warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
@@ -73,8 +73,10 @@ def pooled_page(result: PooledResult) -> PooledPage:
 
     verdicts = (
         verdict(failures, "Sampling", lambda: _sampling(result)),
-        verdict(failures, "One value for all?", lambda: _sharing(result)),
-        verdict(failures, "Evidence prefers", lambda: _preferred(result)),
+        verdict(failures, "One value for all?", lambda: _sharing(result), failed(record, "sharing")),
+        verdict(
+            failures, "Evidence prefers", lambda: _preferred(result), failed(record, "degrees", "complete")
+        ),
     )
     sections = (
         made("sharing", "What belongs to the soil", _sharing_section),
@@ -131,8 +133,6 @@ def _sharing(result: PooledResult) -> Verdict:
     decided = len(rows) - len(open_)
     grade = "good" if decided else "fair"
     word = f"{decided} of {len(rows)} decided"
-    if line := failed(result.record, "sharing"):
-        return Verdict("One value for all?", "not known", "fair", Markup("{}").format(line))
     return Verdict("One value for all?", word, grade, Markup("; ").join(clauses) + ".")
 
 
@@ -144,8 +144,6 @@ def _decided(row: Mapping[Any, Any]) -> bool:
 
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
-    if line := failed(result.record, "degrees", "complete"):
-        return Verdict("Evidence prefers", "not known", "fair", Markup("{}").format(line))
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
     clauses = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")

@@ -38,11 +38,12 @@ from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
-from bayesterra.sampling.summary import summary_row
+from bayesterra.sampling.summary import parameter_rows
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
 from bayesterra.study.result import (
+    SI_UNITS,
     Result,
     StudyRecord,
     conditions_dataset,
@@ -266,16 +267,8 @@ def quantity_of(name: str) -> Parameter:
 
 def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd.DataFrame:
     densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
-    of = samples.diagnosis
-    return pd.DataFrame(
-        [
-            summary_row(
-                quantity_of(name), kept.chains[:, :, i], prior[:, i], float(densest[i]),
-                (of.ess_bulk[i], of.ess_tail[i], of.r_hat[i]),
-            )
-            for i, name in enumerate(samples.joint.names)
-        ]
-    )  # fmt: skip
+    quantities = [quantity_of(name) for name in samples.joint.names]
+    return pd.DataFrame(parameter_rows(quantities, kept.chains, prior, densest, samples.diagnosis))
 
 
 def _verdict(samples: JointSamples, complete: Samples | None) -> dict[str, Any]:
@@ -334,7 +327,7 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
     for name in map(str, dataset.data_vars):
         quantity = PARAMETERS[name.split(".")[0]]
-        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(quantity.name, quantity.dimension or "1")
+        unit = SI_UNITS.get(quantity.name, quantity.dimension or "1")
         dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
     return dataset
 

@@ -95,14 +95,17 @@ def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
     return Markup("{}").format(angles(sentences(with_failures(record, failures))))
 
 
-def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verdict:
-    """A verdict, or the word that it is not known."""
+def unknown_verdict(title: str, why: str) -> Verdict:
+    """The word that a verdict is not known, and why."""
+    return Verdict(title, "not known", "fair", Markup("{}").format(why))
+
+
+def verdict(failures: Failures, title: str, make: Callable[[], Verdict], without: str = "") -> Verdict:
+    """A verdict, or the word that it is not known: ``without`` what it rests on, or where it fails."""
+    if without:
+        return unknown_verdict(title, without)
     part = f"{REPORT}verdict on {title.lower()}"
-
-    def unknown() -> Verdict:
-        return Verdict(title, "not known", "fair", Markup("{}").format(failures.said(part)))
-
-    return failures.attempt(part, make, unknown)
+    return failures.attempt(part, make, lambda: unknown_verdict(title, failures.said(part)))
 
 
 def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Cell, ...], ...]:

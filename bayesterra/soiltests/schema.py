@@ -23,7 +23,7 @@ from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 from bayesterra.stats.laws import Law
 from bayesterra.study import entries
-from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by
+from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by, gathered
 from bayesterra.study.units import quantity
 
 PLATE = ("kc", "kphi", "n")
@@ -93,14 +93,6 @@ def _values(value: object, info: ValidationInfo) -> dict[str, float]:
     return {name: float(item) for name, item in values.items() if not isinstance(item, Law)}
 
 
-def _reference(value: object) -> object:
-    """Gather the parameters, which stand beside ``source``, under ``values``."""
-    if not isinstance(value, Mapping) or "values" in value:
-        return value
-    rest = {key: item for key, item in value.items() if key != "source"}
-    return {"source": value.get("source", ""), "values": rest}
-
-
 def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, float] | None:
     name = str(info.field_name)
     if value is None:
@@ -159,15 +151,6 @@ class NoiseTable(Table):
     )
 
 
-def _noise(value: object) -> object:
-    """Gather the laws, which stand beside ``independent``, under ``values``."""
-    if not isinstance(value, Mapping) or "values" in value:
-        return value
-    rest = {key: item for key, item in value.items() if key != "independent"}
-    chosen = {"independent": value["independent"]} if "independent" in value else {}
-    return {**chosen, "values": rest}
-
-
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class ReferenceTable(Table):
     """Published or true values, SI, and where they come from."""
@@ -176,7 +159,7 @@ class ReferenceTable(Table):
     values: Annotated[dict[str, float], BeforeValidator(_values)] = Field(default_factory=dict)
 
 
-Reference = Annotated[ReferenceTable | None, BeforeValidator(_reference)]
+Reference = Annotated[ReferenceTable | None, BeforeValidator(partial(gathered, ("source",)))]
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -187,7 +170,7 @@ class Content(Table):
     title: Text = ""
     soil: Text = ""
     data: DataTable
-    noise: Annotated[NoiseTable, BeforeValidator(_noise)] = NoiseTable()
+    noise: Annotated[NoiseTable, BeforeValidator(partial(gathered, ("independent",)))] = NoiseTable()
     priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, (*_SOIL, REFERENCE)))] = Field(
         default_factory=dict
     )

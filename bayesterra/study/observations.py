@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, checked_name, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
-from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
 from bayesterra.runtime.tables import read_cells
 from bayesterra.study.noise import LEAST
 from bayesterra.study.units import column_header, factor
@@ -180,17 +180,17 @@ def observations(
     """
     if len(table) == 0:
         raise StudyError("must hold at least one row of measurements (the table is empty)")
-    columns = _named_columns(table)
+    columns = named_columns(table, _column_scale)
     raw = Observations(
         wheel=_wheel_names(columns, len(table), tuple(wheels)),
-        slip=_required(columns, "slip"),
+        slip=required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
         values={name: columns[name].readings() for name in OUTCOMES if name in columns},
         limits={name: columns[name].limits() for name in OUTCOMES if name in columns and columns[name].marks},
         given_sd=_given_sd(columns, len(table)),
-        use=_use(columns, len(table)),
+        use=used_rows(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
-        labels={name: _labels(columns[name]) for name in LABELS if name in columns},
+        labels={name: labels(columns[name]) for name in LABELS if name in columns},
     )
     rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
     return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
@@ -246,14 +246,15 @@ class Column:
         return value
 
 
-def _named_columns(table: pd.DataFrame) -> dict[str, Column]:
+def named_columns(table: pd.DataFrame, scale: Callable[[str, str, str | None], float]) -> dict[str, Column]:
+    """Columns of a table by name, each once; ``scale``: SI value of a unit by header, name, unit."""
     columns: dict[str, Column] = {}
     for position, header in enumerate(table.columns):
         name, unit = column_header(header)
-        scale = _column_scale(str(header), name, unit)
+        scaled = scale(str(header), name, unit)
         if name in columns:
             raise StudyError(f"column '{name}' must appear once (it appears twice)")
-        columns[name] = Column(name, list(table.iloc[:, position]), scale)
+        columns[name] = Column(name, list(table.iloc[:, position]), scaled)
     return columns
 
 
@@ -263,10 +264,16 @@ def _column_scale(header: str, name: str, unit: str | None) -> float:
         return 1.0
     if channel is None or name == "slip" + SD_SUFFIX:
         raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}")
-    if not unit and channel.dimension:
+    return unit_scale(header, name, unit, channel)
+
+
+def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> float:
+    """SI value of the unit of a channel's column; StudyError where it has none, or one of another kind."""
+    pure = unit in (None, "", "-")
+    if pure and channel.dimension:
         raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
     try:
-        return factor(unit, channel.dimension) if unit and unit != "-" else 1.0
+        return factor(unit or "", channel.dimension) if not pure else 1.0
     except StudyError as error:
         raise StudyError(f"column '{header}': {error}") from error
 
@@ -276,7 +283,8 @@ def _known_columns() -> list[str]:
     return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
 
 
-def _required(columns: Mapping[str, Column], name: str) -> FloatArray:
+def required(columns: Mapping[str, Column], name: str) -> FloatArray:
+    """A column as SI numbers (m,); StudyError where there is none, or a cell is empty."""
     if name not in columns:
         raise StudyError(f"column '{name}' is missing")
     values = columns[name].si()
@@ -301,7 +309,8 @@ def _wheel_names(columns: Mapping[str, Column], length: int, wheels: tuple[str, 
     return names
 
 
-def _labels(column: Column) -> tuple[str, ...]:
+def labels(column: Column) -> tuple[str, ...]:
+    """A column as names; StudyError where a cell is empty or no name."""
     names = tuple("" if cell is None or cell is pd.NA else str(cell).strip() for cell in column.cells)
     for row, name in enumerate(names, start=1):
         if not name:
@@ -310,7 +319,8 @@ def _labels(column: Column) -> tuple[str, ...]:
     return names
 
 
-def _use(columns: Mapping[str, Column], length: int) -> BoolArray:
+def used_rows(columns: Mapping[str, Column], length: int) -> BoolArray:
+    """Column ``use`` (m,); all rows where there is none, StudyError for what is neither 0 nor 1."""
     if "use" not in columns:
         return np.ones(length, dtype=np.bool_)
     values = columns["use"].si()

@@ -248,6 +248,6 @@ def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
         return []
     groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))
     return [
-        f"groups by {pooling.by}: {groups}; 'run' pools them, 'predict' takes what it finds, other commands let"
-        " all share every parameter"
+        f"groups by {pooling.by}: {groups}; 'run' pools them, 'predict' takes what it finds, other commands"
+        " let all share every parameter"
     ]

@@ -86,7 +86,7 @@ def test_a_test_that_is_off_is_outside_its_prediction(analysed: Analysed) -> Non
 
 
 BROKEN = {
-    "left_out": "leave_out", "evidence": "evidence", "fits": "fit", "identifiability": "identifiability",
+    "left_out": "leave_out", "evidence": "ensembles_evidence", "fits": "fit", "identifiability": "identifiability",
     "mode": "minimize", "derived": "log_curve", "bands": "log_curve",
 }  # fmt: skip
 
@@ -288,7 +288,7 @@ PLATE = "test,plate_diameter [mm],sinkage [mm],force [N]"
         ("test,plate_diameter [mm],sinkage [mm]", "a,60,1", "one column of 'force [N]' and 'pressure [kPa]'"),
         (PLATE.replace("diameter [mm]", "diameter"), "a,60,1,2", "needs a unit, e.g. 'plate_diameter [mm]'"),
         (PLATE, "a,-60,1,2", "'plate_diameter' must be above 0 (got -60, row 1)"),
-        (PLATE, ",60,1,2", "'test' must name the test of every reading (empty in row 1)"),
+        (PLATE, ",60,1,2", "'test' must be given in every row (empty in row 1)"),
         (PLATE, "a,60,,2", "'sinkage' must be given in every row (empty in row 1)"),
         (PLATE, "a,60,1,2\na,80,2,3", "must be the same in all rows of a test (got 60 mm and another"),
         (f"{PLATE},slip", "a,60,1,2,0", "unknown column 'slip' of plate tests"),
