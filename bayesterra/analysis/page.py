@@ -234,9 +234,12 @@ def _priors(result: Result) -> Table:
 
 
 def _joined(study: Study) -> str:
-    if not study.prior.correlation:
-        return "independent of each other"
-    return "joined by correlations of their normal scores (a Gaussian copula)"
+    parts = ["correlations of their normal scores (a Gaussian copula)"] if study.prior.correlation else []
+    parts += [
+        f"a mixture of {len(mixture.weights)} normal laws of the scores of {names}"
+        for names, mixture in study.prior.mixtures.items()
+    ]
+    return f"joined by {' and '.join(parts)}" if parts else "independent of each other"
 
 
 def _cut_moments(result: Result, name: str) -> tuple[str, str]:

@@ -38,8 +38,10 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     console.print(_priors(study))
     for names, source in study.prior.sources.items():
         console.print(f"{', '.join(names)}: {source}")
-    if study.prior.correlation:
+    if study.prior.correlated:
         console.print(_correlations(study))
+    for key, mixture in study.prior.mixtures.items():
+        console.print(f"{key}: joined by a mixture of {len(mixture.weights)} normal laws of scores")
     shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
     console.print(f"Of the stated prior: {', '.join(shares)}")
     typical = cut.x[:TYPICAL]
@@ -164,7 +166,7 @@ def _correlations(study: Study) -> Table:
     prior = study.prior
     names = [prior.names[i] for i in prior.correlated]
     table = Table("", *names[:-1], title="Prior correlations of normal scores")
-    matrix = prior.score_correlation[np.ix_(prior.correlated, prior.correlated)]
+    matrix = prior.dependence().correlation
     for i in range(1, len(names)):
         cells = (f"{value:+.2f}".replace("-", "−") for value in matrix[i, :i])
         table.add_row(names[i], *cells)

@@ -16,8 +16,8 @@ A flat law to any power is the same flat law: ordinary power-scaling of the prio
 the prior does. So a law is scaled in the parameter's normal score z under it, where every law is the standard
 normal one: weights exp(−(α − 1) z²/2), which for α > 1 draw it in around its median and for α < 1 push it out
 towards its ends. For a normal law that is ordinary power-scaling; the result does not change with the scale
-that a parameter is stated in. Laws that correlate are scaled together, by weights exp(−(α − 1) zᵀR⁻¹z/2). The
-physical cut is not scaled: it is no opinion.
+that a parameter is stated in. Laws that depend on each other are scaled together, by weights
+exp(−(α − 1) zᵀR⁻¹z/2) where they correlate. The physical cut is not scaled: it is no opinion.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import NormalScore, coordinates
 from bayesterra.sampling.sampler import Target
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.stats.weights import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
 
@@ -318,27 +319,30 @@ def power_scaling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rn
     flat = [bool(np.ptp(law.log_density(x)) < 1e-9) for law, x in zip(laws, draws.T, strict=True)]
     likelihood = Reweighted(posterior.log_prior_and_likelihood(draws)[1])
     joint = posterior.prior.score_correlation
-    flat = [own and not others for own, others in zip(flat, (joint != 0).sum(axis=0) > 1, strict=True)]
-    stated = Stated(posterior.names, laws, flat, joint)
+    flat = [own and i not in posterior.prior.correlated for i, own in enumerate(flat)]
+    stated = Stated(posterior.names, laws, flat, joint, posterior.prior.mixed)
     return scaled(stated, likelihood, prior, draws, noise=likelihood.noise(rng))
 
 
 @dataclass(frozen=True)
 class Stated:
-    """The free parameters, their laws, which of these are flat, and how their normal scores correlate."""
+    """The free parameters, their laws, which of these are flat, and how their normal scores depend."""
 
     names: Sequence[str]
     laws: Sequence[Law]
     flat: Sequence[bool]
     correlation: FloatArray | None = None
+    mixed: Sequence[tuple[list[int], MixtureCopula]] = ()
 
     def densities(self, x: FloatArray) -> list[Reweighted]:
         """Log densities of the normal scores of parameter sets (n, d), parameter by parameter.
 
-        Parameters that correlate in the prior have one law together, which is scaled as a whole.
+        Parameters that depend on each other in the prior have one law together, which is scaled as a whole.
         """
-        by_parameter = self._parts(x)
-        joined = connected_components(self._joint != 0)[1]
+        by_parameter, links = self._parts(x), self._joint != 0
+        for columns, _ in self.mixed:
+            links[np.ix_(columns, columns)] = True
+        joined = connected_components(links)[1]
         return [Reweighted(by_parameter[:, joined == label].sum(axis=1)) for label in joined]
 
     def together(self, x: FloatArray) -> Reweighted:
@@ -346,9 +350,15 @@ class Stated:
         return Reweighted(self._parts(x).sum(axis=1))
 
     def _parts(self, x: FloatArray) -> FloatArray:
-        """Terms (n, d) of −½ zᵀR⁻¹z, one for every parameter; those of a joint law belong together."""
+        """Terms (n, d) of −½ zᵀR⁻¹z, one for every parameter; those of a joint law belong together.
+
+        What a mixture adds stands with the first of its parameters.
+        """
         z = np.column_stack([law.score(column) for law, column in zip(self.laws, x.T, strict=True)])
-        return np.asarray(-0.5 * z * np.linalg.solve(self._joint, z.T).T)
+        terms = np.asarray(-0.5 * z * np.linalg.solve(self._joint, z.T).T)
+        for columns, mixture in self.mixed:
+            terms[:, columns[0]] += mixture.log_density(z[:, columns])
+        return terms
 
     @property
     def _joint(self) -> FloatArray:

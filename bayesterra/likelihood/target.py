@@ -83,7 +83,7 @@ class Target:
             first, second = self._prior(y)
             slope = slope - first
             if self.posterior.prior.correlated:
-                bent, joint = self._copula(y)
+                bent, joint = self._dependence(y)
                 slope, information = slope - bent, information + joint
                 second[:, self.posterior.prior.correlated] = 0.0
             information = information + np.maximum(-second, 0.0)[:, :, None] * np.eye(y.shape[1])
@@ -135,19 +135,20 @@ class Target:
         first += second * (y - middle)
         return np.nan_to_num(first), np.nan_to_num(second)
 
-    def _copula(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slope (n, d) that correlation adds to the log prior's, and the whole curvature (n, d, d).
+    def _dependence(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slope (n, d) that dependence adds to the log prior's, and the whole curvature (n, d, d).
 
-        The curvature is that of zᵀR⁻¹z/2, which is never negative, with the scores z taken as straight.
+        The curvature is that of the scores z, zᵀR⁻¹z/2 for correlations, with the scores taken as straight.
         """
         prior, d = self.posterior.prior, y.shape[1]
-        stretch, precision = np.zeros((len(y), d)), np.linalg.inv(prior.score_correlation)
+        stretch = np.zeros((len(y), d))
         middle = np.clip(y, PRIOR_STEP, 1 - PRIOR_STEP)
         below, above = (prior.scores(self.chart.to_physical(middle + h)) for h in (-PRIOR_STEP, PRIOR_STEP))
         stretch[:, prior.correlated] = ((above - below) / (2 * PRIOR_STEP))[:, prior.correlated]
-        z = prior.scores(self.chart.to_physical(y))
-        first = -stretch * (z @ (precision - np.eye(d)))
-        return np.nan_to_num(first), np.nan_to_num(stretch[:, :, None] * precision * stretch[:, None, :])
+        slope, curvature = prior.slope_and_curvature(prior.scores(self.chart.to_physical(y)))
+        return np.nan_to_num(stretch * slope), np.nan_to_num(
+            stretch[:, :, None] * curvature * stretch[:, None, :]
+        )
 
 
 TAIL = 1e-4

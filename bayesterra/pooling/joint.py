@@ -13,7 +13,8 @@ from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
-from bayesterra.stats.laws import Law, SharedCopula
+from bayesterra.stats.dependence import Split
+from bayesterra.stats.laws import Law
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 
@@ -81,13 +82,18 @@ class JointPosterior:
         return (*self.shared_and_hyper, *(f"{name}[{group}]" for group in self.groups for name in self.local))
 
     @cached_property
-    def copula(self) -> SharedCopula | None:
-        """Dependence of the parameters that correlate; None where the laws are independent."""
+    def copula(self) -> Split | None:
+        """Dependence of the parameters that have any; None where the laws are independent.
+
+        A mixture of scores holds for values under the prior's own laws. One with a hierarchical parameter,
+        whose values lie within a population, is taken by its correlations.
+        """
         prior = self.first.prior
         if not prior.correlated:
             return None
         at = [prior.names.index(name) for name in (*self.tied_shared, *self.tied_local)]
-        return SharedCopula(prior.score_correlation[np.ix_(at, at)], len(self.tied_shared))
+        whole = prior.dependence(self.populations).marginal([prior.correlated.index(i) for i in at])
+        return whole.split(len(self.tied_shared))
 
     @cached_property
     def tied_shared(self) -> tuple[str, ...]:

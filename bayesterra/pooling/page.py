@@ -368,12 +368,18 @@ def _prior_section(result: PooledResult) -> Blocks:
 
 def joined_laws(study: Study) -> Markup | str:
     """Independence of laws in words; where they are not independent, each pair with its correlation."""
-    if not study.prior.correlation:
+    if not study.prior.correlated:
         return "independent of each other"
-    named = (
+    named = [
         Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value)
         for pair, value in study.prior.correlation.items()
-    )
+    ]
+    named += [
+        Markup("{} by a mixture of {} normal laws of scores").format(
+            symbols(names.split(", ")), len(mixture.weights)
+        )
+        for names, mixture in study.prior.mixtures.items()
+    ]
     return Markup(
         "joined by correlations of normal scores, a Gaussian copula of what is shared and what a group has, "
         "a hierarchical value by its score under its population's law ({})"

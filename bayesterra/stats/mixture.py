@@ -1,4 +1,4 @@
-"""Mixtures of multivariate Student-t laws: density, draws, weighted fits, resampling."""
+"""Mixtures of multivariate Student-t or normal laws: density, draws, weighted fits, resampling."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class StudentMixture:
     weights : (k,), summing to one.
     means : (k, d).
     factors : (k, d, d) lower Cholesky factors of the scale matrices.
-    dof : degrees of freedom.
+    dof : degrees of freedom; infinite for normal laws.
     """
 
     weights: FloatArray
@@ -82,9 +82,12 @@ class StudentMixture:
         inverse = np.linalg.inv(self.factors)
         offsets = np.einsum("kij,kj->ik", inverse, self.means)
         log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
-        constants = (
-            gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
-        )
+        if np.isinf(self.dof):
+            constants = -0.5 * d * np.log(2 * np.pi)
+        else:
+            constants = (
+                gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
+            )
         triangles: FloatArray = np.ascontiguousarray(np.moveaxis(inverse, 0, -1), dtype=np.float64)
         return triangles, np.ascontiguousarray(offsets), np.log(self.weights) + constants - log_det
 
@@ -100,6 +103,8 @@ class StudentMixture:
     def log_terms(self, distances: FloatArray) -> FloatArray:
         """Log of weight times density of every component at given squared distances, (n, k)."""
         d = self.means.shape[1]
+        if np.isinf(self.dof):
+            return np.asarray(self._whitening[2] - 0.5 * distances)
         return np.asarray(self._whitening[2] - 0.5 * (self.dof + d) * np.log1p(distances / self.dof))
 
     def log_density(self, u: FloatArray) -> FloatArray:
@@ -111,7 +116,7 @@ class StudentMixture:
         d = self.means.shape[1]
         last = len(self.weights) - 1
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), random.random(n)), last)
-        stretch = np.sqrt(self.dof / random.chisquare(self.dof, n))
+        stretch = np.ones(n) if np.isinf(self.dof) else np.sqrt(self.dof / random.chisquare(self.dof, n))
         normal = random.standard_normal((n, d))
         steps = np.einsum("nij,nj->ni", self.factors[chosen], normal)
         return np.asarray(self.means[chosen] + stretch[:, None] * steps)
@@ -128,7 +133,15 @@ def _shares(terms: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def fit_mixture(
-    u: FloatArray, weights: FloatArray, components: int, rng: Generator, *, dof: float = 4.0, steps: int = 25
+    u: FloatArray,
+    weights: FloatArray,
+    components: int,
+    rng: Generator,
+    *,
+    dof: float = 4.0,
+    steps: int = 25,
+    gain: float = 1e-3,
+    floor: float | None = None,
 ) -> StudentMixture:
     """Fit a mixture to weighted points by expectation–maximisation (t laws: Liu and Rubin 1995).
 
@@ -139,7 +152,9 @@ def fit_mixture(
     components : number of components to start with; those that lose their points are dropped.
     rng : chooses the starting centres.
     dof : degrees of freedom, held.
-    steps : EM steps at most; it stops when the mean log density gains less than 1e-3.
+    steps : EM steps at most; it stops when the mean log density gains less than ``gain``.
+    floor : least eigenvalue of a component's covariance, in units of the points' variances; None shrinks
+        covariances towards that of all points instead, where a component has few.
     """
     weights = weights / weights.sum()
     centre = weights @ u
@@ -151,10 +166,10 @@ def fit_mixture(
         distances = mixture.distances(points.z)
         total, share = _shares(mixture.log_terms(distances))
         new_level = float(weights @ total)
-        if new_level - level < 1e-3:
+        if new_level - level < gain:
             break
         level = new_level
-        mixture = _maximise(points, weights[:, None] * share, distances, mixture)
+        mixture = _maximise(points, weights[:, None] * share, distances, mixture, floor)
     return StudentMixture(
         mixture.weights, centre + scale * mixture.means, scale[:, None] * mixture.factors, dof
     )
@@ -221,9 +236,9 @@ def _start(points: _Points, components: int, rng: Generator, dof: float) -> Stud
 
 
 def _maximise(
-    points: _Points, share: FloatArray, distances: FloatArray, mixture: StudentMixture
+    points: _Points, share: FloatArray, distances: FloatArray, mixture: StudentMixture, floor: float | None
 ) -> StudentMixture:
-    """One M step; covariances are shrunk towards the overall one where points are few."""
+    """One M step; covariances have a floor, or are shrunk towards the overall one where points are few."""
     d = points.z.shape[1]
     mass = share.sum(axis=0)
     effective = mass**2 / np.maximum((share**2).sum(axis=0), 1e-300)
@@ -231,11 +246,17 @@ def _maximise(
     if not kept.any():
         return mixture
     share, mass, effective = share[:, kept], mass[kept], effective[kept]
-    robust = share * (mixture.dof + d) / (mixture.dof + distances[:, kept])
+    normal = np.isinf(mixture.dof)
+    robust = share if normal else share * (mixture.dof + d) / (mixture.dof + distances[:, kept])
     total = robust.sum(axis=0)[:, None]
     means = (robust.T @ points.z) / total
     second = (robust.T @ points.outer).reshape(-1, d, d)
     scatter = (second - total[:, :, None] * means[:, :, None] * means[:, None, :]) / mass[:, None, None]
+    if floor is not None:
+        values, directions = np.linalg.eigh(scatter)
+        raised = directions * np.maximum(values, floor)[:, None, :]
+        factors = root(raised @ directions.swapaxes(1, 2))
+        return StudentMixture(mass / mass.sum(), means, factors, mixture.dof)
     shrink = (d / (effective + d))[:, None, None]
     volume = (mass ** (2.0 / d))[:, None, None]
     factors = root((1 - shrink) * scatter + shrink * volume * points.spread)

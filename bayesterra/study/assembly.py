@@ -22,6 +22,7 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors
@@ -54,13 +55,14 @@ class StatedSoil:
     Attributes
     ----------
     entries : laws, fixed values and ties of all soil parameters.
-    correlation : of normal scores, by pair.
+    correlation, mixtures : of normal scores, by pair and by parameters.
     taken : joint laws from earlier results, whose single laws stand among the entries.
     notes : what was filled in, and what to keep in mind.
     """
 
     entries: SoilPrior
     correlation: Mapping[str, float]
+    mixtures: Mapping[str, MixtureCopula]
     taken: tuple[PosteriorPrior, ...]
     notes: tuple[str, ...]
 
@@ -86,10 +88,13 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
     idle = {"n1"} if constant_exponent else set()
     earlier = _taken(stated, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
     notes = [note for prior in earlier for note in prior.notes]
-    correlation = dict(stated.correlation)
+    correlation, mixtures = dict(stated.correlation), dict(stated.mixtures)
     for prior in earlier:
         _add(entries, prior.laws, "'{}' is given and taken from {}", prior.label)
-        _add(correlation, prior.correlation, "correlation of '{}' is given and taken from {}", prior.label)
+        joint = {} if prior.mixture is None else {", ".join(prior.laws): prior.mixture}
+        _add(mixtures, joint, "mixture of '{}' is given and taken from {}", prior.label)
+        pairs = prior.correlation if prior.mixture is None else {}
+        _add(correlation, pairs, "correlation of '{}' is given and taken from {}", prior.label)
     effects, held = _load_effect(entries, model)
     notes += held
     stiffness = _stiffness(entries)
@@ -101,7 +106,7 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
     prior_set: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, prior_set, chosen)
     from_set = {name: entry for name, entry in prior_set.items() if name in needed}
-    return StatedSoil({**HELD, **from_set, **entries}, correlation, earlier, tuple(notes))
+    return StatedSoil({**HELD, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
 
 
 def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
@@ -114,7 +119,8 @@ def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Po
     other |= {OFFSET, *idle}  # a zero error is that of its own test
     names = tuple(name for name in PRIOR_PARAMETERS if name not in other)
     try:
-        return tuple(taken(source, names) for source in stated.sources)
+        tied = {name for pair in stated.correlation for name in pair.split(", ")}
+        return tuple(taken(source, names, tied) for source in stated.sources)
     except StudyError as error:
         raise StudyError(f"[priors.from] {error}") from error
 
@@ -198,7 +204,7 @@ def full_prior(
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
     try:
-        return Prior(entries, width, soil.correlation)
+        return Prior(entries, width, soil.correlation, soil.mixtures)
     except StudyError as error:
         raise StudyError(f"[priors] {error}") from error
 

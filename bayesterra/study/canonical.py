@@ -81,6 +81,7 @@ def tables(study: Study) -> dict[str, Any]:
         "slip": errors.slip and {"sd": _size(errors.slip.size, "")},
         "priors": priors,
         "priors.correlation": dict(study.prior.correlation),
+        "priors.mixture": {key: asdict(mixture) for key, mixture in study.prior.mixtures.items()},
         "pooling": study.pooling and _pooling(study.pooling),
         "least_squares": _least_squares(study),
         "sampling": asdict(study.sampling),
@@ -141,9 +142,13 @@ def _file(
     data = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
     data |= dict(zip(("kind", "source"), origin, strict=True))
     keys = {name: value for name, value in content.items() if not isinstance(value, Mapping)}
-    named = {name: value for name, value in content.items() if name not in {*keys, "wheels", "sampling"}}
-    wheels = {f"wheels.{_key(name)}": wheel for name, wheel in content["wheels"].items()}
-    sections = {"data": data, **wheels, **named, **references, "sampling": content["sampling"]}
+    split = {
+        name: {f"{name}.{_key(key)}": value for key, value in content.get(name, {}).items()}
+        for name in ("wheels", "priors.mixture")
+    }
+    apart = {*keys, *split, "sampling"}
+    named = {name: value for name, value in content.items() if name not in apart} | split["priors.mixture"]
+    sections = {"data": data, **split["wheels"], **named, **references, "sampling": content["sampling"]}
     lines = [*assignments({**head, **keys})]
     for name, section in sections.items():
         lines += toml_table(name, section)
@@ -303,6 +308,7 @@ _PHRASES = {
     "noise": "noise of {}",
     "priors": "prior of {}",
     "priors.correlation": "prior correlation of {}",
+    "priors.mixture": "prior mixture of {}",
 }
 """What settings of a table are called; those of others by ``[table] key``."""
 

@@ -12,6 +12,7 @@ from scipy import stats
 from bayesterra.errors import StudyError, checked_text, did_you_mean, suggestion
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.stats.laws import RANGED, Law
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Source, Tie
@@ -20,6 +21,7 @@ from bayesterra.study.units import quantity
 _LIMITS = ("lower", "upper")
 _SHIFTS = ("loc", "scale")
 _ROWS = ("scores", "values")
+_MIXTURE = ("weights", "means", "covariances")
 _TAKEN = ("result", "take", "widen")
 _NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -50,7 +52,7 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     bare : take numbers as SI values.
     """
     if name not in PRIOR_PARAMETERS:
-        keys = ("set", "from", "correlation", *PRIOR_PARAMETERS)
+        keys = ("set", "from", "correlation", "mixture", *PRIOR_PARAMETERS)
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
@@ -147,6 +149,36 @@ def correlations(value: object) -> dict[str, float]:
             raise StudyError(f"correlation of '{pair(*names)}' is given twice")
         by_pair[pair(*names)] = number
     return by_pair
+
+
+def mixtures(value: object) -> dict[str, MixtureCopula]:
+    """Mixture copulas by parameters from a table such as ``{"c, phi" = { weights = [...], ... }}``."""
+    by_names: dict[str, MixtureCopula] = {}
+    for key, item in table(value, "mixture").items():
+        names, what = [part.strip() for part in key.split(",")], f"mixture of '{key}'"
+        for name in names:
+            if name not in PARAMETERS:
+                raise StudyError(f"{what}: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
+        if len(names) < 2 or len(set(names)) < len(names):
+            raise StudyError(f'{what}: a key must name two parameters or more, each once, e.g. "c, phi"')
+        if isinstance(item, MixtureCopula):
+            by_names[", ".join(names)] = item
+            continue
+        entry = table(item, what)
+        if set(entry) != set(_MIXTURE):
+            raise StudyError(f"{what} needs {', '.join(_MIXTURE)} (got {', '.join(entry) or 'nothing'})")
+        try:
+            by_names[", ".join(names)] = MixtureCopula(*(_numbers(entry[name], name) for name in _MIXTURE))
+        except StudyError as error:
+            raise StudyError(f"{what}: {error}") from error
+    return by_names
+
+
+def _numbers(value: object, name: str) -> Any:
+    """Numbers in lists of lists as tuples of tuples."""
+    if isinstance(value, list | tuple):
+        return tuple(_numbers(item, name) for item in value)
+    return quantity(value, "", name, bare=True)
 
 
 def sources(value: object) -> tuple[Source, ...]:

@@ -4,13 +4,15 @@ Every parameter keeps the quantiles of its draws (:mod:`bayesterra.stats.quantil
 their normal scores joins them, a Gaussian copula. How far that stands for the draws is measured here: along
 the principal directions of the scores, scaled to one deviation, the copula is a product of standard normal
 laws; draws on a ridge that bends are not. Compared are the probabilities to lie below given cuts along one
-direction or two.
+direction or two, tails among them. Where the copula differs from the draws by more than their noise, a
+mixture copula (:mod:`bayesterra.stats.mixture_copula`) is measured likewise, on draws that its fit has not
+seen, and stands in for the correlations if it differs by less.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -19,11 +21,12 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.diagnostics import array_ess, rank_scores
+from bayesterra.stats.mixture_copula import MixtureCopula, fit_mixture_copula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
@@ -37,12 +40,19 @@ BEYOND = 10.0
 """Effective draws that lie beyond the first and the last row of a table."""
 HIGHEST = 3.5
 """Largest score in a table."""
-CUTS = (-1.2815515655446004, -0.6744897501960817, 0.0, 0.6744897501960817, 1.2815515655446004)
-"""Scores at which probabilities are compared: the deciles 1 and 9, the quartiles and the median."""
+CUTS = (
+    *(-1.6448536269514729, -1.2815515655446004, -0.6744897501960817),
+    *(0.0, 0.6744897501960817, 1.2815515655446004, 1.6448536269514722),
+)
+"""Scores at which probabilities are compared: 5 and 95 %, the deciles 1 and 9, the quartiles, the median."""
 NOISE = 1.0
 """Largest difference of a probability that n draws of the copula itself show, times √n."""
 POOR = 0.1
-"""Difference of a probability from which a copula stands badly for the draws."""
+"""Difference of a probability from which a joint law stands badly for the draws."""
+FITTED = 4000
+"""Draws at most that a mixture is fitted to."""
+SIMULATED = 2**15
+"""Draws of a mixture that its probabilities are counted on."""
 
 PHYSICAL: Mapping[str, tuple[float, float]] = {
     "Ks": (0.0, np.inf),
@@ -55,13 +65,13 @@ PHYSICAL: Mapping[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Fidelity of a Gaussian copula to the draws that it stands for.
+    """Fidelity of a joint law to the draws that it stands for.
 
     Attributes
     ----------
     pair : the two parameters that weigh most in the direction for which it stands worst; empty for one.
-    difference : largest difference of a probability between copula and draws.
-    noise : largest difference that as many draws of the copula itself would show.
+    difference : largest difference of a probability between joint law and draws.
+    noise : largest difference that as many draws of the law itself would show.
     """
 
     pair: tuple[str, ...]
@@ -70,7 +80,7 @@ class Fidelity:
 
     @property
     def poor(self) -> bool:
-        """True where the copula stands badly for the draws, beyond their own noise."""
+        """True where the law stands badly for the draws, beyond their own noise."""
         return self.difference > max(POOR, self.noise)
 
 
@@ -86,8 +96,10 @@ class PosteriorPrior:
     draws : effective draws behind it, of the worst parameter.
     laws : by parameter here.
     correlation : of normal scores, by pair.
-    fidelity : how well the joint law stands for the draws.
+    fidelity : how well these correlations stand for the draws.
     notes : what to keep in mind; one sentence each.
+    mixture : the mixture copula that stands in for correlations; None where these do no worse.
+    mixture_fidelity : how well a mixture stands for the draws; None where none was needed.
     """
 
     label: str
@@ -98,23 +110,38 @@ class PosteriorPrior:
     correlation: Mapping[str, float]
     fidelity: Fidelity
     notes: tuple[str, ...]
+    mixture: MixtureCopula | None = None
+    mixture_fidelity: Fidelity | None = None
 
     def record(self) -> dict[str, Any]:
         """Content of the prior in ``run.json``."""
+        tried = self.mixture_fidelity
+        used = self.fidelity if self.mixture is None or tried is None else tried
         return {
             "from": self.label,
             "take": dict(self.take),
             "widen": self.widen,
             "effective_draws": self.draws,
-            "worst_pair": list(self.fidelity.pair),
-            "largest_difference": self.fidelity.difference,
-            "its_noise": self.fidelity.noise,
-            "poor": self.fidelity.poor,
+            "joint_law": "correlations" if self.mixture is None else "mixture",
+            "components": None if self.mixture is None else len(self.mixture.weights),
+            "worst_pair": list(used.pair),
+            "largest_difference": used.difference,
+            "its_noise": used.noise,
+            "poor": used.poor,
+            "difference_of_correlations": self.fidelity.difference,
+            "difference_of_mixture": None if tried is None else tried.difference,
         }
 
 
-def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS) -> PosteriorPrior:
-    """The joint law that a study takes from an earlier result; ``names`` are the parameters it may have.
+def taken(
+    source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Collection[str] = ()
+) -> PosteriorPrior:
+    """The joint law that a study takes from an earlier result.
+
+    Parameters
+    ----------
+    names : the parameters that it may have.
+    tied : parameters with stated correlations, which go together with correlations only.
 
     Raises
     ------
@@ -135,15 +162,24 @@ def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS) -> Posterio
     scores = np.column_stack([rank_scores(column).ravel() for column in columns])
     matrix = np.atleast_2d(np.corrcoef(scores.T))
     fidelity = _fidelity(tuple(take), scores, matrix, size)
-    text = _text(drawn, size, source.widen, fidelity)
+    mixture, tried = None, None
+    if fidelity.difference > fidelity.noise:
+        mixture, tried = _mixture(tuple(take), scores, matrix, size)
+        mixture = mixture if tried.difference < fidelity.difference else None
+    bound = [name for name in take if name in tied] if mixture is not None else []
+    mixture = None if bound else mixture
+    text = _text(drawn, size, source.widen) + _joint_text(fidelity, mixture, tried)
     laws = {
         here: _law(here, there, drawn.draws[there], ranges.get(there), size, text).widened(source.widen)
         for here, there in take.items()
     }
     pairs = combinations(enumerate(laws), 2)
     correlation = {entries.pair(a, b): round(float(matrix[i, j]), 6) for (i, a), (j, b) in pairs}
-    notes = tuple(_notes(drawn, take, fidelity))
-    return PosteriorPrior(drawn.label, take, source.widen, size, laws, correlation, fidelity, notes)
+    notes = _notes(drawn, take, fidelity, mixture, tried)
+    if bound:
+        notes.append(f"{bound[0]} has stated correlations, so {drawn.label} gives these, not a mixture")
+    rest = (correlation, fidelity, tuple(notes), mixture, tried)
+    return PosteriorPrior(drawn.label, take, source.widen, size, laws, *rest)
 
 
 def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
@@ -230,41 +266,92 @@ def _fidelity(names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, si
     """Compare probabilities along the principal directions of scores (n, d) of correlation (d, d)."""
     if len(names) < 2:
         return Fidelity((), 0.0, NOISE / float(np.sqrt(size)))
-    values, directions = np.linalg.eigh(matrix)
-    below = (scores @ directions / np.sqrt(values))[:, :, None] <= np.array(CUTS)
-    flat = below.reshape(len(scores), -1).astype(np.float64)
-    shares = (flat.T @ flat / len(scores)).reshape(below.shape[1:] * 2)
     p = ndtr(CUTS)
     expected = np.where(
         np.eye(len(names), dtype=bool)[:, None, :, None],
         np.minimum.outer(p, p)[None, :, None, :],
         np.multiply.outer(p, p)[None, :, None, :],
     )
-    off = np.abs(shares - expected).max(axis=(1, 3))
+    return _compared(names, _shares(scores, matrix) - expected, matrix, size)
+
+
+def _shares(scores: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Shares (d, cuts, d, cuts) of scores (n, d) that lie below two cuts along principal directions."""
+    values, directions = np.linalg.eigh(matrix)
+    below = (scores @ directions / np.sqrt(values))[:, :, None] <= np.array(CUTS)
+    flat = below.reshape(len(scores), -1).astype(np.float64)
+    return np.asarray((flat.T @ flat / len(scores)).reshape(below.shape[1:] * 2))
+
+
+def _compared(names: tuple[str, ...], away: FloatArray, matrix: FloatArray, size: float) -> Fidelity:
+    """The fidelity that differences (d, cuts, d, cuts) of shares show."""
+    off = np.abs(away).max(axis=(1, 3))
     narrow = min(np.unravel_index(int(off.argmax()), off.shape))  # eigenvalues rise
-    leading = np.argsort(-np.abs(directions[:, narrow]))[:2]
+    leading = np.argsort(-np.abs(np.linalg.eigh(matrix)[1][:, narrow]))[:2]
     pair = tuple(names[i] for i in sorted(leading))
     return Fidelity(pair, float(off.max()), NOISE / float(np.sqrt(size)))
 
 
-def _text(drawn: Drawn, size: float, widen: float, fidelity: Fidelity) -> str:
+def _mixture(
+    names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float
+) -> tuple[MixtureCopula, Fidelity]:
+    """A mixture copula of nearly independent scores among those of all draws, and its fidelity.
+
+    Each half of these is compared with the fit to the other half.
+    """
+    mixture, halves = fit_mixture_copula(spaced(scores, min(int(size), FITTED)))
+    away = [
+        _shares(unseen, matrix) - _shares(fit.sample(SIMULATED, np.random.default_rng(0)), matrix)
+        for fit, unseen in halves
+    ]
+    return mixture, _compared(names, np.mean(away, axis=0), matrix, min(size, FITTED))
+
+
+def _text(drawn: Drawn, size: float, widen: float) -> str:
     spread = f", scores spread by {widen:g}" if widen > 1.0 else ""
-    joint = ""
-    if fidelity.pair:
-        worst = " and ".join(fidelity.pair)
-        joint = f"; joint law off by at most {fidelity.difference:.2f} in probability, about {worst}"
-    return f"posterior of {drawn.label}, {size:.0f} effective draws{spread}{joint}"
+    return f"posterior of {drawn.label}, {size:.0f} effective draws{spread}"
 
 
-def _notes(drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity) -> list[str]:
+def _joint_text(fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fidelity | None) -> str:
+    """The joint law in words, with how far it and the other one are off."""
+    if not fidelity.pair:
+        return ""
+    off = f"off by at most {fidelity.difference:.2f} in probability, about {' and '.join(fidelity.pair)}"
+    if tried is None:
+        return f"; joint law {off}"
+    other = f"a mixture of normal laws by {tried.difference:.2f}"
+    if mixture is None:
+        return f"; joint law {off} ({other})"
+    number = len(mixture.weights)
+    return (
+        f"; joint law, a mixture of {number} normal laws of scores, off by at most {tried.difference:.2f}"
+        f" in probability, about {' and '.join(tried.pair)} (correlations by {fidelity.difference:.2f})"
+    )
+
+
+def _notes(
+    drawn: Drawn,
+    take: Mapping[str, str],
+    fidelity: Fidelity,
+    mixture: MixtureCopula | None,
+    tried: Fidelity | None,
+) -> list[str]:
     notes = [] if drawn.converged else [f"{drawn.label}, whose posterior is a prior here, has not converged"]
     if {"Ks", "kphi"} & set(take) and "n0" not in take:
         name = next(name for name in ("Ks", "kphi") if name in take)
         notes.append(f"{name} is taken from {drawn.label} without its exponent: its unit changes with n0")
-    if fidelity.poor:
+    if fidelity.poor or mixture is not None:
         a, b = fidelity.pair
+        stand = "badly" if fidelity.poor else "less well"
+        instead = ""
+        if mixture is not None and tried is not None:
+            instead = (
+                f"; a mixture of {len(mixture.weights)} normal laws of scores stands in, off by up to"
+                f" {tried.difference:.2f}"
+            )
         notes.append(
-            f"correlations stand badly for the posterior of {drawn.label}, above all about {a} and {b}"
-            f" (probabilities off by up to {fidelity.difference:.2f}); single parameters keep their laws"
+            f"correlations stand {stand} for the posterior of {drawn.label}, above all about {a} and {b}"
+            f" (probabilities off by up to {fidelity.difference:.2f}){instead};"
+            " single parameters keep their laws"
         )
     return notes

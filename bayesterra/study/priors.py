@@ -24,7 +24,9 @@ from bayesterra.parameters import (
     SoilColumns,
     soil_array,
 )
+from bayesterra.stats.dependence import Dependence, GaussianCopula, JoinedDependence
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture_copula import SINGULAR, MixtureCopula
 
 PAPER_BOX: dict[str, Law | float] = {
     "Ks": Law("uniform", lower=0.1e6, upper=10e6),
@@ -38,9 +40,6 @@ PAPER_BOX: dict[str, Law | float] = {
     **HELD,
 }
 """Flat on the bounds of IM1 (Ding et al. 2015, Table 17); c3 held at 0."""
-
-SINGULAR = 1e-9
-"""Smallest eigenvalue of a matrix of correlations that can hold at once."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,8 @@ Entry = Law | float | Tie
 class Prior:
     """Laws of the free parameters, before the physical cut, and the fixed and tied values.
 
-    The laws are independent but for ``correlation``: that of normal scores, which are jointly normal (a
-    Gaussian copula), so that every parameter keeps its own law.
+    The laws are independent but for the dependence of their normal scores, by which every parameter keeps its
+    own law: ``correlation``, where these are jointly normal (a Gaussian copula), and ``mixtures``.
 
     Parameters
     ----------
@@ -93,6 +92,7 @@ class Prior:
         four coefficients of the load effect, or none.
     width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
     correlation : correlations of normal scores by pair, ``"c, phi"``, in the package's order; 0 elsewhere.
+    mixtures : mixture copulas by parameters, ``"n0, c, phi"``, of which none correlates with others.
 
     Raises
     ------
@@ -103,6 +103,7 @@ class Prior:
     entries: Mapping[str, Entry]
     width: float = np.nan
     correlation: Mapping[str, float] = field(default_factory=dict)
+    mixtures: Mapping[str, MixtureCopula] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.entries, Mapping):
@@ -119,18 +120,36 @@ class Prior:
         for name in self.ties:
             self.root(name)
         for pair in self.correlation:
-            for name in pair.split(", "):
-                if name not in self.laws:
-                    raise StudyError(f"correlation of '{pair}': '{name}' must have a law of its own")
-                if self.laws[name].crowded:
-                    share = f"{max(self.laws[name].crowds):.2g}"
-                    raise StudyError(
-                        f"correlation of '{pair}': '{name}' must not have {share} of its probability nearer"
-                        " to an end than numbers can tell: cut its law by 'lower' and 'upper'"
-                    )
+            self._check_scores(f"correlation of '{pair}'", pair.split(", "))
+        joined = [name for pair in self.correlation for name in pair.split(", ")]
+        for key, mixture in self.mixtures.items():
+            names = key.split(", ")
+            self._check_scores(f"mixture of '{key}'", names)
+            if len(names) != len(mixture.means[0]):
+                raise StudyError(
+                    f"mixture of '{key}': means and covariances must be of {len(names)} parameters"
+                    f" (got {len(mixture.means[0])})"
+                )
+            twice = [name for name in names if name in joined]
+            if twice:
+                raise StudyError(
+                    f"mixture of '{key}': '{twice[0]}' must not stand in another mixture or in correlations"
+                )
+            joined += names
         if self.correlation and np.linalg.eigvalsh(self.score_correlation)[0] <= SINGULAR:
             pairs = "; ".join(f"'{pair}' {value:g}" for pair, value in self.correlation.items())
             raise StudyError(f"correlations must be such that all can hold at once (got {pairs})")
+
+    def _check_scores(self, what: str, names: list[str]) -> None:
+        for name in names:
+            if name not in self.laws:
+                raise StudyError(f"{what}: '{name}' must have a law of its own")
+            if self.laws[name].crowded:
+                share = f"{max(self.laws[name].crowds):.2g}"
+                raise StudyError(
+                    f"{what}: '{name}' must not have {share} of its probability nearer"
+                    " to an end than numbers can tell: cut its law by 'lower' and 'upper'"
+                )
 
     @property
     def _needed(self) -> tuple[str, ...]:
@@ -226,7 +245,7 @@ class Prior:
 
     @cached_property
     def score_correlation(self) -> FloatArray:
-        """Correlation matrix (d, d) of the normal scores of the free parameters."""
+        """Stated correlations (d, d) of the normal scores of the free parameters, without mixtures."""
         matrix = np.eye(len(self.names))
         for pair, value in self.correlation.items():
             i, j = (self.names.index(name) for name in pair.split(", "))
@@ -235,9 +254,36 @@ class Prior:
 
     @cached_property
     def correlated(self) -> list[int]:
-        """Columns of parameters that correlate with another one."""
+        """Columns of parameters that depend on another one."""
         others = self.score_correlation - np.eye(len(self.names))
-        return np.flatnonzero(others.any(axis=1)).tolist()
+        return sorted([*np.flatnonzero(others.any(axis=1)).tolist(), *(i for c, _ in self.mixed for i in c)])
+
+    @cached_property
+    def mixed(self) -> list[tuple[list[int], MixtureCopula]]:
+        """Columns of every mixture, rising, and its dependence of their scores."""
+        mixed = []
+        for key, mixture in self.mixtures.items():
+            columns = [self.names.index(name) for name in key.split(", ")]
+            mixed.append((sorted(columns), mixture.marginal(np.argsort(columns).tolist())))
+        return mixed
+
+    def dependence(self, straight: tuple[str, ...] = ()) -> Dependence:
+        """Dependence of the scores of the columns in ``correlated``.
+
+        A mixture that holds a parameter of ``straight`` is taken by its correlations alone.
+        """
+        matrix, bent = self.score_correlation.copy(), []
+        for columns, mixture in self.mixed:
+            if any(self.names[i] in straight for i in columns):
+                matrix[np.ix_(columns, columns)] = mixture.correlation
+            else:
+                bent.append((tuple(self.correlated.index(i) for i in columns), mixture))
+        others = tuple(i for i in range(len(self.correlated)) if all(i not in at for at, _ in bent))
+        columns = [self.correlated[i] for i in others]
+        gaussian = GaussianCopula(matrix[np.ix_(columns, columns)])
+        if not bent:
+            return gaussian
+        return JoinedDependence(((others, gaussian), *bent) if others else tuple(bent))
 
     def scores(self, x: FloatArray, columns: list[int] | None = None) -> FloatArray:
         """Normal scores of parameter sets (n, d) under their own laws, of some columns or all."""
@@ -246,21 +292,28 @@ class Prior:
         scores = [laws[i].score(x[:, i]) for i in chosen]
         return np.column_stack(scores) if scores else np.empty((len(x), 0))
 
-    def log_copula(self, x: FloatArray) -> FloatArray:
-        """Log of the joint density over the product of the laws (n,): −½ zᵀ(R⁻¹ − 1)z − ½ log |R|."""
+    def log_dependence(self, x: FloatArray) -> FloatArray:
+        """Log of the joint density over the product of the laws (n,)."""
         if not self.correlated:
             return np.zeros(len(x))
-        excess, level, _ = self._copula
-        z = self.scores(x, self.correlated)
-        return np.asarray(level - 0.5 * np.einsum("ni,ij,nj->n", z, excess, z, optimize=True))
+        return self._dependence.log_density(self.scores(x, self.correlated))
 
     @cached_property
-    def _copula(self) -> tuple[FloatArray, float, FloatArray]:
-        """R⁻¹ − 1, −½ log |R| and the Cholesky factor of R, of the correlated columns."""
-        matrix = self.score_correlation[np.ix_(self.correlated, self.correlated)]
-        factor = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
-        excess = np.linalg.inv(matrix) - np.eye(len(matrix))
-        return np.asarray(excess), -float(np.log(np.diagonal(factor)).sum()), factor
+    def _dependence(self) -> Dependence:
+        return self.dependence()
+
+    def slope_and_curvature(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slope (n, d) of :meth:`log_dependence` along the scores (n, d) of all free parameters.
+
+        With it, a curvature (n or 1, d, d) of minus the log joint density of the scores, never negative.
+        """
+        slope, curvature = GaussianCopula(self.score_correlation).slope_and_curvature(z)
+        if self.mixed:
+            curvature = np.tile(curvature, (len(z), 1, 1))
+        for columns, mixture in self.mixed:
+            slope[:, columns], bent = mixture.slope_and_curvature(z[:, columns])
+            curvature[:, np.array(columns)[:, None], columns] = bent
+        return slope, curvature
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
@@ -270,7 +323,7 @@ class Prior:
         for column, law in enumerate(self.laws.values()):
             if column not in columns:
                 total += law.log_density(x[:, column])
-        return total + self.log_copula(x) if self.correlated else total
+        return total + self.log_dependence(x) if self.correlated else total
 
     @cached_property
     def _flat(self) -> tuple[list[int], FloatArray, FloatArray, float]:
@@ -293,7 +346,7 @@ class Prior:
         x = np.column_stack([law.quantile(q[:, i]) for i, law in enumerate(self.laws.values())])
         if self.correlated:
             laws = list(self.laws.values())
-            z = ndtri(q[:, self.correlated]) @ self._copula[2].T
+            z = self._dependence.completed(np.empty((len(q), 0)), ndtri(q[:, self.correlated]))
             for i, column in zip(self.correlated, z.T, strict=True):
                 x[:, i] = laws[i].at_score(column)
         return x

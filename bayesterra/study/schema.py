@@ -37,6 +37,7 @@ from bayesterra.errors import StudyError, checked_name, checked_text, did_you_me
 from bayesterra.models import MODELS
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.study import entries
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
@@ -79,6 +80,7 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
         return value
     content = entries.table(value, "priors")
     sources, correlation = content.pop("from", ()), content.pop("correlation", {})
+    mixtures = content.pop("mixture", {})
     name = content.pop("set", None)
     if name is not None and str(name) not in PRIOR_SETS:
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
@@ -87,6 +89,7 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
         None if name is None else str(name),
         entries.sources(sources),
         entries.correlations(correlation),
+        entries.mixtures(mixtures),
     )
 
 
@@ -100,12 +103,14 @@ class StatedPriors:
     chosen : name of the prior ``set`` for the other parameters; None where none is named.
     sources : what is taken ``from`` earlier results.
     correlation : of normal scores, by pair.
+    mixtures : mixture copulas by parameters.
     """
 
     entries: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
     chosen: str | None = None
     sources: tuple[Source, ...] = ()
     correlation: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    mixtures: Mapping[str, MixtureCopula] = dataclasses.field(default_factory=dict)
 
     def beside(self, study: Path) -> StatedPriors:
         """The same, with folders of results understood from that of a study file."""

@@ -220,7 +220,7 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
-        "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling)),
+        "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling, prior)),
     }
 
 
@@ -242,12 +242,19 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
     return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
 
 
-def _group_notes(rows: Observations, pooling: Pooling | None) -> list[str]:
-    """A note on the groups and on the commands that know of them."""
+def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> list[str]:
+    """Notes on the groups, on the commands that know of them, and on mixtures that populations straighten."""
     if pooling is None:
         return []
     groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))
+    mixtures = [
+        f"the mixture of {names} is taken by its correlations where one of these is hierarchical: "
+        + (", ".join(among) or "only in comparisons of what groups share")
+        for names in prior.mixtures
+        for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
+    ]
     return [
         f"groups by {pooling.by}: {groups}; 'run' pools them, 'predict' takes what it finds, other commands"
-        " let all share every parameter"
+        " let all share every parameter",
+        *mixtures,
     ]

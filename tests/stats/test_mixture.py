@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import kstest, multivariate_t, t
+from scipy.stats import kstest, multivariate_normal, multivariate_t, t
 
 from bayesterra.arrays import FloatArray
 from bayesterra.stats.mixture import StudentMixture, fit_mixture, root, with_defensive_component
@@ -135,3 +135,26 @@ def test_a_covariance_that_rounding_left_indefinite_has_a_factor() -> None:
         factor = root(matrix)
         np.testing.assert_allclose(factor @ np.swapaxes(factor, -1, -2), matrix, rtol=1e-2, atol=1e-280)
         assert (np.diagonal(factor, axis1=-2, axis2=-1) > 0).all()
+
+
+def test_without_end_of_degrees_of_freedom_laws_are_normal() -> None:
+    """Density and draws against scipy's; a fit with a floor finds thin clusters and no thinner ones."""
+    mixture = StudentMixture(MIXTURE.weights, MIXTURE.means, MIXTURE.factors, np.inf)
+    rng = np.random.default_rng(9)
+    draws = mixture.sample(100_000, rng)
+    parts = [
+        multivariate_normal(mean, factor @ factor.T).logpdf(draws[:50])
+        for mean, factor in zip(MIXTURE.means, MIXTURE.factors, strict=True)
+    ]
+    expected = logsumexp(np.array(parts).T + np.log(MIXTURE.weights), axis=1)
+    np.testing.assert_allclose(mixture.log_density(draws[:50]), expected, atol=1e-10)
+    between = np.cov(MIXTURE.means.T, aweights=MIXTURE.weights, ddof=0)
+    within = np.einsum("k,kij,klj->il", MIXTURE.weights, MIXTURE.factors, MIXTURE.factors)
+    np.testing.assert_allclose(np.cov(draws.T), within + between, rtol=0.03)
+    thin = rng.standard_normal((4000, 2)) * np.array([0.05, 1.0])
+    thin += rng.choice([-1.0, 1.0], 4000)[:, None] * np.array([1.0, 3.0])
+    found = fit_mixture(thin, np.ones(4000), 2, rng, dof=np.inf, steps=200, gain=1e-7, floor=1e-4)
+    np.testing.assert_allclose(np.sort(found.means[:, 0]), [-1.0, 1.0], atol=0.01)
+    np.testing.assert_allclose(found.factors[:, 0, 0], 0.05, rtol=0.1)
+    held = fit_mixture(thin, np.ones(4000), 2, rng, dof=np.inf, steps=200, gain=1e-7, floor=0.04)
+    np.testing.assert_allclose(held.factors[:, 0, 0], 0.2 * thin[:, 0].std(), rtol=0.01)

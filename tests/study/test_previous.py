@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.canonical import write_study
 from bayesterra.study.previous import Fidelity, PosteriorPrior, taken
@@ -337,4 +339,12 @@ def test_a_record_has_every_figure_under_its_own_name() -> None:
     assert made.record() == {
         "from": "'box'", "take": {"c": "c"}, "widen": 1.5, "effective_draws": 812.0,
         "worst_pair": ["c", "phi"], "largest_difference": 0.25, "its_noise": 0.04, "poor": True,
+        "joint_law": "correlations", "components": None,
+        "difference_of_correlations": 0.25, "difference_of_mixture": None,
+    }  # fmt: skip
+    one = MixtureCopula((1.0,), ((0.0, 0.0),), (((1.0, 0.5), (0.5, 1.0)),))
+    bent = replace(made, mixture=one, mixture_fidelity=Fidelity(("phi", "K"), 0.03, 0.05))
+    assert bent.record() == {
+        **made.record(), "worst_pair": ["phi", "K"], "largest_difference": 0.03, "its_noise": 0.05,
+        "poor": False, "joint_law": "mixture", "components": 1, "difference_of_mixture": 0.03,
     }  # fmt: skip
