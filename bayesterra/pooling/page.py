@@ -26,6 +26,7 @@ from bayesterra.report.sections import (
     Section,
     Verdict,
     VerdictPage,
+    crosscheck_text,
     missing,
     origin_rows,
     section,
@@ -328,7 +329,7 @@ def _summary_section(result: PooledResult) -> Blocks:
         "prior mean",
         "sd",
     )
-    return (Table(caption, "ll" + "r" * 9, header, body),)
+    return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck_text(result.record))
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
