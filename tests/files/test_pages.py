@@ -39,6 +39,7 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+from tests.support.adaptation import little_leaving_out
 from tests.support.two_wheels import few_walkers
 
 TITLE = "<script>document.title='ran'</script>\"><img src=x onerror=document.title='ran'>{{7*7}}{% raw %}"
@@ -216,11 +217,11 @@ def pooled_page() -> str:
     study = of_one_soil(
         ("A", NAME),
         pooling={"by": "wheel", "hierarchical": {"phi": {}}},
-        sampling={"target_ess": 400, "walkers": 32},
+        sampling={"target_ess": 100, "walkers": 32, "max_steps": 200},
     )
     lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
-    with few_walkers():
-        return run_pooled(study, seed=1, plan=PoolingOptions((10, 20, 40), lone)).page().html()
+    with few_walkers(sweeps=10, draws=512, inner=8):
+        return run_pooled(study, seed=1, plan=PoolingOptions((5, 10), lone)).page().html()
 
 
 def soil_test_page() -> str:
@@ -243,8 +244,13 @@ def soil_test_page() -> str:
     }
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given: dict[str, Any] = {"test": "shear", "title": TITLE, "soil": LINK, "priors": priors}
-    given |= {"data": {"file": "x.csv", "source": LINK}, "sampling": SamplingOptions(target_ess=400)}
-    return analyse(soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given), seed=1).page().html()
+    given |= {
+        "data": {"file": "x.csv", "source": LINK},
+        "sampling": SamplingOptions(target_ess=100, walkers=32),
+    }
+    test = soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given)
+    with little_leaving_out():
+        return analyse(test, seed=1).page().html()
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from bayesterra.study.study import Study
 
 from .conftest import VARIANTS, analysed, trial
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 TABLES = {
     "cloning", "cloning_directions", "collinearity", "combinations", "compensation", "coupling",
     "coupling_of_groups", "directions", "groups", "importance", "information", "local", "local_at_best",

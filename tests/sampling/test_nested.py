@@ -21,6 +21,8 @@ from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 NAMES = ("a", "b")
 N = 4000
 
