@@ -201,20 +201,21 @@ def calibrate_study(
     ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written; or there is an
         unfinished calibration, of something else or without ``resume``.
     """
-    from bayesterra.checking.calibration_page import calibration_bar
+    from bayesterra.report.terminal import task_bar
 
     check_free(out, overwrite=overwrite, mark=Calibration.MARK)
     check(job.study, job.n)
     folder = job_folder(out, mark=Calibration.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, _made_with(job), TASKS)
-        with calibration_bar(show=not quiet) as show:
+        with task_bar("calibrating", "replications", show=not quiet) as show:
 
             def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
                 store.add({outcome.task: asdict(outcome) for outcome in outcomes})
                 done = progress.done / progress.of
                 status.note("calibrating", done, progress.seconds_left, steps=progress.done)
-                show(progress)
+                remark = f", {progress.unsettled} not converged" if progress.unsettled else ""
+                show("calibrating", progress.done, progress.of, progress.seconds_left, remark)
                 watch(progress)
 
             with damage(ResultError, part / WORK):

@@ -117,10 +117,10 @@ class Holdout(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Left-out rows with their predictions, and the bands without them."""
-        from bayesterra.checking.holdout_page import bands_without, left_out_png
+        from bayesterra.checking.holdout_page import all_left_out, bands_without
         from bayesterra.report.figures import white_png
 
-        return {self.PLOT: left_out_png(self.table), "bands.png": white_png(bands_without(self))}
+        return {self.PLOT: white_png(all_left_out(self.table)), "bands.png": white_png(bands_without(self))}
 
 
 def holdout_of(

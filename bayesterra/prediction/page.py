@@ -18,7 +18,7 @@ from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, P
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled, white_png
+from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
@@ -78,11 +78,6 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
         )  # fmt: skip
     _legend_of_bands(figure, cases)
     return axes
-
-
-def predictions_png(cases: Sequence[tuple[Prediction, Prediction | None]], dpi: float = 200) -> bytes:
-    """The drawing of :func:`predictions` as PNG on white, the same bytes each time."""
-    return white_png(predictions(cases), dpi)
 
 
 def bands(values: FloatArray, column: int) -> FloatArray:
@@ -255,11 +250,6 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
         )
     _legend(axes, outlook)
     return axes
-
-
-def rover_outlook_png(outlook: RoverOutlook, dpi: float = 200) -> bytes:
-    """The drawing of :func:`rover_outlook` as PNG on white, the same bytes each time."""
-    return white_png(rover_outlook(outlook), dpi)
 
 
 def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> None:

@@ -21,10 +21,11 @@ import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.folds import levels, predictives
 from bayesterra.checking.holdout import holdout_of
-from bayesterra.checking.holdout_page import left_out_png
+from bayesterra.checking.holdout_page import all_left_out
 from bayesterra.checking.holdout_scores import BASELINES, clustered, skills, summarise
 from bayesterra.checking.replications import ShortRuns, replicated
 from bayesterra.likelihood.posterior import posterior
+from bayesterra.report.figures import white_png
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
@@ -157,7 +158,7 @@ def figure() -> None:
     """Left-out rows of the narrower wheel and what M1 and the baselines said of them: leave-slip-out.png."""
     table = pd.read_csv(HERE / "scores.csv")
     shown = table[(table["study"] == "cmu-grouser") & (table["model"] == "M1")]
-    (HERE / "leave-slip-out.png").write_bytes(left_out_png(shown, dpi=150))
+    (HERE / "leave-slip-out.png").write_bytes(white_png(all_left_out(shown), 150))
 
 
 def tables() -> None:
