@@ -54,14 +54,8 @@ from bayesterra.study.study import Study
 
 @dataclass(frozen=True, kw_only=True)
 class Page(VerdictPage):
-    """Everything that the template shows, with strip, driving and findings on the first screen.
+    """Everything that the template shows, with strip, driving and findings on the first screen."""
 
-    Attributes
-    ----------
-    kind : of the data; it stands apart from the facts.
-    """
-
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
     driving: Driving

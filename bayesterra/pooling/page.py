@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,14 +40,7 @@ from bayesterra.study.study import Study
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
 
-@dataclass(frozen=True)
-class PooledPage(VerdictPage):
-    """The page, with the kind of its data."""
-
-    kind: str = ""
-
-
-def pooled_page(result: PooledResult) -> PooledPage:
+def pooled_page(result: PooledResult) -> VerdictPage:
     """Put the page of a joint posterior together."""
     study, record = result.study, result.record
     rows = study.observations
@@ -87,7 +79,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
         made("data", "Data and model", _data),
         made("reproduce", "Reproduce this", _reproduce),
     )
-    return PooledPage(
+    return VerdictPage(
         title=study.title or "One soil, several groups of rows",
         facts=tuple(fact for fact in facts if fact),
         verdicts=verdicts,

@@ -55,7 +55,6 @@ LAWS = {
 class SoilTestPage(VerdictPage):
     """A :class:`VerdictPage` with a parameter strip."""
 
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
 

@@ -24,7 +24,7 @@ from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.holdout import leave_out
 from bayesterra.checking.replications import Fitted
 from bayesterra.design.recommendation import recommend
-from bayesterra.identifiability.identify import identify_result
+from bayesterra.identifiability.identify import identify
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.pooling.run import run_pooled
@@ -177,7 +177,7 @@ def test_a_comparison(hostile: Result) -> None:
 
 def test_an_analysis_of_identifiability(hostile: Result) -> None:
     """Title and versions."""
-    check(identify_result(hostile).page().html(), TITLE)
+    check(identify(hostile).page().html(), TITLE)
 
 
 def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> None:

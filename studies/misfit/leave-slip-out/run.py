@@ -20,7 +20,7 @@ from numpy.random import Generator, default_rng
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.folds import levels, predictives
-from bayesterra.checking.holdout import holdout_of
+from bayesterra.checking.holdout import leave_out
 from bayesterra.checking.holdout_page import all_left_out
 from bayesterra.checking.holdout_scores import BASELINES, clustered, skills, summarise
 from bayesterra.checking.replications import ShortRuns, replicated
@@ -87,7 +87,7 @@ def measured() -> None:
     for name, model, called, changes in CASES:
         if (name, called) in done(HERE / "refits.csv", "study", "model"):
             continue
-        one = holdout_of(study(name, model, changes))
+        one = leave_out(study(name, model, changes))
         table, own = one.table, one.table["predictor"] == model
         table.loc[own, "predictor"] = called
         kept = table if called == "M1" else table[own]  # baselines are the same for every model
@@ -111,7 +111,7 @@ def simulated() -> None:
     for number in range(1, TABLES + 1):
         if (number,) in done(HERE / "simulated.csv", "table"):
             continue
-        one = holdout_of(simulated_table(number), seed=number, fit=ShortRuns())
+        one = leave_out(simulated_table(number), seed=number, fit=ShortRuns())
         rows = one.table.merge(one.refits[["level", "status"]], on="level")[columns]
         head = pd.DataFrame({"data": "simulated", "table": number}, index=rows.index)
         append(HERE / "simulated.csv", head.join(rows), "%.5g")
