@@ -72,9 +72,8 @@ def _general(study: Study) -> Table:
         table.add_row(*_error(error))
     described = (study.kind, study.soil, study.date, study.source)
     table.add_row("data", " · ".join(part for part in described if part))
-    for name, value in (("published", study.published), ("truth", study.truth)):
-        if value is not None:
-            table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
+    for name, value in study.references.items():
+        table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
     return table
 
 

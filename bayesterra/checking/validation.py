@@ -112,8 +112,7 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     """
     fits, standings = result.record["fits"], result.record["standings"]
     points = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
-    references = {"published": result.study.published, "truth": result.study.truth}
-    return points | {name: dict(point.values) for name, point in references.items() if point is not None}
+    return points | {name: dict(stated.values) for name, stated in result.study.references.items()}
 
 
 def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:

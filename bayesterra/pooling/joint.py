@@ -12,7 +12,7 @@ from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import Posterior, likelihood_of
+from bayesterra.likelihood.posterior import Posterior, checked_sets, likelihood_of
 from bayesterra.stats.laws import Law, SharedCopula
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
@@ -234,9 +234,7 @@ class JointPosterior:
         ------
         ValueError : ``x`` does not have one column per parameter.
         """
-        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        if x.ndim != 2 or x.shape[1] != len(self.names):
-            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
+        x = checked_sets(x, self.names)
         finite = np.asarray(np.isfinite(x).all(axis=1))
         D, L = self.split(np.where(finite[:, None], x, 0.0))
         total = np.where(finite, self.log_prior_of_shared(D), -np.inf)

@@ -34,7 +34,7 @@ from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import failed_checks, law_text
+from bayesterra.study.page import law_text, unconverged
 from bayesterra.study.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
@@ -52,10 +52,8 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    warning, failures = Markup(""), Failures()
-    if not result.converged:
-        advice = [check["advice"] for check in failed_checks(result)]
-        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
+    failures = Failures()
+    warning = unconverged(result, "The sampling has <b>not converged</b>: {}.")
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
 

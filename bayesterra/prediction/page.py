@@ -18,7 +18,7 @@ from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, P
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled
+from bayesterra.report.figures import fan, figure_of, label, literal, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
@@ -281,10 +281,9 @@ def _top(states: State) -> float:
 
 
 def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    q05, q25, q50, q75, q95 = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
-    ax.fill_between(x, q05, q95, color=colour, alpha=0.2, linewidth=0)
-    ax.fill_between(x, q25, q75, color=colour, alpha=0.35, linewidth=0)
-    ax.plot(x, q50, color=colour)
+    levels = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
+    fan(ax, x, levels, colour, (0.2, 0.35))
+    ax.plot(x, levels[2], color=colour)
 
 
 def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:
