@@ -231,10 +231,7 @@ class Analysis:
         """Point estimates by method: the mode, every least-squares fit, published and true values."""
         points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
-        references = {"published": self.study.published, "truth": self.study.truth}
-        return points | {
-            name: dict(reference.values) for name, reference in references.items() if reference is not None
-        }
+        return points | {name: dict(stated.values) for name, stated in self.study.references.items()}
 
     def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
         """Standing of every point estimate among the draws' log densities (n,)."""

@@ -45,23 +45,17 @@ from bayesterra.report.sections import (
     unknown_verdict,
     verdict,
 )
-from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols
+from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
-from bayesterra.study.page import StripRow, failed_checks, sampling_verdict
+from bayesterra.study.page import StripRow, sampling_verdict, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page(VerdictPage):
-    """Everything that the template shows, with strip, driving and findings on the first screen.
+    """Everything that the template shows, with strip, driving and findings on the first screen."""
 
-    Attributes
-    ----------
-    kind : of the data; it stands apart from the facts.
-    """
-
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
     driving: Driving
@@ -154,14 +148,12 @@ def _misfit(result: Result) -> Markup:
 
 def _unsettled(result: Result) -> Markup:
     """Advice about a sampling that has not converged; empty where it has."""
-    if result.converged:
-        return Markup("")
-    advice = listed(check["advice"] for check in failed_checks(result))
-    return Markup(
+    return unconverged(
+        result,
         "The sampling has <b>not converged</b>: intervals and verdicts below may be wrong. What to do: {}. "
         "A greater <code>max_steps</code> in [sampling] lets it run longer; tighter priors or fewer free "
-        "parameters make it easier."
-    ).format(advice)
+        "parameters make it easier.",
+    )
 
 
 FEW_READINGS = 3

@@ -17,7 +17,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import label, own_axes, styled
+from bayesterra.report.figures import fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
 from bayesterra.report.style import INK, PRIOR
@@ -238,8 +238,7 @@ def prior_bands(
         field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
         for kind in ("modelled", "readings")
     )
-    for low, high, alpha in ((0, 4, 0.25), (1, 3, 0.45)):
-        ax.fill_between(slip, bands[low], bands[high], color=PRIOR, alpha=alpha, linewidth=0)
+    fan(ax, slip, bands, PRIOR, (0.25, 0.45))
     ax.plot(slip, bands[2], color=INK)
     for edge in noisy[[0, 4]]:
         ax.plot(slip, edge, color=INK, linewidth=0.8, dashes=(4, 3))

@@ -191,8 +191,7 @@ def design_into(
         unfinished design, of something else or without ``resume``.
     StudyError : as :func:`recommend`.
     """
-    from bayesterra.design.page import design_bar
-    from bayesterra.report.terminal import note
+    from bayesterra.report.terminal import note, task_bar
 
     check_free(out, overwrite=overwrite, mark=Design.MARK)
     if isinstance(study_or_result, Result) and not study_or_result.converged:
@@ -201,13 +200,13 @@ def design_into(
     folder = job_folder(out, mark=Design.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, question.origin, TASKS)
-        with design_bar(show=not quiet) as show:
+        with task_bar("judging", "candidates", show=not quiet) as show:
 
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
                 store.add({task: as_content(estimate) for task, estimate in estimates.items()})
                 stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
                 status.note(stage, done, progress.seconds_left, steps=progress.judged)
-                show(progress)
+                show(stage, progress.done, progress.of, progress.seconds_left, "")
                 watch(progress)
 
             finished = {task: from_content(content) for task, content in store.tasks().items()}

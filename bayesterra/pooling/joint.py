@@ -12,7 +12,7 @@ from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import OUTSIDE_PRIOR, Posterior, likelihood_of
+from bayesterra.likelihood.posterior import OUTSIDE_PRIOR, Posterior, checked_sets, likelihood_of
 from bayesterra.stats.dependence import Split
 from bayesterra.stats.laws import Law
 from bayesterra.study.groups import Pooling
@@ -270,9 +270,7 @@ class JointPosterior:
 
     def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Shared values and locals of parameter sets, 0 in place of what is not finite, and which are."""
-        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        if x.ndim != 2 or x.shape[1] != len(self.names):
-            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
+        x = checked_sets(x, self.names)
         finite = np.asarray(np.isfinite(x).all(axis=1))
         return *self.split(np.where(finite[:, None], x, 0.0)), finite
 

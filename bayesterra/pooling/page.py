@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,20 +35,13 @@ from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import failed_checks, law_text
+from bayesterra.study.page import law_text, unconverged
 from bayesterra.study.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
 
-@dataclass(frozen=True)
-class PooledPage(VerdictPage):
-    """The page, with the kind of its data."""
-
-    kind: str = ""
-
-
-def pooled_page(result: PooledResult) -> PooledPage:
+def pooled_page(result: PooledResult) -> VerdictPage:
     """Put the page of a joint posterior together."""
     study, record = result.study, result.record
     rows = study.observations
@@ -61,10 +53,8 @@ def pooled_page(result: PooledResult) -> PooledPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    warning, failures = Markup(""), Failures()
-    if not result.converged:
-        advice = [check["advice"] for check in failed_checks(result)]
-        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
+    failures = Failures()
+    warning = unconverged(result, "The sampling has <b>not converged</b>: {}.")
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
 
@@ -88,7 +78,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
         made("data", "Data and model", _data),
         made("reproduce", "Reproduce this", _reproduce),
     )
-    return PooledPage(
+    return VerdictPage(
         title=study.title or "One soil, several groups of rows",
         facts=tuple(fact for fact in facts if fact),
         verdicts=verdicts,

@@ -150,7 +150,7 @@ def run_pooled(
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = thin(samples.chains)
     chains = {name: lone.chains for name, lone in samples.lone.items()}
-    complete_level, stated_level, no_level = [degree.level for degree in degrees] or [UNKNOWN] * 3
+    complete_level, stated_level, no_level = degrees or [UNKNOWN] * 3
     evidences = Evidences(joint, chains, default_rng(comparing), complete_level, stated_level, no_level)
     verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
     stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])

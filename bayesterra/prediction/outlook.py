@@ -227,9 +227,10 @@ class RoverOutlook(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Slip, sinkage and loads over slope and tow force."""
-        from bayesterra.prediction.page import rover_outlook_png
+        from bayesterra.prediction.page import rover_outlook
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: rover_outlook_png(self)}
+        return {self.PLOT: white_png(rover_outlook(self))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

@@ -86,9 +86,10 @@ class Predicted(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Every quantity over slip."""
-        from bayesterra.prediction.page import predictions_png
+        from bayesterra.prediction.page import predictions
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: predictions_png(self.cases)}
+        return {self.PLOT: white_png(predictions(self.cases))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

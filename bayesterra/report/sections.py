@@ -56,6 +56,7 @@ class VerdictPage:
     facts : what was analysed, in one line.
     warning : what to do about a result that cannot be relied on, else empty.
     failures : what could not be made of this page.
+    kind : of the data, where it stands apart from the facts.
     template : that is filled with it.
     """
 
@@ -66,6 +67,7 @@ class VerdictPage:
     version: str
     warning: Markup
     failures: Failures = field(default_factory=Failures, kw_only=True)
+    kind: str = field(default="", kw_only=True)
     template: str = field(default="report.html", kw_only=True)
 
     def html(self) -> str:

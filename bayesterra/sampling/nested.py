@@ -62,11 +62,6 @@ class Weighted:
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
 
     @classmethod
-    def equal(cls, name: str, x: FloatArray, log_z: float, error: float) -> Weighted:
-        """Independent draws of equal weight."""
-        return cls.independent(name, x, np.full(len(x), 1 / len(x)), log_z, error)
-
-    @classmethod
     def of_ensembles(cls, name: str, chains: FloatArray, evidence: Evidence | None) -> Weighted:
         """Draws of ensembles (ensembles, steps, walkers, d), which depend on each other.
 

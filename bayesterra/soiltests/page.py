@@ -27,13 +27,13 @@ from bayesterra.report.sections import (
     unknown_verdict,
     verdict,
 )
-from bayesterra.report.symbols import in_symbols, letters, listed
+from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import QUANTITIES
-from bayesterra.study.page import StripRow, axis_of, failed_checks, keys, sampling_verdict, strip_row
+from bayesterra.study.page import StripRow, axis_of, keys, sampling_verdict, strip_row, unconverged
 from bayesterra.study.result import shown, summary_rows
 
 CHECK = "units, plate sizes or normal stresses, and priors"
@@ -55,7 +55,6 @@ LAWS = {
 class SoilTestPage(VerdictPage):
     """A :class:`VerdictPage` with a parameter strip."""
 
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
 
@@ -91,7 +90,8 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         made("assumptions", "Assumptions and prior", _assumptions),
         made("reproduce", "Reproduce this", _reproduce),
     )
-    warning = (_misfit(result), _warning(result), missing(record, failures))
+    unsettled = unconverged(result, "The sampling has <b>not converged</b>. What to do: {}.")
+    warning = (_misfit(result), unsettled, missing(record, failures))
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
@@ -112,13 +112,6 @@ def _misfit(result: SoilTestResult) -> Markup:
     if not result.record["alarm"]:
         return Markup("")
     return misfit_warning(Markup("{}.").format(result.misfit), CHECK, "another law, or wider [noise]")
-
-
-def _warning(result: SoilTestResult) -> Markup:
-    if result.converged:
-        return Markup("")
-    advice = listed(check["advice"] for check in failed_checks(result))
-    return Markup("The sampling has <b>not converged</b>. What to do: {}.").format(advice)
 
 
 def _fit(result: SoilTestResult) -> Verdict:

@@ -19,7 +19,7 @@ from pydantic import (
 )
 from pydantic.dataclasses import dataclass
 
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, check_keys, known
 from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 from bayesterra.stats.laws import Law
 from bayesterra.study import entries
@@ -70,9 +70,7 @@ _NOISE = NOISE["plate"]
 def _entry(name: str, value: object, allowed: tuple[str, ...], *, bare: bool) -> Law | float:
     if name == REFERENCE and name in allowed:
         return quantity(value, "m", name, bare=bare)
-    if name not in allowed:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, allowed)}")
-    dimension = QUANTITIES[name].dimension
+    dimension = QUANTITIES[known("parameter", name, allowed)].dimension
     if isinstance(value, Law):
         return value
     if isinstance(value, Mapping):
@@ -115,10 +113,7 @@ class Table:
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, content: Any) -> Any:
-        keys = list(cls.__dataclass_fields__)
-        for key in content if isinstance(content, Mapping) else ():
-            if key not in keys:
-                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), keys)}")
+        check_keys(content if isinstance(content, Mapping) else (), cls.__dataclass_fields__)
         return content
 
 

@@ -40,11 +40,6 @@ class Tails(ABC):
 
     @property
     @abstractmethod
-    def short(self) -> str:
-        """The law with its numbers, e.g. ``t(4)``; empty for a Gaussian one."""
-
-    @property
-    @abstractmethod
     def words(self) -> str:
         """The law with its numbers in words; empty for a Gaussian one."""
 
@@ -130,7 +125,7 @@ class Gaussian(Tails):
     name = "Gaussian"
     mark = ""
     code = np.inf
-    short = words = ""
+    words = ""
     log_peak = float(-0.5 * np.log(2 * np.pi))
     information = (1.0, 2.0)
     variance = 1.0
@@ -186,11 +181,6 @@ class StudentT(Tails):
     def code(self) -> float:
         """Degrees of freedom."""
         return self.dof
-
-    @property
-    def short(self) -> str:
-        """See :class:`Tails`."""
-        return f"t({self.dof:g})"
 
     @property
     def words(self) -> str:

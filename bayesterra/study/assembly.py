@@ -213,20 +213,16 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
     for name, value in fixed.items():
         law = prior_set.get(name)
         if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
-            inside = f"{_field(name, law.range[0])} to {_field(name, law.range[1])}"
+            shown = PARAMETERS[name].field_text
+            inside = f"{shown(law.range[0])} to {shown(law.range[1])}"
             raise StudyError(
                 f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
-                f" (got {_field(name, value)})"
+                f" (got {shown(value)})"
             )
     try:
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
     except ValueError as error:
         raise StudyError(f"[priors] {error}") from error
-
-
-def _field(name: str, value: float) -> str:
-    parameter = PARAMETERS[name]
-    return f"{value / parameter.scale:g} {parameter.unit.removesuffix('-')}".strip()
 
 
 def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:

@@ -26,6 +26,13 @@ def failed_checks(result: DrawnResult) -> list[Mapping[str, Any]]:
     return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
 
 
+def unconverged(result: DrawnResult, text: str) -> Markup:
+    """A text with advice for its ``{}`` where the sampling has not converged; else empty."""
+    if result.converged:
+        return Markup("")
+    return Markup(text).format(listed(check["advice"] for check in failed_checks(result)))  # noqa: S704 (constants)
+
+
 def sampling_verdict(result: DrawnResult) -> Verdict:
     """Verdict on whether the draws can be relied on."""
     verdict, settings = result.record["verdict"], result.record["settings"]

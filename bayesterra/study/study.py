@@ -124,6 +124,12 @@ class Study:
         """Middle (N) of the range of latent loads; NaN where loads are given."""
         return float(np.mean(self.load_range)) if self.load_range else np.nan
 
+    @property
+    def references(self) -> dict[str, Reference]:
+        """Published and true values, those of them that are stated."""
+        stated = {"published": self.published, "truth": self.truth}
+        return {name: reference for name, reference in stated.items() if reference is not None}
+
     def with_data(self, values: Mapping[str, FloatArray]) -> Study:
         """The same study with other outcomes: simulated ones, say.
 
