@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from bayesterra.least_squares.results import Fit
     from bayesterra.likelihood.posterior import Posterior, posterior
     from bayesterra.models import Soil, Wheel
-    from bayesterra.prediction.forecast import predict
     from bayesterra.prediction.outlook import predict_rover
+    from bayesterra.prediction.prediction import predict
     from bayesterra.prediction.rover import Rover
     from bayesterra.runtime.checkpoints import read_tasks
     from bayesterra.runtime.dask import dask_cluster
@@ -61,8 +61,8 @@ _HOMES = {
     "least_squares.results": ("Fit",),
     "likelihood.posterior": ("Posterior", "posterior"),
     "models": ("Soil", "Wheel"),
-    "prediction.forecast": ("predict",),
     "prediction.outlook": ("predict_rover",),
+    "prediction.prediction": ("predict",),
     "prediction.rover": ("Rover",),
     "runtime.dask": ("dask_cluster",),
     "runtime.engines": ("Engine", "in_process", "local_pool"),

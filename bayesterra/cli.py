@@ -218,6 +218,9 @@ def predict(
         list[str] | None, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')
     ] = None,
     wheel: Wheels = None,
+    group: Annotated[
+        str | None, option("NAME", "Group of a joint posterior; by default the wheel's, else one not tested.")
+    ] = None,
     slip_reference: Annotated[
         str, option("RADIUS", "Radius behind the slips: rim, tip or shearing.")
     ] = "shearing",
@@ -232,21 +235,23 @@ def predict(
     overwrite: Annotated[bool, flag("--overwrite", "Replace an older prediction of that name.")] = False,
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
-    from bayesterra.analysis.run import load_single
+    from bayesterra.analysis.run import load_result
+    from bayesterra.prediction import forecast
+    from bayesterra.prediction.prediction import of_group
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
-    loaded = load_single(result)
+    loaded = load_result(result)
     if rover is not None:
-        _drive(loaded, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
+        known, _ = of_group(loaded, "", group)
+        _drive(known, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return
-    from bayesterra.prediction import forecast
-
     cases = forecast.forecast(
         loaded,
         slips=forecast.slips_of(slip or ()),
         loads=load or (),
         wheels=wheel or (),
         slip_reference=slip_reference,
+        group=group,
     )
     folder = out or _default(result, "prediction")
     cases.save(folder, overwrite=overwrite)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from numbers import Integral, Real
@@ -80,6 +80,26 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The suggestion, or the list of known names where none is close."""
     names = list(names)
     return suggestion(name, names) or f" (known: {', '.join(names)})"
+
+
+def known(kind: str, name: str, names: Iterable[str], where: str = "") -> str:
+    """The name, if it is one of those known; ``where`` begins the message else.
+
+    Raises
+    ------
+    StudyError : it is not, with the name that may be meant.
+    """
+    names = list(names)
+    if name not in names:
+        raise StudyError(f"{where}unknown {kind} '{name}'{did_you_mean(name, names)}")
+    return name
+
+
+def check_keys(content: Iterable[str], keys: Iterable[str], where: str = "") -> None:
+    """Refuse a table with other keys than some; StudyError as :func:`known`."""
+    keys = list(keys)
+    for key in content:
+        known("key", str(key), keys, where)
 
 
 _KINDS = {
@@ -180,6 +200,15 @@ def checked_text(text: str, what: str) -> str:
     if match := _UNSEEN.search(text):
         raise StudyError(f"'{what}' must have no control characters (got {match[0]!a})")
     return text
+
+
+def enumerated(texts: Sequence[str]) -> str:
+    """Texts as in a sentence.
+
+    >>> enumerated(["a", "b", "c"])
+    'a, b and c'
+    """
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def counted(number: int, noun: str) -> str:

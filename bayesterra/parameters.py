@@ -17,8 +17,8 @@ from bayesterra.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A quantity that a posterior can hold.
+class Channel:
+    """A column of a table of measurements.
 
     Attributes
     ----------
@@ -30,8 +30,6 @@ class Parameter:
     dimension : a unit of the right dimension for the unit parser ("" for pure numbers). A sinkage modulus
         K_s is given as a pressure, per m^N understood.
     description : in words.
-    group : the paper's parameter group, P_I bearing, P_II shearing, P_III contact angles; ``load effect``,
-        (42); else "".
     """
 
     name: str
@@ -41,20 +39,23 @@ class Parameter:
     scale: float
     dimension: str
     description: str
-    group: str = ""
+
+    def field_text(self, value: float) -> str:
+        """SI value in the field unit, to six digits."""
+        return f"{value / self.scale:.6g} {self.unit.removesuffix('-')}".strip()
 
 
 @dataclass(frozen=True)
-class Channel:
-    """A column of a table of measurements; attributes as in :class:`Parameter`."""
+class Parameter(Channel):
+    """A quantity that a posterior can hold.
 
-    name: str
-    symbol: str
-    latex: str
-    unit: str
-    scale: float
-    dimension: str
-    description: str
+    Attributes
+    ----------
+    group : the paper's parameter group, P_I bearing, P_II shearing, P_III contact angles; ``load effect``,
+        (42); else "".
+    """
+
+    group: str = ""
 
 
 _SOIL = (

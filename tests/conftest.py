@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,8 @@ from bayesterra.analysis.inference import run
 from bayesterra.models import warm_up
 from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
+from tests.support.adaptation import HALF
+from tests.support.adaptation import little_adaptation as with_little_adaptation
 
 if TYPE_CHECKING:
     from tests.support.shared import Shared
@@ -35,6 +37,13 @@ def study_script() -> Callable[[str], ModuleType]:
     return lambda name: loaded(STUDIES / name / "run.py")
 
 
+@pytest.fixture(scope="module")
+def little_adaptation() -> Iterator[None]:
+    """All runs of a file adapt little."""
+    with with_little_adaptation():
+        yield
+
+
 @pytest.fixture(scope="session")
 def small_result(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """A short run on the shipped HIT study: 400 effective draws of ensembles of 32 walkers."""
@@ -44,4 +53,9 @@ def small_result(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Re
         f"{study}\n[sampling]\ntarget_ess = 400\nwalkers = 32\n", encoding="utf-8"
     )
     (folder / "measurements.csv").write_bytes((HIT / "measurements.csv").read_bytes())
-    return shared("small", lambda: run(load_study(folder), seed=1))
+
+    def made() -> Result:
+        with with_little_adaptation(HALF):
+            return run(load_study(folder), seed=1)
+
+    return shared("small", made)

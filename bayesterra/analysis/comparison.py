@@ -21,7 +21,7 @@ from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
 from bayesterra.study.result import AnalysisResult, Result, check_single
-from bayesterra.study.wheels import GRID, chosen_wheel, wheel_named
+from bayesterra.study.wheels import GRID, chosen_wheel
 
 MOST = 6
 BARE = 1.0
@@ -189,45 +189,6 @@ class Comparison(AnalysisResult):
         return {"comparison": self.parameters, "predictions": self.predictions, "evidence": self.evidences}
 
 
-def side_by_side(
-    results: Mapping[str, Result], *, load: float | str | None = None, wheel: tuple[str, Wheel] | None = None
-) -> Comparison:
-    """Set results side by side.
-
-    Parameters
-    ----------
-    results : two to six, by the names they are to go by.
-    load : under which all predict, N or text with a unit; by default the first result's median load.
-    wheel : name and dimensions of the one that all drive. By default each drives its own: the one that the
-        study of the first calls its first, or else its first.
-
-    Raises
-    ------
-    ResultError : too few or too many results.
-    StudyError : no load is known to compare them under.
-    """
-    check_count(results)
-    first = next(iter(results.values()))
-    load = reference_load(first.study) if load is None else load
-    driven = np.unique(np.concatenate([result.study.observations.used().slip for result in results.values()]))
-    grid = np.linspace(driven[0], driven[-1], GRID)
-    curves = {}
-    for name, result in results.items():
-        called, dimensions = wheel or _own_wheel(result, next(iter(first.study.wheels)))
-        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=dimensions, name=called)
-    return Comparison(
-        dict(results),
-        {name: curve.at(grid) for name, curve in curves.items()},
-        {name: curve.at(driven) for name, curve in curves.items()},
-        {name: log_evidence(result) for name, result in results.items()},
-        {
-            name: CrossValidation.from_record(result.record["loo"])
-            for name, result in results.items()
-            if result.record.get("loo")
-        },
-    )
-
-
 def check_count(results: Sized) -> None:
     """ResultError unless there are two to six results."""
     if not 2 <= len(results) <= MOST:
@@ -287,7 +248,8 @@ def compare(
     ----------
     results : two to six by the names they are to go by, or their folders. Others are compared with the first.
     load : under which all predict, N or text with a unit; by default the first result's median load.
-    wheel : that all drive, by its name in one of the studies or in a file; by default each drives its own.
+    wheel : that all drive, by its name in one of the studies or in a file. By default each drives its own:
+        the one that the study of the first calls its first, or else its first.
 
     Raises
     ------
@@ -295,8 +257,27 @@ def compare(
     StudyError : an unknown wheel, or no load is known to compare them under.
     """
     named = _named(results)
-    chosen = None if wheel is None else _common_wheel(named, str(wheel))
-    return side_by_side(named, load=load, wheel=chosen)
+    check_count(named)
+    first = next(iter(named.values()))
+    common = None if wheel is None else _common_wheel(named, str(wheel))
+    load = reference_load(first.study) if load is None else load
+    driven = np.unique(np.concatenate([result.study.observations.used().slip for result in named.values()]))
+    grid = np.linspace(driven[0], driven[-1], GRID)
+    curves = {}
+    for name, result in named.items():
+        called, dimensions = common or _own_wheel(result, next(iter(first.study.wheels)))
+        curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=dimensions, name=called)
+    return Comparison(
+        named,
+        {name: curve.at(grid) for name, curve in curves.items()},
+        {name: curve.at(driven) for name, curve in curves.items()},
+        {name: log_evidence(result) for name, result in named.items()},
+        {
+            name: CrossValidation.from_record(result.record["loo"])
+            for name, result in named.items()
+            if result.record.get("loo")
+        },
+    )
 
 
 def _named(results: object) -> Mapping[str, Result]:
@@ -314,7 +295,7 @@ def _named(results: object) -> Mapping[str, Result]:
 
 def _common_wheel(results: Mapping[str, Result], name: str) -> tuple[str, Wheel]:
     knows = (result for result in results.values() if name in result.study.wheels)
-    return wheel_named(next(knows, next(iter(results.values()))).study, name)
+    return chosen_wheel(next(knows, next(iter(results.values()))).study, name)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:

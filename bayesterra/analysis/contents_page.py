@@ -15,7 +15,7 @@ from bayesterra.analysis.comparison import Comparison, outcomes_of
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import INDISTINCT
 from bayesterra.checking.validation import fit_checks
-from bayesterra.likelihood.page import noise_text
+from bayesterra.likelihood.page import noise_text, stated_law
 from bayesterra.models import Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.prediction.page import bands
@@ -24,10 +24,8 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
 from bayesterra.report.style import DATA, INK
-from bayesterra.report.symbols import QUANTITIES, amount, angles, symbol, unit
-from bayesterra.stats.laws import Law
-from bayesterra.study.page import axis, law_text
-from bayesterra.study.priors import Tie
+from bayesterra.report.symbols import QUANTITIES, angles, symbol, unit
+from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 
 SLIPS = 4
@@ -223,11 +221,7 @@ def _wheel(wheel: Wheel) -> str:
 
 def _prior(result: Result, name: str) -> Cell:
     entry = result.study.prior.entries.get(name)
-    if entry is None or isinstance(entry, Law):
-        return "" if entry is None else law_text(name, entry)
-    if isinstance(entry, Tie):
-        return Markup("that of {}").format(symbol(entry.to))
-    return Markup("fixed at {}").format(amount(name, given(float(entry) / PARAMETERS[name].scale)))
+    return "" if entry is None else stated_law(name, entry)
 
 
 _ASPECTS: dict[str, Callable[[Result], Cell]] = {

@@ -12,10 +12,9 @@ from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import Axis
 from bayesterra.report.numbers import MINUS, given, interval, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
-from bayesterra.study.page import StripRow, axis, drawing, keys, strip_row
+from bayesterra.study.page import StripRow, axis, keys, strip_row
 from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 
 FAR = 0.99
@@ -259,9 +258,12 @@ def mode_outside(result: Result) -> tuple[str, ...]:
 
 
 def _row(result: Result, name: str) -> StripRow:
+    column, scale = result.names.index(name), PARAMETERS[name].scale
+    prior, posterior = (field_values(name, result.values(g)[:, column]) for g in ("prior", "posterior"))
+    points = {method: v[name] / scale for method, v in estimates(result).items() if name in v}
+    hollow = [method for method in points if name in held(result, method)]
     along, row = axis(result, name), summary_rows(result)[name]
-    drawn = _drawing(result, name, along)
-    return strip_row(PARAMETERS[name], along, row, drawn, *_words(result, name))
+    return strip_row(PARAMETERS[name], along, row, (prior, posterior), points, _words(result, name), hollow)
 
 
 def _words(result: Result, name: str) -> tuple[str, Markup]:
@@ -282,12 +284,3 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
 def moved_by(shift: float) -> str:
     """Shift of the mean, in words before others; nothing where it is not the mean that moved."""
     return f"by {shift:+.1f} prior sd: ".replace("-", MINUS) if abs(shift) >= SHIFT else ""
-
-
-def _drawing(result: Result, name: str, along: Axis) -> Markup:
-    column = result.names.index(name)
-    prior, posterior = (field_values(name, result.values(g)[:, column]) for g in ("prior", "posterior"))
-    scale = PARAMETERS[name].scale
-    points = {method: v[name] / scale for method, v in estimates(result).items() if name in v}
-    hollow = [method for method in points if name in held(result, method)]
-    return drawing((prior, posterior), along, summary_rows(result)[name], points, hollow)

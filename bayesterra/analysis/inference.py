@@ -35,7 +35,7 @@ from bayesterra.parameters import PRIOR_PARAMETERS
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling import importance, sampler
-from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.importance import Evidence, ensembles_evidence
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
@@ -91,7 +91,12 @@ def run(
     mode = failures.attempt(
         "mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced)
     )
-    integral = failures.attempt("evidence", lambda: _evidence(target, samples, weighing), lambda: None)
+    densities = Target(target, samples.coordinates).densities
+    integral = failures.attempt(
+        "evidence",
+        lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)),
+        lambda: None,
+    )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
     result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
@@ -105,12 +110,6 @@ def run(
 
     entry = failures.attempt("crosscheck", against, dict[str, Any])
     return replace(result, record=with_failures({**result.record, **entry}, failures))
-
-
-def _evidence(target: Posterior, samples: Samples, seed: SeedSequence) -> Evidence | None:
-    proposals = [adaptation.proposal for adaptation in samples.adaptations]
-    pooled = evidence(Target(target, samples.coordinates).densities, proposals, default_rng(seed))
-    return pooled.beside([adaptation.log_evidence for adaptation in samples.adaptations])
 
 
 @dataclass(frozen=True)
@@ -232,10 +231,7 @@ class Analysis:
         """Point estimates by method: the mode, every least-squares fit, published and true values."""
         points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
-        references = {"published": self.study.published, "truth": self.study.truth}
-        return points | {
-            name: dict(reference.values) for name, reference in references.items() if reference is not None
-        }
+        return points | {name: dict(stated.values) for name, stated in self.study.references.items()}
 
     def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
         """Standing of every point estimate among the draws' log densities (n,)."""

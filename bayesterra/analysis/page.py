@@ -34,26 +34,29 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.numbers import interval, moments, plain, probability, resolution, rounded
-from bayesterra.report.sections import UNSEEN, Section, Verdict, VerdictPage, missing, said, section, verdict
-from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols
+from bayesterra.report.numbers import interval, moments, probability, resolution, rounded
+from bayesterra.report.sections import (
+    Section,
+    Verdict,
+    VerdictPage,
+    missing,
+    said,
+    section,
+    unknown_verdict,
+    verdict,
+)
+from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.page import StripRow
+from bayesterra.study.page import StripRow, sampling_verdict, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page(VerdictPage):
-    """Everything that the template shows, with strip, driving and findings on the first screen.
+    """Everything that the template shows, with strip, driving and findings on the first screen."""
 
-    Attributes
-    ----------
-    kind : of the data; it stands apart from the facts.
-    """
-
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
     driving: Driving
@@ -146,43 +149,23 @@ def _misfit(result: Result) -> Markup:
 
 def _unsettled(result: Result) -> Markup:
     """Advice about a sampling that has not converged; empty where it has."""
-    if result.converged:
-        return Markup("")
-    advice = listed(check["advice"] for check in failed_checks(result))
-    return Markup(
+    return unconverged(
+        result,
         "The sampling has <b>not converged</b>: intervals and verdicts below may be wrong. What to do: {}. "
         "A greater <code>max_steps</code> in [sampling] lets it run longer; tighter priors or fewer free "
-        "parameters make it easier."
-    ).format(advice)
+        "parameters make it easier.",
+    )
 
 
 FEW_READINGS = 3
 """Readings per free parameter below which the check of the fit can hardly fail."""
 
 
-def failed_checks(result: Result) -> list[Mapping[str, Any]]:
-    """The checks of the sampling that did not pass."""
-    return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
-
-
-def sampling_verdict(result: Result) -> Verdict:
-    """Verdict on whether the draws can be relied on."""
-    verdict, settings = result.record["verdict"], result.record["settings"]
-    figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
-        plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
-    )
-    if result.converged:
-        return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
-    reasons = listed(check["name"] for check in failed_checks(result))
-    return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
-
-
 def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
     """Verdict on whether the readings look as the model says that they look."""
     predictive_checks = Validation.from_record(result.record).checks
     if predictive_checks is None:
-        why = failed(result.record, "predictive_checks")
-        return Verdict("Model fit", "not known", "fair", Markup("{}").format(why))
+        return unknown_verdict("Model fit", failed(result.record, "predictive_checks"))
     sentence = alarm_sentence(predictive_checks)
     overstated = [check.channel for check in checks if check.overstated]
     if overstated:
@@ -207,8 +190,7 @@ def identifiability_verdict(result: Result) -> Verdict:
     """Number of independent combinations of parameters that the data determine."""
     directions = result.record.get("directions")
     if directions is None:
-        why = failed(result.record, "identifiability", "directions")
-        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
+        return unknown_verdict("Identifiability", failed(result.record, "identifiability", "directions"))
     counts = [row for row in marginal(directions) if row["scope"] == ALL] or [
         {**directions, "directions": directions["of"]}
     ]

@@ -17,7 +17,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import label, own_axes, styled
+from bayesterra.report.figures import fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
 from bayesterra.report.style import INK, PRIOR
@@ -43,7 +43,9 @@ def prior_page(result: PriorResult) -> VerdictPage:
     failures = Failures()
     verdicts = (
         verdict(failures, "Physics leaves", lambda: _support(result)),
-        verdict(failures, "Readings would teach", lambda: _predictions(result)),
+        verdict(
+            failures, "Readings would teach", lambda: _predictions(result), failed(result.record, "curves")
+        ),
         verdict(failures, "Greatest pull", lambda: _pull(result)),
     )
     sections = (
@@ -79,8 +81,6 @@ def _support(result: PriorResult) -> Verdict:
 
 def _predictions(result: PriorResult) -> Verdict:
     """Width of the predictions beside the noise."""
-    if line := failed(result.record, "curves"):
-        return Verdict("Readings would teach", "not known", "fair", Markup("{}").format(line))
     outcomes = result.draws["curves"]["outcome"].to_numpy().tolist()
     ratios = {name: _ratio(result, name) for name in result.study.noise if name in outcomes}
     phrases = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
@@ -238,8 +238,7 @@ def prior_bands(
         field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
         for kind in ("modelled", "readings")
     )
-    for low, high, alpha in ((0, 4, 0.25), (1, 3, 0.45)):
-        ax.fill_between(slip, bands[low], bands[high], color=PRIOR, alpha=alpha, linewidth=0)
+    fan(ax, slip, bands, PRIOR, (0.25, 0.45))
     ax.plot(slip, bands[2], color=INK)
     for edge in noisy[[0, 4]]:
         ax.plot(slip, edge, color=INK, linewidth=0.8, dashes=(4, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -115,8 +115,9 @@ def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
     columns["slip"] = rows.slip
     for name, values in study.drive.conditioned(rows).items():
         columns |= _column(name, values)
+    made_rows = replace(rows, values={**rows.values, **made})
     for name in (name for name in OUTCOMES if name in made):
-        columns |= _column(name, made[name])
+        columns[f"{name} [{CHANNELS[name].unit}]"] = made_rows.cells(name, CHANNELS[name].scale)
         if not np.isnan(rows.given_sd[name]).all():
             columns |= _column(f"{name}_sd", rows.given_sd[name])
     return pd.DataFrame({**columns, "use": rows.use.astype(int)})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
@@ -12,13 +11,13 @@ from rich.table import Table
 from bayesterra.analysis.simulation import Truth
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
+from bayesterra.likelihood.page import noise_text
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.terminal import PlainConsole
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
-from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
 
@@ -54,14 +53,8 @@ def print_truth(truth: Truth, console: Console | None = None) -> None:
     """Print the values that data were simulated with, and where each comes from."""
     table = Table("parameter", "value", "from", title="Simulated with")
     for name, value in truth.values.items():
-        table.add_row(name, field_text(name, value), truth.origins[name])
+        table.add_row(name, PARAMETERS[name].field_text(value), truth.origins[name])
     (console or PlainConsole()).print(table)
-
-
-def field_text(name: str, value: float) -> str:
-    """A parameter's value in its field unit."""
-    parameter = PARAMETERS[name]
-    return f"{value / parameter.scale:.6g} {parameter.unit.removesuffix('-')}".strip()
 
 
 def _general(study: Study) -> Table:
@@ -81,9 +74,8 @@ def _general(study: Study) -> Table:
         table.add_row(*_error(error))
     described = (study.kind, study.soil, study.date, study.source)
     table.add_row("data", " · ".join(part for part in described if part))
-    for name, value in (("published", study.published), ("truth", study.truth)):
-        if value is not None:
-            table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
+    for name, value in study.references.items():
+        table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
     return table
 
 
@@ -113,12 +105,14 @@ def _measurements(study: Study) -> Table:
         table.add_column(f"{name} [{CHANNELS[name].unit}]", justify="right")
     for i, row in enumerate(rows.rows):
         wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
-        cells = [_cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()]
+        cells = [
+            rows.marks(name)[i] + _cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()
+        ]
         mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
         table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
     table.add_section()
     empty = [""] * (len(table.columns) - 1 - len(columns))
-    table.add_row("noise", *empty, *(_noise(study.noise, name) for name in columns))
+    table.add_row("noise", *empty, *(noise_text(study.noise.get(name)) for name in columns))
     return table
 
 
@@ -132,18 +126,6 @@ def _cell(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.5g}"
 
 
-def _noise(noise: Mapping[str, Noise], name: str) -> str:
-    entry, channel = noise.get(name), CHANNELS[name]
-    if entry is None:
-        return "given"
-    tails = entry.tails.short and f", {entry.tails.short}"
-    if entry.law is not None:
-        return f"estimated{tails}"
-    if entry.fraction is not None:
-        return f"{100 * entry.fraction:g} %, from {entry.floor / channel.scale:g}{tails}"
-    return f"{(entry.sd or 0.0) / channel.scale:g}{tails}"
-
-
 def _priors(study: Study) -> Table:
     table = Table("parameter", "prior", "in words", title=f"Prior: {len(study.prior.names)} free parameters")
     for name in (name for name in PARAMETERS if name in study.prior.entries):
@@ -155,7 +137,7 @@ def _priors(study: Study) -> Table:
 def _entry(name: str, entry: Entry) -> str:
     if isinstance(entry, Tie):
         return f"that of {entry.to}"
-    return _law(name, entry) if isinstance(entry, Law) else f"fixed at {field_text(name, entry)}"
+    return _law(name, entry) if isinstance(entry, Law) else f"fixed at {PARAMETERS[name].field_text(entry)}"
 
 
 def _correlations(study: Study) -> Table:
@@ -177,8 +159,12 @@ def _law(name: str, law: Law) -> str:
         unit = PARAMETERS[name].unit.removesuffix("-")
         return f"{law.dist}: median {middle:.4g}, 90 % {low:.4g} to {high:.4g} {unit}".rstrip()
     scaled = ("loc", "scale")
-    arguments = [f"{k} {field_text(name, v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()]
+    arguments = [
+        f"{k} {PARAMETERS[name].field_text(v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()
+    ]
     if np.isfinite([law.lower, law.upper]).any():
         cut = "" if law.dist in RANGED else "cut to "
-        arguments.append(f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {field_text(name, law.upper)}")
+        arguments.append(
+            f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {PARAMETERS[name].field_text(law.upper)}"
+        )
     return f"{law.dist}: {', '.join(arguments)}"

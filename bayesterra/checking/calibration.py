@@ -66,43 +66,27 @@ def check(study: Study, n: int) -> None:
     draw_cut_prior(posterior(study), 1, default_rng(0))
 
 
-def calibration_of(
-    study: Study,
-    *,
-    n: int,
-    seed: int = 1,
-    engine: Engine | None = None,
-    fit: Fit | None = None,
-    finished: Iterable[Outcome] = (),
-    report: Callable[[Sequence[Outcome], Progress], None] = lambda outcomes, progress: None,
+def _calibrated(
+    job: CalibrationRequest,
+    finished: Iterable[Outcome],
+    report: Callable[[Sequence[Outcome], Progress], None],
 ) -> Calibration:
-    """Calibrate the posterior of a study; see the package's docstring.
-
-    Parameters
-    ----------
-    n : replications; a power of 200 or less is small (the result states it).
-    seed : same seed, same outcomes, whatever the engine.
-    engine : computes the replications; by default this process.
-    fit : samples a posterior; by default the sampler of every run, until there are draws enough to rank.
-    finished : outcomes that are known already.
-    report : called with new outcomes and the progress, at the start with none.
-
-    Raises
-    ------
-    StudyError, SupportError : see :func:`check`.
-    """
+    """Do what is left beside ``finished``; ``report`` is told of new outcomes, at the start of none."""
+    study, n = job.study, job.n
     check(study, n)
     outcomes = {outcome.task: outcome for outcome in finished if outcome.task <= n}
     open_tasks = [task for task in range(1, n + 1) if task not in outcomes]
-    replication = Replication(study, seed, fit or ShortRuns())
+    replication = Replication(study, job.seed, job.fit or ShortRuns())
     started, before = time.perf_counter(), len(outcomes)
     report((), _progress(outcomes, n, None))
-    for batch in ended(replication, open_tasks, engine or in_process()):
+    for batch in ended(replication, open_tasks, job.engine or in_process()):
         outcomes |= batch
         pace = (time.perf_counter() - started) / (len(outcomes) - before)
         report([outcome for _, outcome in batch], _progress(outcomes, n, pace * (n - len(outcomes))))
     return Calibration(
-        study, table([outcomes[task] for task in sorted(outcomes)], study), origin_of(study, seed, fit)
+        study,
+        table([outcomes[task] for task in sorted(outcomes)], study),
+        origin_of(study, job.seed, job.fit),
     )
 
 
@@ -166,9 +150,8 @@ def calibrate(
     check_kind("bt.calibrate", study, Study)
     check_seed(seed)
     check_number("n", n)
-    return calibration_of(
-        study, n=n, seed=seed, engine=engine, fit=fit, report=lambda outcomes, update: progress(update)
-    )
+    job = CalibrationRequest(study, n, seed, engine, fit)
+    return _calibrated(job, (), lambda outcomes, update: progress(update))
 
 
 @dataclass(frozen=True)
@@ -201,28 +184,26 @@ def calibrate_study(
     ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written; or there is an
         unfinished calibration, of something else or without ``resume``.
     """
-    from bayesterra.checking.calibration_page import calibration_bar
+    from bayesterra.report.terminal import task_bar
 
     check_free(out, overwrite=overwrite, mark=Calibration.MARK)
     check(job.study, job.n)
     folder = job_folder(out, mark=Calibration.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, _made_with(job), TASKS)
-        with calibration_bar(show=not quiet) as show:
+        with task_bar("calibrating", "replications", show=not quiet) as show:
 
             def update(outcomes: Sequence[Outcome], progress: Progress) -> None:
                 store.add({outcome.task: asdict(outcome) for outcome in outcomes})
                 done = progress.done / progress.of
                 status.note("calibrating", done, progress.seconds_left, steps=progress.done)
-                show(progress)
+                remark = f", {progress.unsettled} not converged" if progress.unsettled else ""
+                show("calibrating", progress.done, progress.of, progress.seconds_left, remark)
                 watch(progress)
 
             with damage(ResultError, part / WORK):
                 finished = [Outcome.from_record(content) for content in store.tasks().values()]
-            made = calibration_of(
-                job.study, n=job.n, seed=job.seed, engine=job.engine, fit=job.fit, finished=finished,
-                report=update,
-            )  # fmt: skip
+            made = _calibrated(job, finished, update)
         return made.write(part)
 
 

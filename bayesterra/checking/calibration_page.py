@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from bayesterra.checking.calibration import Progress as CalibrationProgress
 from bayesterra.checking.ranks import (
     CALIBRATED,
     COVERAGES,
@@ -32,7 +30,6 @@ from bayesterra.report.numbers import MINUS, NOTHING, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import listed, symbol
-from bayesterra.report.terminal import task_bar
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
@@ -364,15 +361,3 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         f" {power['all']:.2f} in all."
     )
     return lines
-
-
-@contextmanager
-def calibration_bar(*, show: bool) -> Iterator[Callable[[CalibrationProgress], None]]:
-    """A bar of finished replications; see :func:`task_bar`."""
-    with task_bar("calibrating", "replications", show=show) as bar:
-
-        def update(progress: CalibrationProgress) -> None:
-            remark = f", {progress.unsettled} not converged" if progress.unsettled else ""
-            bar("calibrating", progress.done, progress.of, progress.seconds_left, remark)
-
-        yield update

@@ -20,7 +20,7 @@ from bayesterra.errors import BayesterraError, StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.parameters import CHANNELS
-from bayesterra.stats.tails import GAUSSIAN, Tails
+from bayesterra.stats.tails import Tails
 from bayesterra.study.observations import Observations
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -252,7 +252,7 @@ class _Scorer:
             number[fold.left] = i
         inputs, rows = conditions(self.study), []
         for channel in scored_channels(self.study):
-            values = self.study.observations.values[channel]
+            values = self.study.observations.numbers().values[channel]
             kept = self.kept & ~np.isnan(values)
             answer = Answer(())
             if kept.sum() >= 2:
@@ -267,8 +267,8 @@ class _Scorer:
     def _scored(
         self, predictor: str, place: int, channel: str, law: Mixture | None, unanswered: float, detail: str
     ) -> list[dict[str, Any]]:
-        """One row of the table; none where nothing was measured."""
-        rows, scale = self.study.observations, CHANNELS[channel].scale
+        """One row of the table; none where nothing was measured, or a limit only."""
+        rows, scale = self.study.observations.numbers(), CHANNELS[channel].scale
         observed = float(rows.values[channel][place])
         if np.isnan(observed):
             return []
@@ -376,30 +376,20 @@ def predictives(
     read: each draw's load then comes from the flat prior of loads and the law of that one reading. Where rows
     hang together, the readings of the rows in use that are not left out count as well.
     """
-    if study.errors:
-        return _beside_others(study, posterior, draws, left)
-    likelihood = likelihood_of(study, blinded(study, left))
-    noise = posterior.noise_values(draws)
-    outcomes = likelihood.explained(posterior.prior.soil_values(draws), noise, rng)
-    centre = likelihood.predicted(outcomes)
-    scale = likelihood.scales(centre, noise)
+    noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
+    if study.errors:  # what is left out hangs together with what is not
+        rows = study.observations
+        likelihood = likelihood_of(study, replace(rows, use=frozen(rows.use & ~left, np.bool_)))
+        assert isinstance(likelihood, CorrelatedLikelihood)  # noqa: S101
+        centre, scale = likelihood.ahead(soil, noise, left)
+    else:
+        likelihood = likelihood_of(study, blinded(study, left))
+        centre = likelihood.predicted(likelihood.explained(soil, noise, rng))
+        scale = likelihood.scales(centre, noise)
     names = scored_channels(study)
     columns = [likelihood.channels.index(name) for name in names]
     tails = tuple(study.noise[name].tails for name in names)
     return Predictives(names, centre[:, :, columns], scale[:, :, columns], tails)
-
-
-def _beside_others(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray) -> Predictives:
-    """The laws where what is left out hangs together with what is not."""
-    rows = study.observations
-    rows = replace(rows, use=frozen(rows.use & ~left, np.bool_))
-    likelihood = likelihood_of(study, rows)
-    assert isinstance(likelihood, CorrelatedLikelihood)  # noqa: S101
-    noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
-    centre, scale = likelihood.ahead(soil, noise, left)
-    names = scored_channels(study)
-    columns = [likelihood.channels.index(name) for name in names]
-    return Predictives(names, centre[:, :, columns], scale[:, :, columns], (GAUSSIAN,) * len(names))
 
 
 def blinded(study: Study, left: BoolArray) -> Observations:

@@ -117,40 +117,27 @@ class Holdout(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Left-out rows with their predictions, and the bands without them."""
-        from bayesterra.checking.holdout_page import bands_without, left_out_png
+        from bayesterra.checking.holdout_page import all_left_out, bands_without
         from bayesterra.report.figures import white_png
 
-        return {self.PLOT: left_out_png(self.table), "bands.png": white_png(bands_without(self))}
+        return {self.PLOT: white_png(all_left_out(self.table)), "bands.png": white_png(bands_without(self))}
 
 
-def holdout_of(
+def _held_out(
     study: Study,
+    report: Callable[[int, int, float | None], None],
     *,
-    by: By = "slip",
-    tolerance: float = TOLERANCE,
-    seed: int = 1,
-    engine: Engine | None = None,
-    fit: Fit | None = None,
-    report: Callable[[int, int, float | None], None] = lambda done, of, seconds_left: None,
+    by: By,
+    tolerance: float,
+    seed: int,
+    engine: Engine | None,
+    fit: Fit = REFITS,
 ) -> Holdout:
-    """Leave every level out once; see the package's docstring.
-
-    Parameters
-    ----------
-    by, tolerance : how rows are grouped; see :func:`bayesterra.checking.folds.levels`.
-    seed : same seed, same scores, whatever the engine.
-    engine : computes the refits; by default this process.
-    fit : samples a posterior; by default the sampler of every run, until there are 1000 effective draws.
-    report : told how many of how many levels are done, and the seconds left at the pace so far.
-
-    Raises
-    ------
-    StudyError : nothing is free, nothing is left to score or to fit to, or an unknown grouping.
-    """
+    """Leave every level out once; ``report`` is told how many of how many are done, and the seconds left."""
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to fit again")
     folds = levels(study, by, tolerance)
-    task = LeaveOneOut(study, folds, seed, fit or REFITS)
+    task = LeaveOneOut(study, folds, seed, fit)
     done: dict[int, Outcome] = {}
     n, started = len(folds), time.perf_counter()
     report(0, n, None)
@@ -158,7 +145,7 @@ def holdout_of(
         done[number] = outcome
         report(len(done), n, (time.perf_counter() - started) / len(done) * (n - len(done)))
     outcomes = tuple(done[number] for number in range(n))
-    return Holdout(study, folds, outcomes, _record(study, by, tolerance, seed, fit or REFITS))
+    return Holdout(study, folds, outcomes, _record(study, by, tolerance, seed, fit))
 
 
 def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
@@ -214,9 +201,9 @@ def leave_out(
     check_single("bt.leave_out", what, Study, Result)
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
-    return holdout_of(
-        study, by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit,
-        report=lambda done, of, _: progress(_at_work(done, of)),
+    return _held_out(
+        study, lambda done, of, _: progress(_at_work(done, of)),
+        by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit or REFITS,
     )  # fmt: skip
 
 
@@ -229,7 +216,7 @@ def leave_out_into(
 ) -> Holdout:
     """Leave levels of the study at a path, or of the one in a result folder, out into a new folder.
 
-    ``asked``: keywords of :func:`holdout_of`.
+    ``asked``: keywords of :func:`leave_out`, all but ``fit`` and ``progress``.
 
     Raises
     ------
@@ -247,6 +234,6 @@ def leave_out_into(
                 status.note("leaving out", done / of, seconds_left, steps=done)
                 show(_at_work(done, of))
 
-            result = holdout_of(study, report=update, **asked)
+            result = _held_out(study, update, **asked)
         result.write(part)
     return result

@@ -18,7 +18,7 @@ from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES, baseline_names
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import label, literal, new_figure, one_of, own_axes, styled, white_png
+from bayesterra.report.figures import label, literal, new_figure, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR
@@ -369,11 +369,6 @@ def _without(ax: Axes, holdout: Holdout, number: int, channel: str) -> None:
 def _band(ax: Axes, band: Band) -> None:
     ax.fill_between(band.slip, band.low, band.high, color=POSTERIOR, alpha=0.25, linewidth=0)
     ax.plot(band.slip, band.middle, color=POSTERIOR)
-
-
-def left_out_png(table: pd.DataFrame, dpi: float = 200) -> bytes:
-    """The drawing of :func:`all_left_out` as PNG on white, the same bytes each time."""
-    return white_png(all_left_out(table), dpi)
 
 
 def holdout_overview(holdout: Holdout) -> Overview:

@@ -163,7 +163,7 @@ class Mixture:
         return np.array([self._quantile(float(level)) for level in levels])
 
     def _quantile(self, level: float) -> float:
-        of_parts = self.centre + self.scale * self.tails.quantile(level)
+        of_parts = self.centre + self.scale * self.tails.quantile(np.array(level))
         low, high = float(of_parts.min()), float(of_parts.max())
         width = high - low
         if width <= 1e-12 * max(abs(low), abs(high)):

@@ -165,7 +165,9 @@ def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, r
     columns = {noise.channel: whole.channels.index(noise.channel) for noise in noises}
     for name, column in columns.items():
         outcomes.add(name, curve[:, :, column])
-    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
+    blank = replace(
+        study.observations.used(), given_sd={}, values={}, limits={}, rows=tuple(range(len(forward.given)))
+    )
     likelihood = Likelihood(forward, blank, noises)
     drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
     for i, (name, column) in enumerate(columns.items()):
@@ -209,31 +211,39 @@ class Modelled:
     slope : growth of ``mean`` with a latent load (n, m, channels), per N; None where the load is known.
     joint : law of the whole table where rows hang together; ``mean`` then holds discrepancy, ripple and
         slip errors as they were drawn.
+    bare : noise before readings are rounded, where they stand for intervals; else None.
     """
 
     mean: FloatArray
     scale: FloatArray
     slope: FloatArray | None
     joint: TableLaw | None = None
+    bare: FloatArray | None = None
 
     @classmethod
     def of(cls, posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> Modelled:
         """Readings behind ``outcomes`` of parameter sets (n, d)."""
         likelihood = posterior.likelihood
         mean = likelihood.predicted(outcomes)
-        scale = likelihood.scales(mean, posterior.noise_values(x))
-        return cls(mean, scale, _slope(posterior, x, outcomes), _joint(posterior, x))
+        noise, bare = posterior.noise_values(x), None
+        if likelihood.intervals is not None:
+            bare = likelihood.scales(mean, noise, rounded=False)
+        scale = likelihood.scales(mean, noise)
+        return cls(mean, scale, _slope(posterior, x, outcomes), _joint(posterior, x), bare)
 
     def take(self, chosen: IntArray) -> Modelled:
         """Those of the sets, also repeatedly."""
         slope = None if self.slope is None else self.slope[chosen]
         joint = None if self.joint is None else self.joint.take(chosen)
-        return Modelled(self.mean[chosen], self.scale[chosen], slope, joint)
+        bare = None if self.bare is None else self.bare[chosen]
+        return Modelled(self.mean[chosen], self.scale[chosen], slope, joint, bare)
 
     def log_likelihood(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings (m, channels), NaN where there is none, but for a constant."""
         if self.joint is not None:
             return self.joint.log_density(readings)
+        if self.bare is not None:
+            return np.asarray(likelihood.log_readings(readings, self.mean, self.bare).sum(axis=(1, 2)))
         z = (readings - self.mean) / self.scale
         present = ~np.isnan(readings)
         total = -np.log(self.scale).sum(axis=(1, 2), where=present)
@@ -283,7 +293,7 @@ def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
     if isinstance(likelihood, CorrelatedLikelihood):
         return likelihood.scores(posterior.prior.soil_values(x), posterior.noise_values(x))
     predicted = likelihood.predicted(posterior.outcomes(x))
-    z = (likelihood.measured - predicted) / likelihood.scales(predicted, posterior.noise_values(x))
+    z = likelihood.standardised(predicted, posterior.noise_values(x))
     return np.stack(
         [noise.tails.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2
     )

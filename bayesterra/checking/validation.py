@@ -25,6 +25,7 @@ from bayesterra.checking.predictive_checks import (
     predictive_checks,
     prior_checks,
 )
+from bayesterra.least_squares.results import METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.parameters import MODEL_PARAMETERS, SIZES, soil_array
@@ -32,13 +33,9 @@ from bayesterra.report.failures import Failures
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
-DOUBTFUL = 0.05
-"""p value below which a channel is not explained."""
 OVERSTATED = 0.99
 """p value above which the stated noise looks larger than the scatter."""
 DRAWS = 2000
-METHODS = ("IM1", "IM2", "IM3", "joint")
-"""Least-squares methods, in the order of reports."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +56,6 @@ class FitCheck:
     estimated: bool
 
     @property
-    def adequate(self) -> bool:
-        """True where the readings are no surprise to the model."""
-        return self.p >= DOUBTFUL
-
-    @property
     def overstated(self) -> bool:
         """True where the readings scatter less than the stated noise says."""
         return self.p > OVERSTATED
@@ -82,8 +74,7 @@ def standardised(target: Posterior, x: FloatArray) -> FloatArray:
     """
     outcomes = target.explained(x, np.random.default_rng(0))
     predicted = target.likelihood.predicted(outcomes)
-    scales = target.likelihood.scales(predicted, target.noise_values(x))
-    return np.asarray((target.likelihood.measured - predicted) / scales)
+    return target.likelihood.standardised(predicted, target.noise_values(x))
 
 
 def residuals(result: Result, most: int = DRAWS) -> FloatArray:
@@ -120,8 +111,7 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     """
     fits, standings = result.record["fits"], result.record["standings"]
     points = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
-    references = {"published": result.study.published, "truth": result.study.truth}
-    return points | {name: dict(point.values) for name, point in references.items() if point is not None}
+    return points | {name: dict(stated.values) for name, stated in result.study.references.items()}
 
 
 def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:
@@ -173,7 +163,7 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     for name, soil in complete_soils(result).items():
         outcomes = likelihood.forward(soil, every_row=True)
         predicted = likelihood.predicted(outcomes)
-        residuals_of[name] = ((likelihood.measured - predicted) / likelihood.scales(predicted, noise))[0]
+        residuals_of[name] = likelihood.standardised(predicted, noise)[0]
     return residuals_of
 
 

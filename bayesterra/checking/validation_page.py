@@ -22,7 +22,7 @@ from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import label, one_of, own_axes, styled
+from bayesterra.report.figures import fan, label, one_of, own_axes, styled
 from bayesterra.report.numbers import (
     NOTHING,
     interval,
@@ -236,8 +236,7 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
     slip = curves["slip"].to_numpy()
     kind = "readings" if channel in result.study.noise else "modelled"
     bands = field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
-    for low, high, alpha in ((0, 4, 0.18), (1, 3, 0.32)):
-        ax.fill_between(slip, bands[low], bands[high], color=POSTERIOR, alpha=alpha, linewidth=0)
+    fan(ax, slip, bands, POSTERIOR, (0.18, 0.32))
     ax.plot(slip, bands[2], color=POSTERIOR)
     for method, outcomes in validation.method_curves(result, wheel).items():
         mark = MARKS[method]
@@ -409,8 +408,7 @@ def discrepancy(curve: Missed, ax: Axes | None = None) -> Axes:
     """Draw a discrepancy over slip: bands of 50 and 90 %, median, and reading less model as dots."""
     ax, channel = own_axes(ax), CHANNELS[curve.channel]
     bands = field_values(curve.channel, curve.bands)
-    for low, high, alpha in ((0, 4, 0.18), (1, 3, 0.32)):
-        ax.fill_between(curve.slip, bands[low], bands[high], color=POSTERIOR, alpha=alpha, linewidth=0)
+    fan(ax, curve.slip, bands, POSTERIOR, (0.18, 0.32))
     ax.axhline(0, color=INK, linewidth=0.7)
     ax.plot(curve.slip, bands[2], color=POSTERIOR)
     residuals = field_values(curve.channel, curve.residuals)

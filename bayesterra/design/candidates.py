@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, known
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, reference_load
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
@@ -129,8 +129,7 @@ def parameters_of_interest(study: Study, about: Sequence[str]) -> tuple[str, ...
             raise StudyError(f"'{name}' is tied to '{prior.root(name)}': ask about that")
         if name in prior.fixed:
             raise StudyError(f"'{name}' is fixed at {prior.fixed[name]:g}: no drive tells more about it")
-        if name not in free:
-            raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, free)}")
+        known("parameter", name, free)
     return wanted or free
 
 
@@ -167,9 +166,7 @@ def _load(value: float | str) -> float:
 def _sensor(study: Study, text: str) -> Noise:
     """Noise of a new channel, from ``name`` or ``name=sd``."""
     name, equals, sd = (part.strip() for part in text.partition("="))
-    outcomes = study.drive.outcomes
-    if name not in outcomes:
-        raise StudyError(f"unknown channel '{name}'{did_you_mean(name, outcomes)}")
+    known("channel", name, study.drive.outcomes)
     if name in study.noise:
         raise StudyError(f"'{name}' is read already: every candidate has it")
     if not equals:

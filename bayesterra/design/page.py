@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 
@@ -13,8 +11,6 @@ from matplotlib.axes import Axes
 
 from bayesterra.design.candidates import Candidate
 from bayesterra.design.choosing import BIT, UNANSWERED, Design
-from bayesterra.design.choosing import UNANSWERED as LOST
-from bayesterra.design.choosing import Progress as DesignProgress
 from bayesterra.design.gain import Estimate
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
@@ -23,7 +19,6 @@ from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded
 from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.style import DATA, GRID
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
-from bayesterra.report.terminal import task_bar
 
 SHOWN = 15
 """Rows of the ranking on the page; the table in the folder has all."""
@@ -310,7 +305,7 @@ def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
     candidate, estimate = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
-    mark = " !" if 1 - estimate.answered > LOST else ""
+    mark = " !" if 1 - estimate.answered > UNANSWERED else ""
     gain = (
         with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
         if np.isfinite(estimate.values[0])
@@ -337,19 +332,9 @@ def design_lines(design: Design) -> list[str]:
         lines.append(
             "From the prior alone, no readings used; a result folder in place of the study builds on them."
         )
-    marked = sum(1 - estimate.answered > LOST for estimate in design.ranking.estimates)
+    marked = sum(1 - estimate.answered > UNANSWERED for estimate in design.ranking.estimates)
     if marked:
-        lines.append(f"! At {marked} candidates the model has no answer for over {LOST:.0%} of the draws.")
+        lines.append(
+            f"! At {marked} candidates the model has no answer for over {UNANSWERED:.0%} of the draws."
+        )
     return lines
-
-
-@contextmanager
-def design_bar(*, show: bool) -> Iterator[Callable[[DesignProgress], None]]:
-    """A bar of judged candidates, from drive to drive; see :func:`task_bar`."""
-    with task_bar("judging", "candidates", show=show) as bar:
-
-        def update(progress: DesignProgress) -> None:
-            stage = f"judging for drive {progress.drive}"
-            bar(stage, progress.done, progress.of, progress.seconds_left, "")
-
-        yield update

@@ -32,7 +32,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
 from bayesterra.study.result import Result, check_single, versions
 from bayesterra.study.study import Study
-from bayesterra.study.wheels import wheel_named
+from bayesterra.study.wheels import chosen_wheel
 
 TASKS = "candidates"
 DRAWS = 2000
@@ -120,7 +120,7 @@ def design_request(
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
-    wishes = CandidateOptions(slips, loads, dict(_wheel(study, wheel) for wheel in wheels), channels)
+    wishes = CandidateOptions(slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
     grid = candidates(study, wishes)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
 
@@ -169,10 +169,6 @@ def recommend(
     return question.answered(engine, lambda estimates, update: progress(update))
 
 
-def _wheel(study: Study, wheel: str | Wheel) -> tuple[str, Wheel]:
-    return ("other wheel", wheel) if isinstance(wheel, Wheel) else wheel_named(study, wheel)
-
-
 def design_into(
     study_or_result: Result | Study,
     out: Path,
@@ -195,8 +191,7 @@ def design_into(
         unfinished design, of something else or without ``resume``.
     StudyError : as :func:`recommend`.
     """
-    from bayesterra.design.page import design_bar
-    from bayesterra.report.terminal import note
+    from bayesterra.report.terminal import note, task_bar
 
     check_free(out, overwrite=overwrite, mark=Design.MARK)
     if isinstance(study_or_result, Result) and not study_or_result.converged:
@@ -205,13 +200,13 @@ def design_into(
     folder = job_folder(out, mark=Design.MARK, kind=TASKS, resume=resume, overwrite=overwrite)
     with folder as (part, status):
         store = Checkpoints.opened(part / WORK, question.origin, TASKS)
-        with design_bar(show=not quiet) as show:
+        with task_bar("judging", "candidates", show=not quiet) as show:
 
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
                 store.add({task: as_content(estimate) for task, estimate in estimates.items()})
                 stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
                 status.note(stage, done, progress.seconds_left, steps=progress.judged)
-                show(progress)
+                show(stage, progress.done, progress.of, progress.seconds_left, "")
                 watch(progress)
 
             finished = {task: from_content(content) for task, content in store.tasks().items()}

@@ -15,7 +15,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.report.blocks import Overview, Table, Text
-from bayesterra.report.figures import figure_of, label, new_figure, styled, white_png
+from bayesterra.report.figures import figure_of, label, new_figure, styled
 from bayesterra.report.numbers import estimate
 from bayesterra.report.style import DATA, GRID, POSTERIOR
 from bayesterra.report.terminal import PlainConsole, note
@@ -55,13 +55,6 @@ def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = N
             axes.ravel()[index].tick_params(labelbottom=True)
     _legend(axes, updates, with_truth=bool(truth))
     return axes
-
-
-def bands_over_rows_png(
-    updates: pd.DataFrame, truth: Mapping[str, float] | None = None, dpi: float = 150
-) -> bytes:
-    """The drawing of :func:`bands_over_rows` as PNG on white, the same bytes each time."""
-    return white_png(bands_over_rows(updates, truth), dpi)
 
 
 def _column(parameter: Parameter, key: str) -> str:

@@ -119,6 +119,9 @@ class Rows:
 
     def append(self, rows: Observations) -> None:
         """Add one or more rows at the end."""
+        for name in rows.limits:
+            if rows.limited(name).any():
+                raise StudyError(f"'{name}' must be a number in a stream, not a limit (got '< …' or '> …')")
         end = self._length + len(rows)
         while end > len(self._cells):
             self._cells = np.concatenate([self._cells, np.empty_like(self._cells)])

@@ -111,11 +111,12 @@ class FollowedStream(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Every parameter over the rows."""
-        from bayesterra.follow.page import bands_over_rows_png
+        from bayesterra.follow.page import bands_over_rows
+        from bayesterra.report.figures import white_png
 
         truth = self.stream.study.truth
         values = dict(truth.values) if truth else None
-        return {self.PLOT: bands_over_rows_png(pd.DataFrame(self.table), values)}
+        return {self.PLOT: white_png(bands_over_rows(pd.DataFrame(self.table), values), 150)}
 
 
 def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> FollowedStream:

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
+from bayesterra.errors import enumerated
 from bayesterra.identifiability.cloning import Cloned, PowerScaling, cloning, power_scaling
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
@@ -299,19 +300,18 @@ def in_a_sentence(
     fixed = [
         _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
     ]
-    texts = [listed(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
+    texts = [enumerated(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
     if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
-        texts.append(f"{listed(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}")
+        texts.append(
+            f"{enumerated(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}"
+        )
     if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
-        texts.append(f"{listed(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}")
+        texts.append(
+            f"{enumerated(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}"
+        )
     if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
-        texts.append(f"no data of this design can determine {listed(names)}")
+        texts.append(f"no data of this design can determine {enumerated(names)}")
     return f"These data fix {'; '.join(texts)}."
-
-
-def listed(texts: Sequence[str]) -> str:
-    """As in a sentence: a, b and c."""
-    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def _fixed(kind: str, determined: int, of: int) -> str:

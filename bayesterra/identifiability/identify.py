@@ -108,14 +108,11 @@ class Foreseen:
     record: dict[str, Any]
 
 
-def identify_result(
-    result: Result,
-    *,
-    seed: int = 1,
-    engine: Engine | None = None,
-    report: Callable[[str], None] = lambda part: None,
-) -> Identified:
-    """Analyse a finished result; its draws are used as they are."""
+Report = Callable[[str], None]
+
+
+def _of_result(result: Result, seed: int, engine: Engine | None, report: Report) -> Identified:
+    """Analysis of a finished result, whose draws are used as they are."""
     prior, draws = result.values("prior"), result.values()
     mode = result.summary.set_index("parameter")["mode"]
     scaled = np.array([mode[name] * PARAMETERS[name].scale for name in result.names])
@@ -126,20 +123,8 @@ def identify_result(
     return Identified(result.study, analysis, _record(result.study, seed, analysis.seconds, source))
 
 
-def identify_study(
-    study: Study,
-    *,
-    seed: int = 1,
-    engine: Engine | None = None,
-    report: Callable[[str], None] = lambda part: None,
-) -> Identified:
-    """Sample a study and analyse it, without the other parts of a run.
-
-    Raises
-    ------
-    StudyError : every parameter is fixed.
-    SupportError : the prior leaves no parameter set that fits the conditions of the data.
-    """
+def _of_study(study: Study, seed: int, engine: Engine | None, report: Report) -> Identified:
+    """Analysis of a study, which is sampled without the other parts of a run."""
     target = posterior(study)
     analysing, sampling, drawing = SeedSequence(seed).spawn(3)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(drawing)).x
@@ -248,8 +233,8 @@ def identify(
     check_seed(seed)
     check_single("bt.identify", what, Study, Result)
     if isinstance(what, Result):
-        return identify_result(what, seed=seed, engine=engine, report=progress)
-    return identify_study(what, seed=seed, engine=engine, report=progress)
+        return _of_result(what, seed, engine, progress)
+    return _of_study(what, seed, engine, progress)
 
 
 def identify_into(

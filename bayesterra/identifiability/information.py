@@ -76,11 +76,6 @@ class Information:
     counts: pd.DataFrame
     weights: FloatArray
 
-    def determined(self, scope: str = ALL, view: str = MARGINAL) -> int:
-        """Number of determined directions of a scope; 0 where none of its parameters is free."""
-        row = self.counts[(self.counts["scope"] == scope) & (self.counts["view"] == view)]
-        return int(row["determined"].sum())
-
 
 def information(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Generator) -> Information:
     """Compare posterior draws (n, d), nearly independent, with draws (m, d) of the cut prior."""

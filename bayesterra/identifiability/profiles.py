@@ -34,8 +34,6 @@ CLASSES = ("two-sided", "one-sided", "flat", "bounded only by the prior")
 value; on one; on neither, and it stays below the 68 % threshold; on neither, though it rises above that."""
 POOL = 2000
 """Most draws among which starts are chosen, and draws from the cut prior for that and for its spread."""
-TRUSTED = 0.8
-"""Share of confirmed points from which a profile is trusted."""
 SHOWN = 0.25
 """Prior standard deviations from which another parameter's move is worth a word."""
 

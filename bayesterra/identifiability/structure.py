@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.errors import counted
+from bayesterra.errors import counted, enumerated
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import (
     has_own_sd,
@@ -456,5 +456,4 @@ def listed(names: Sequence[str]) -> str:
     >>> listed(("Ks", "n0", "n1"))
     'K_s, n0 and n1'
     """
-    symbols = [PARAMETERS[name].symbol for name in names]
-    return " and ".join([", ".join(symbols[:-1]), symbols[-1]] if len(symbols) > 1 else symbols)
+    return enumerated([PARAMETERS[name].symbol for name in names])

@@ -69,6 +69,7 @@ def fit(
     SupportError : joint finds no start value for which the model has an answer.
     """
     check_kind("bt.fit", study, Study)
+    study = study.with_rows(study.observations.numbers())  # a limit has no residual
     overrides = Overrides(hold, start, lower, upper, delta)
     methods = _known_methods(study) if methods is None else methods
     if not methods:

@@ -21,6 +21,7 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood.covariance import Drawn, Elsewhere, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.study.model_errors import ModelErrors, Ripple
 
@@ -109,6 +110,11 @@ class CorrelatedLikelihood(Likelihood):
     def rows_apart(self) -> bool:
         """No: a row's term is given all other rows."""
         return False
+
+    @property
+    def intervals(self) -> Intervals | None:
+        """None: rounding is one more error."""
+        return None
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log density (n, m, 1) of every row's readings given those of all other rows; −inf without answer.

@@ -165,23 +165,6 @@ REFERENCE_STRESS = 5e3
 SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 
-@dataclass(frozen=True)
-class Response:
-    """Response of one wheel under one load over ``SLIP_GRID``, for n soils.
-
-    Attributes
-    ----------
-    load : N, NaN where neither load nor normal force was measured (and so are the responses).
-    sinkage, drawbar_pull, resistance_moment, efficiency : (n, slips), NaN where the model has no answer.
-    """
-
-    load: float
-    sinkage: FloatArray
-    drawbar_pull: FloatArray
-    resistance_moment: FloatArray
-    efficiency: FloatArray
-
-
 def reference_load(study: Study) -> float:
     """Median load (N) of the rows in the fit, of the normal force where no load was given.
 
@@ -191,18 +174,18 @@ def reference_load(study: Study) -> float:
     return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else study.middle_load
 
 
-def drive(study: Study, soil: FloatArray) -> Response:
-    """Drive the study's first wheel under its median load on soils (n, p)."""
-    return drive_wheel(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
+def traction(
+    model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Drawbar pull and efficiency (n, slips) of a wheel under ``load`` (N) over ``SLIP_GRID``; soils (n, p).
 
-
-def drive_wheel(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> Response:
-    """Drive ``wheel`` under ``load`` (N) over ``SLIP_GRID`` on soils (n, p)."""
+    NaN where the model has no answer, and where the load is not known.
+    """
     conditions = Conditions.of(wheel, SLIP_GRID)
     forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
     outcomes = forward(soil, every_row=True)
-    pull, moment = outcomes["drawbar_pull"], outcomes["resistance_moment"]
-    return Response(load, outcomes["sinkage"], pull, moment, tractive_efficiency(pull, moment, conditions))
+    pull = outcomes["drawbar_pull"]
+    return pull, tractive_efficiency(pull, outcomes["resistance_moment"], conditions)
 
 
 def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Conditions) -> FloatArray:
@@ -235,9 +218,8 @@ def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArra
 
     ``soil`` (n, p) as every forward model takes it; NaN where the model has no answer.
     """
-    driven, soil = drive_wheel(model, wheel, load, soil), soil_at(soil, wheel.width)
-    pull, pull_slip = greatest(driven.drawbar_pull)
-    efficiency, efficiency_slip = greatest(driven.efficiency)
+    (pull, pull_slip), (efficiency, efficiency_slip) = map(greatest, traction(model, wheel, load, soil))
+    soil = soil_at(soil, wheel.width)
     return {
         "bearing_pressure": bearing_pressure(soil),
         "shear_strength": shear_strength(soil),

@@ -26,6 +26,7 @@ from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood import load_integrand as pn
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
+from bayesterra.likelihood.intervals import Intervals
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, compiled, inlined
 from bayesterra.stats.tails import GAUSSIAN
@@ -120,12 +121,24 @@ class Likelihood:
         none = np.full(len(self.observations), np.nan)
         return {name: self.observations.given_sd.get(name, none) for name in self.channels}
 
+    @property
+    def intervals(self) -> Intervals | None:
+        """What readings stand for that are rounded or known by a limit; None where all are numbers.
+
+        None also where rounding is taken for one more error of variance step²/12: see :meth:`Noise.scale`.
+        """
+        return self._intervals
+
+    @cached_property
+    def _intervals(self) -> Intervals | None:
+        return Intervals.of(self.observations, self.noise, self.measured)
+
     def predicted(self, outcomes: Outcomes) -> FloatArray:
         """Modelled values of the measured channels, (n, m, channels)."""
         return outcomes.of(self.channels)
 
-    def scales(self, predicted: FloatArray, noise_values: FloatArray) -> FloatArray:
-        """Standard deviations (n, m, channels).
+    def scales(self, predicted: FloatArray, noise_values: FloatArray, *, rounded: bool = True) -> FloatArray:
+        """Standard deviations (n, m, channels) of readings, or of what they were before being rounded.
 
         ``noise_values`` (n, k) are the estimated standard deviations, in the order of the channels that
         have one.
@@ -133,19 +146,38 @@ class Likelihood:
         scale = np.empty(predicted.shape)
         estimated = iter(noise_values.T)
         for i, noise in enumerate(self.noise):
-            value = next(estimated) if noise.parameter else None
-            scale[:, :, i] = noise.scale(predicted[:, :, i], value, self._given_sd[noise.channel])
+            value, of = next(estimated) if noise.parameter else None, self._given_sd[noise.channel]
+            law = noise.scale if rounded else noise.before_rounding
+            scale[:, :, i] = law(predicted[:, :, i], value, of)
         return scale
 
     def pointwise(self, outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
-        """Log density of every reading, (n, m, channels); 0 where nothing was measured."""
+        """Log density of every reading, (n, m, channels); 0 where nothing was measured.
+
+        That of a rounded reading is the log probability of what is rounded to it, less that of its step.
+        """
         predicted = self.predicted(outcomes)
-        scale = self.scales(predicted, noise_values)
+        scale = self.scales(predicted, noise_values, rounded=self.intervals is None)
+        return self.log_readings(self.measured, predicted, scale)
+
+    def log_readings(self, readings: FloatArray, predicted: FloatArray, scale: FloatArray) -> FloatArray:
+        """The same for any readings (m, channels); ``scale`` (n, m, channels) before those are rounded."""
         with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
-            standard = (self.measured - predicted) / scale
+            standard = (readings - predicted) / scale
             laws = [noise.tails.log_density(standard[:, :, i]) for i, noise in enumerate(self.noise)]
             density = np.stack(laws, axis=2) - np.log(scale)
-        return np.where(np.isnan(self.measured), 0.0, density)
+            if self.intervals is not None:
+                self.intervals.replace_densities(density, readings, predicted, scale)
+        return np.where(np.isnan(readings), 0.0, density)
+
+    def standardised(self, predicted: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Residuals (n, m, channels) in units of their standard deviation, NaN where there is no reading.
+
+        That of a reading known by a limit only: of the middle, by probability, of what is beyond the limit.
+        """
+        scale = self.scales(predicted, noise_values)
+        standard = (self.measured - predicted) / scale
+        return standard if self.intervals is None else self.intervals.at_middles(standard, predicted, scale)
 
     def log_density(self, outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,), −inf where the model has no answer."""
@@ -159,7 +191,14 @@ class Likelihood:
         for i, noise in enumerate(self.noise):
             if noise.tails != GAUSSIAN:
                 standard[:, :, i] = noise.tails.draw(predicted.shape[:2], rng)
-        return predicted + self.scales(predicted, noise_values) * standard
+        drawn = predicted + self.scales(predicted, noise_values, rounded=False) * standard
+        return self._recording.recorded(drawn)
+
+    @cached_property
+    def _recording(self) -> Intervals:
+        none = np.full(len(self.observations), np.nan)
+        values = [self.observations.values.get(name, none) for name in self.channels]
+        return Intervals(self.noise, *Intervals.ends(self.observations, self.noise), np.column_stack(values))
 
 
 @dataclass(frozen=True)
@@ -173,6 +212,11 @@ class LatentLoad(Likelihood):
     """
 
     load_range: tuple[float, float] = (0.0, np.inf)
+
+    @property
+    def intervals(self) -> Intervals | None:
+        """None: rounding is one more error."""
+        return None
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -245,7 +289,7 @@ class LatentLoad(Likelihood):
         for noise in self.noise:
             values = next(estimated)[:, None] if noise.parameter else noise.sd or noise.floor
             own, i = self._given_sd[noise.channel], self.forward.outcomes.index(noise.channel)
-            floor[:, :, i, 0] = np.where(np.isnan(own), values, own)
+            floor[:, :, i, 0] = noise.widened(np.where(np.isnan(own), values, own))
             floor[:, :, i, 1] = noise.tails.log_peak - np.log(floor[:, :, i, 0])
         shift = np.ascontiguousarray(offset_of(soil)[:, 0])
         return readings, floor, fraction, dof, shift, np.log(self.load_range)

@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import slip_doubts
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import Blocks, Cell, Table, Text
+from bayesterra.report.blocks import Blocks, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
 from bayesterra.stats.laws import Law
@@ -40,14 +40,17 @@ def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
-    shown = [column(values / CHANNELS[name].scale) for name, values in columns.items()]
+    shown = [
+        [f"{mark}{cell}" for mark, cell in zip(rows.marks(name), cells, strict=True)]
+        for name, cells in ((n, column(v / CHANNELS[n].scale)) for n, v in columns.items())
+    ]
     slips, body = column(rows.slip, 4), []
     for i, row in enumerate(rows.rows):
         wheel = (rows.wheel[i],) if many else ()
         body.append(
             (f"{row}", *wheel, slips[i], *(cells[i] for cells in shown), "yes" if rows.use[i] else "no")
         )
-    noise = (noise_text(study.noise[name]) if name in study.noise else "given" for name in columns)
+    noise = (noise_text(study.noise.get(name)) for name in columns)
     body.append(("noise (sd)", *([""] if many else []), "", *noise, ""))
     header = (
         "row",
@@ -67,10 +70,13 @@ def _origin(study: Study) -> str:
     return f"Source ({study.kind}){source}."
 
 
-def noise_text(noise: Noise) -> Cell:
-    """Noise of a channel in its field unit, in a few words."""
+def noise_text(noise: Noise | None) -> str:
+    """Noise of a channel in its field unit, in a few words; None: the channel is given."""
+    if noise is None:
+        return "given"
     scale = CHANNELS[noise.channel].scale
     tails = noise.tails.words and f", {noise.tails.words}"
+    tails += f", read to {noise.resolution / scale:g}" if noise.resolution else ""
     if noise.law is not None:
         return f"estimated{tails}"
     if noise.fraction is not None:

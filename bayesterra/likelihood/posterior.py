@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -137,10 +137,7 @@ class Posterior:
         ------
         ValueError : ``x`` does not have one column per free parameter.
         """
-        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
-        if x.ndim != 2 or x.shape[1] != len(self.names):
-            raise ValueError(f"'x' must have shape (n, {len(self.names)}) (got {x.shape})")
-        prior, likelihood = self.log_prior_and_likelihood(x)
+        prior, likelihood = self.log_prior_and_likelihood(checked_sets(x, self.names))
         return prior + np.where(likelihood > -np.inf, likelihood, 0.0)
 
     def reasons(self, x: FloatArray) -> IntArray:
@@ -160,6 +157,14 @@ class Posterior:
         for width in np.unique(self.likelihood.forward.conditions.width):
             inside &= soil_at(soil, float(width))[:, SoilColumns.Ks] > 0
         return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
+
+
+def checked_sets(x: FloatArray, names: Sequence[str]) -> FloatArray:
+    """Parameter sets (n, d); ValueError where there is not one column per name."""
+    x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+    if x.ndim != 2 or x.shape[1] != len(names):
+        raise ValueError(f"'x' must have shape (n, {len(names)}) (got {x.shape})")
+    return x
 
 
 @dataclass(frozen=True)

@@ -219,17 +219,23 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     """
     scaled = Scaled.of(posterior, x)
     joint, weighted = _weighted(posterior, x, scaled)
-    gradient = _gradient(posterior.likelihood, scaled) if joint is None else joint
+    gradient = _gradient(posterior, x, scaled) if joint is None else joint
     return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
 
 
-def _gradient(likelihood: Likelihood, scaled: Scaled) -> FloatArray:
+def _gradient(posterior: Posterior, x: FloatArray, scaled: Scaled) -> FloatArray:
     """Gradient of the log likelihood (n, d) where every reading is apart."""
-    read = ~np.isnan(likelihood.measured)
-    standard = np.where(read, (likelihood.measured - scaled.local.values) / scaled.scale, 0.0)
+    likelihood, values = posterior.likelihood, scaled.local.values
+    read, intervals = ~np.isnan(likelihood.measured), likelihood.intervals
+    if intervals is not None:  # whose law is that of readings before they are rounded
+        scale = likelihood.scales(values, posterior.noise_values(np.atleast_2d(x)), rounded=False)
+        scaled = replace(scaled, scale=scale, spread=scaled.bare_spread)
+    standard = np.where(read, (likelihood.measured - values) / scaled.scale, 0.0)
     pulls = [noise.tails.pull(standard[:, :, i]) for i, noise in enumerate(likelihood.noise)]
     pull = np.stack(pulls, axis=2) / scaled.scale
     widening = np.where(read, pull * standard - 1.0 / scaled.scale, 0.0)
+    if intervals is not None:
+        intervals.replace_pulls(pull, widening, values, scaled.scale)
     gradient = np.einsum("nmk,nmkd->nd", pull, np.where(read[..., None], scaled.local.by_parameter, 0.0))
     gradient += np.einsum("nmk,nmkd->nd", widening, np.where(read[..., None], scaled.spread, 0.0))
     return np.asarray(gradient)
@@ -244,20 +250,26 @@ class Scaled:
     local : values and derivatives.
     scale : standard deviations (n, m, k).
     spread, spread_by_load : derivatives of the noise's scale by the parameters and by a latent load.
+    bare_spread : that by the parameters of the scale before readings are rounded.
     """
 
     local: Sensitivities
     scale: FloatArray
     spread: FloatArray
     spread_by_load: FloatArray
+    bare_spread: FloatArray
 
     @classmethod
     def of(cls, posterior: Posterior, x: FloatArray) -> Scaled:
         """At sets ``x`` (n, d)."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         local = sensitivities(posterior, x).of(posterior.likelihood.channels)
-        scale = posterior.likelihood.scales(local.values, posterior.noise_values(x))
-        return cls(local, scale, *_spread_slopes(posterior, local))
+        likelihood, noise = posterior.likelihood, posterior.noise_values(x)
+        scale, (by_x, by_load) = likelihood.scales(local.values, noise), _spread_slopes(posterior, local)
+        if not any(entry.resolution for entry in likelihood.noise):
+            return cls(local, scale, by_x, by_load, by_x)
+        share = likelihood.scales(local.values, noise, rounded=False) / scale
+        return cls(local, scale, share[..., None] * by_x, share * by_load, by_x)
 
 
 def _weighted(posterior: Posterior, x: FloatArray, scaled: Scaled) -> tuple[FloatArray | None, FloatArray]:

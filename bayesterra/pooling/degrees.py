@@ -185,29 +185,20 @@ LEFT_OUT_COLUMNS = ("pooling", "what", "label", "elpd", "error", "k", "reliable"
 DEGREE_COLUMNS = ("pooling", "converged", "log_evidence", "log_evidence_error", "evidence_reliable")
 
 
-@dataclass(frozen=True)
-class Degree:
-    """One degree of pooling.
+@dataclass(frozen=True, kw_only=True)
+class Degree(Level):
+    """One degree of pooling, and its log evidence.
 
     Attributes
     ----------
     name : ``complete``, ``as stated`` or ``none``.
     converged : of its sampling.
-    log_z, error, reliable : log evidence under the prior cut to the support and renormalised.
     left_out : elpd of every row and group, columns ``pooling, what, label, elpd, error, k, reliable``.
     """
 
     name: str
     converged: bool
-    log_z: float
-    error: float
-    reliable: bool
     left_out: pd.DataFrame
-
-    @property
-    def level(self) -> Level:
-        """Its log evidence."""
-        return Level(self.log_z, self.error, self.reliable)
 
     def row(self) -> dict[str, Any]:
         """A row of the table."""
@@ -279,9 +270,8 @@ def _degree(
         rows = own.likelihood.observations.rows
         entries += [_entry(name, "row", row, weighed.left_out(g, i)) for i, row in enumerate(rows)]
     error = float(np.hypot(evidence.error, shares.error))
-    return Degree(
-        name, converged, evidence.log_z - shares.whole, error, evidence.reliable, pd.DataFrame(entries)
-    )
+    log_z, table = evidence.log_z - shares.whole, pd.DataFrame(entries)
+    return Degree(log_z, error, evidence.reliable, name=name, converged=converged, left_out=table)
 
 
 def _apart(
@@ -301,7 +291,8 @@ def _apart(
         )  # fmt: skip
         rows = own.likelihood.observations.rows
         entries += [_entry(NONE, "row", row, weighed.left_out(0, i)) for i, row in enumerate(rows)]
-    return Degree(NONE, converged, log_z, float(np.sqrt(variance)), reliable, pd.DataFrame(entries))
+    error, table = float(np.sqrt(variance)), pd.DataFrame(entries)
+    return Degree(log_z, error, reliable, name=NONE, converged=converged, left_out=table)
 
 
 def preferred(degrees: Sequence[Degree]) -> str:

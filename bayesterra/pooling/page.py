@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from bayesterra.report.sections import (
     Section,
     Verdict,
     VerdictPage,
+    crosscheck_text,
     missing,
     origin_rows,
     section,
@@ -35,20 +35,13 @@ from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import law_text
+from bayesterra.study.page import law_text, unconverged
 from bayesterra.study.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
 
-@dataclass(frozen=True)
-class PooledPage(VerdictPage):
-    """The page, with the kind of its data."""
-
-    kind: str = ""
-
-
-def pooled_page(result: PooledResult) -> PooledPage:
+def pooled_page(result: PooledResult) -> VerdictPage:
     """Put the page of a joint posterior together."""
     study, record = result.study, result.record
     rows = study.observations
@@ -60,10 +53,8 @@ def pooled_page(result: PooledResult) -> PooledPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    warning, failures = Markup(""), Failures()
-    if not result.converged:
-        advice = [check["advice"] for check in record["verdict"]["checks"] if not check["passed"]]
-        warning = Markup("The sampling has <b>not converged</b>: {}.").format(listed(advice))
+    failures = Failures()
+    warning = unconverged(result, "The sampling has <b>not converged</b>: {}.")
 
     needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
 
@@ -73,8 +64,10 @@ def pooled_page(result: PooledResult) -> PooledPage:
 
     verdicts = (
         verdict(failures, "Sampling", lambda: _sampling(result)),
-        verdict(failures, "One value for all?", lambda: _sharing(result)),
-        verdict(failures, "Evidence prefers", lambda: _preferred(result)),
+        verdict(failures, "One value for all?", lambda: _sharing(result), failed(record, "sharing")),
+        verdict(
+            failures, "Evidence prefers", lambda: _preferred(result), failed(record, "degrees", "complete")
+        ),
     )
     sections = (
         made("sharing", "What belongs to the soil", _sharing_section),
@@ -85,7 +78,7 @@ def pooled_page(result: PooledResult) -> PooledPage:
         made("data", "Data and model", _data),
         made("reproduce", "Reproduce this", _reproduce),
     )
-    return PooledPage(
+    return VerdictPage(
         title=study.title or "One soil, several groups of rows",
         facts=tuple(fact for fact in facts if fact),
         verdicts=verdicts,
@@ -131,8 +124,6 @@ def _sharing(result: PooledResult) -> Verdict:
     decided = len(rows) - len(open_)
     grade = "good" if decided else "fair"
     word = f"{decided} of {len(rows)} decided"
-    if line := failed(result.record, "sharing"):
-        return Verdict("One value for all?", "not known", "fair", Markup("{}").format(line))
     return Verdict("One value for all?", word, grade, Markup("; ").join(clauses) + ".")
 
 
@@ -144,8 +135,6 @@ def _decided(row: Mapping[Any, Any]) -> bool:
 
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
-    if line := failed(result.record, "degrees", "complete"):
-        return Verdict("Evidence prefers", "not known", "fair", Markup("{}").format(line))
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
     clauses = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
@@ -330,7 +319,7 @@ def _summary_section(result: PooledResult) -> Blocks:
         "prior mean",
         "sd",
     )
-    return (Table(caption, "ll" + "r" * 9, header, body),)
+    return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck_text(result.record))
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:

@@ -37,12 +37,14 @@ from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
+from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
-from bayesterra.sampling.summary import summary_row
+from bayesterra.sampling.summary import parameter_rows
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
 from bayesterra.study.result import (
+    SI_UNITS,
     Result,
     StudyRecord,
     conditions_dataset,
@@ -112,6 +114,7 @@ def run_pooled(
     seed: int = 1,
     report: Callable[[Progress], None] = lambda progress: None,
     checkpoint_store: CheckpointStore | None = None,
+    crosscheck: bool = False,
     plan: PoolingOptions | None = None,
 ) -> PooledResult:
     """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
@@ -121,12 +124,14 @@ def run_pooled(
 
     Parameters
     ----------
-    seed, report, checkpoint_store : as for :func:`bayesterra.analysis.inference.run`.
+    seed, report, checkpoint_store, crosscheck : as for :func:`bayesterra.analysis.inference.run`.
     plan : size of the adaptation.
     """
+    if crosscheck:
+        check_installed()
     started = time.perf_counter()
-    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
-    sampling, whole, weighing, prior_stream, comparing = family_streams
+    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(6)
+    sampling, whole, weighing, prior_stream, comparing, nesting = family_streams
     samples = sample_joint(joint, study.sampling, sampling, report, plan, checkpoint_store)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
@@ -145,7 +150,7 @@ def run_pooled(
     prior = draw_joint_prior(joint, PRIOR_DRAWS, default_rng(prior_stream))
     kept = thin(samples.chains)
     chains = {name: lone.chains for name, lone in samples.lone.items()}
-    complete_level, stated_level, no_level = [degree.level for degree in degrees] or [UNKNOWN] * 3
+    complete_level, stated_level, no_level = degrees or [UNKNOWN] * 3
     evidences = Evidences(joint, chains, default_rng(comparing), complete_level, stated_level, no_level)
     verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
     stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])
@@ -169,6 +174,16 @@ def run_pooled(
         },
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
+    if crosscheck:
+        ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], None)
+
+        def against() -> dict[str, Any]:
+            comparison = against_nested(
+                joint, ours, nesting, report=lambda stage: report(Progress(stage, 1.0))
+            )
+            return {"crosscheck": comparison.record()}
+
+        findings |= failures.attempt("crosscheck", against, dict[str, Any])
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
         study=study,
@@ -266,16 +281,8 @@ def quantity_of(name: str) -> Parameter:
 
 def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd.DataFrame:
     densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
-    of = samples.diagnosis
-    return pd.DataFrame(
-        [
-            summary_row(
-                quantity_of(name), kept.chains[:, :, i], prior[:, i], float(densest[i]),
-                (of.ess_bulk[i], of.ess_tail[i], of.r_hat[i]),
-            )
-            for i, name in enumerate(samples.joint.names)
-        ]
-    )  # fmt: skip
+    quantities = [quantity_of(name) for name in samples.joint.names]
+    return pd.DataFrame(parameter_rows(quantities, kept.chains, prior, densest, samples.diagnosis))
 
 
 def _verdict(samples: JointSamples, complete: Samples | None) -> dict[str, Any]:
@@ -334,7 +341,7 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
     for name in map(str, dataset.data_vars):
         quantity = PARAMETERS[name.split(".")[0]]
-        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(quantity.name, quantity.dimension or "1")
+        unit = SI_UNITS.get(quantity.name, quantity.dimension or "1")
         dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
     return dataset
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, check_seed
+from bayesterra.errors import StudyError
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
-from bayesterra.prediction import prediction
-from bayesterra.prediction.prediction import Case, Forecast, Prediction
-from bayesterra.study.result import Result, check_single
-from bayesterra.study.wheels import checked_slips, driven_range, wheel_named
+from bayesterra.prediction.prediction import Case, Forecast, predict
+from bayesterra.study.result import Result
+from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range
 
 
 def slips_of(texts: Sequence[str]) -> list[float]:
@@ -41,23 +38,26 @@ def forecast(
     loads: Sequence[str] = (),
     wheels: Sequence[str] = (),
     slip_reference: str = "shearing",
+    group: str | None = None,
 ) -> Forecast:
     """Predict every wheel under every load.
 
     Parameters
     ----------
+    group : of a joint posterior, whose parameters count; by default as for :func:`predict`.
     slips : asked for; by default those that were driven.
     loads : texts with units; by default the median load of the study.
     wheels : names or files; by default the study's first wheel.
     slip_reference : radius behind ``slips``: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     """
     cases: list[Case] = []
-    for name, wheel in [wheel_named(result.study, text) for text in wheels or (None,)]:
+    for name, wheel in [chosen_wheel(result.study, text) for text in wheels or (None,)]:
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
         grid = _grid(result, asked)
         for load in loads or (None,):
-            whole = prediction.predict(result, np.union1d(grid, asked), load=load, wheel=wheel, name=name)
+            slip = np.union1d(grid, asked)
+            whole = predict(result, slip, load=load, wheel=wheel, name=name, group=group)
             cases.append((whole.at(grid), whole.at(asked)))
     return Forecast(tuple(cases))
 
@@ -80,32 +80,3 @@ def _grid(result: Result, asked: FloatArray) -> FloatArray:
     driven = driven_range(result.study)
     low, high = min(driven[0], asked.min()), max(driven[-1], asked.max())
     return np.linspace(low, high, len(driven))
-
-
-def predict(
-    result: Result,
-    slip: ArrayLike,
-    *,
-    load: float | str | None = None,
-    wheel: str | Path | Wheel | None = None,
-    seed: int = 1,
-) -> Prediction:
-    """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
-
-    Parameters
-    ----------
-    slip : slips on the shearing radius, in [0, 1).
-    load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
-    wheel : name of one of the study's wheels (by default its first), a file of one, or another wheel.
-    seed : of the noise on the readings.
-
-    Raises
-    ------
-    StudyError : a slip or load outside the model's range, or an unknown wheel.
-    """
-    check_single("bt.predict", result, Result)
-    check_seed(seed)
-    if isinstance(wheel, Wheel):
-        return prediction.predict(result, slip, load=load, wheel=wheel, seed=seed)
-    name, chosen = wheel_named(result.study, None if wheel is None else str(wheel))
-    return prediction.predict(result, slip, load=load, wheel=chosen, name=name, seed=seed)

@@ -227,9 +227,10 @@ class RoverOutlook(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Slip, sinkage and loads over slope and tow force."""
-        from bayesterra.prediction.page import rover_outlook_png
+        from bayesterra.prediction.page import rover_outlook
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: rover_outlook_png(self)}
+        return {self.PLOT: white_png(rover_outlook(self))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
@@ -307,20 +308,29 @@ CURVE = 21
 """Slopes, or tow forces, of a smooth curve."""
 
 
-def drive_rover(
-    result: Result, rover: Rover, slopes: Sequence[float | str] = SLOPES, tows: Sequence[float | str] = (0.0,)
+def predict_rover(
+    result: Result,
+    rover: Rover | str | Path,
+    *,
+    slopes: Sequence[float | str] = SLOPES,
+    tows: Sequence[float | str] = (0.0,),
 ) -> RoverOutlook:
     """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
 
     Parameters
     ----------
+    rover : a :class:`Rover`, or a file of one.
     slopes : rad, or text with a unit, from 0 to 45 degrees.
-    tows : N, or text with a unit.
+    tows : forces that pull back along the slope, N or text with a unit; every slope is tried with each.
 
     Raises
     ------
-    StudyError : a slope or tow force outside these ranges.
+    StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
+    check_single("bt.predict_rover", result, Result)
+    if not isinstance(rover, Rover):
+        path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
+        rover = read_rover(path, result.study.wheels, prior_phi(result.study))
     study = result.study
     if study.errors.discrepancy:
         raise StudyError(
@@ -351,11 +361,6 @@ def drive_rover(
         driven=driven,
         remarks=tuple(_remarks(study, rover, asked)),
     )
-
-
-def rover_for(study: Study, rover: Rover | str | Path) -> Rover:
-    """A rover, or the one that a file describes, with the wheels of a study."""
-    return rover if isinstance(rover, Rover) else read_rover(Path(rover), study.wheels, prior_phi(study))
 
 
 def checked_slopes(slopes: Sequence[float | str]) -> FloatArray:
@@ -412,31 +417,6 @@ def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
             f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"
             " taken unchanged from where they were measured"
         )
-
-
-def predict_rover(
-    result: Result,
-    rover: Rover | str | Path,
-    *,
-    slopes: Sequence[float | str] = SLOPES,
-    tows: Sequence[float | str] = (0.0,),
-) -> RoverOutlook:
-    """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
-
-    Parameters
-    ----------
-    rover : a :class:`Rover`, or a file of one.
-    slopes : rad, or text with a unit, from 0 to 45 degrees.
-    tows : forces that pull back along the slope, N or text with a unit; every slope is tried with each.
-
-    Raises
-    ------
-    StudyError : a file that describes no rover, or a slope or tow force outside its range.
-    """
-    check_single("bt.predict_rover", result, Result)
-    if not isinstance(rover, Rover):
-        rover = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
-    return drive_rover(result, rover_for(result.study, rover), slopes, tows)
 
 
 def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:

@@ -18,7 +18,7 @@ from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, P
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.figures import figure_of, label, literal, new_figure, own_axes, styled, white_png
+from bayesterra.report.figures import fan, figure_of, label, literal, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
@@ -78,11 +78,6 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
         )  # fmt: skip
     _legend_of_bands(figure, cases)
     return axes
-
-
-def predictions_png(cases: Sequence[tuple[Prediction, Prediction | None]], dpi: float = 200) -> bytes:
-    """The drawing of :func:`predictions` as PNG on white, the same bytes each time."""
-    return white_png(predictions(cases), dpi)
 
 
 def bands(values: FloatArray, column: int) -> FloatArray:
@@ -257,11 +252,6 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     return axes
 
 
-def rover_outlook_png(outlook: RoverOutlook, dpi: float = 200) -> bytes:
-    """The drawing of :func:`rover_outlook` as PNG on white, the same bytes each time."""
-    return white_png(rover_outlook(outlook), dpi)
-
-
 def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> None:
     x = states.slope[0] / DEGREE if over == "slope" else states.tow[0]
     fixed = (
@@ -291,10 +281,9 @@ def _top(states: State) -> float:
 
 
 def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    q05, q25, q50, q75, q95 = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
-    ax.fill_between(x, q05, q95, color=colour, alpha=0.2, linewidth=0)
-    ax.fill_between(x, q25, q75, color=colour, alpha=0.35, linewidth=0)
-    ax.plot(x, q50, color=colour)
+    levels = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
+    fan(ax, x, levels, colour, (0.2, 0.35))
+    ax.plot(x, levels[2], color=colour)
 
 
 def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:

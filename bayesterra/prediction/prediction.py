@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.likelihood.forward import (
     Forward,
     Outcomes,
@@ -85,9 +86,10 @@ class Predicted(AnalysisResult):
 
     def figures(self) -> dict[str, bytes]:
         """Every quantity over slip."""
-        from bayesterra.prediction.page import predictions_png
+        from bayesterra.prediction.page import predictions
+        from bayesterra.report.figures import white_png
 
-        return {self.PLOT: predictions_png(self.cases)}
+        return {self.PLOT: white_png(predictions(self.cases))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
@@ -290,27 +292,33 @@ def predict(
     slip: ArrayLike,
     *,
     load: float | str | None = None,
-    wheel: str | Wheel | None = None,
+    wheel: str | Path | Wheel | None = None,
     name: str = "",
     seed: int = 1,
+    group: str | None = None,
 ) -> Prediction:
     """Predict sinkage, drawbar pull, moment and tractive efficiency with the draws of a result.
 
     Parameters
     ----------
-    slip : slips on the shearing radius, in [0, 1); sorted, each once.
+    slip : slips on the shearing radius, in [0, 1).
     load : vertical load, N or text with a unit; by default the median load of the study's rows in the fit.
-    wheel : name of one of the study's wheels (by default its first), or another wheel.
+    wheel : name of one of the study's wheels (by default its first), a file of one, or another wheel.
     name : what another wheel is called.
-    seed : of the noise on the readings.
+    seed : of the noise on the readings, and of the parameters of a group that was not tested.
+    group : of a joint posterior, whose parameters count; by default that of the wheel, where groups are
+        wheels, else one that was not tested: its own parameters are drawn from the population.
 
     Raises
     ------
-    StudyError : a slip or load outside the model's range, or an unknown wheel.
+    StudyError : a slip or load outside the model's range, or an unknown wheel or group.
     """
+    check_kind("bt.predict", result, Result)
+    check_seed(seed)
+    called, driven = chosen_wheel(result.study, wheel, name)
+    result, basis = of_group(result, called, group, seed)
     study = result.study
     at, carried = checked_slips(slip), _load(study, load)
-    called, driven = chosen_wheel(study, wheel, name)
     draws, index = spread(result)
     forward = Forward(study.model, Drive.LOAD, Conditions.of(driven, at), np.full(len(at), carried))
     soil = study.prior.soil_values(draws)
@@ -334,8 +342,29 @@ def predict(
         driven=(float(rows.min()), float(rows.max())),
         derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
-        remarks=tuple(_remarks(study, driven, carried)),
+        remarks=tuple(_remarks(study, driven, carried, basis)),
     )
+
+
+def of_group(result: Result, wheel: str, group: str | None, seed: int = 1) -> tuple[Result, str]:
+    """The result that predicts a wheel, and a sentence on it where it is one group of a joint posterior.
+
+    Raises
+    ------
+    StudyError : there is no such group, or the result has none.
+    """
+    if result.study.pooling is None:
+        if group is not None:
+            raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
+        return result, ""
+    from bayesterra.pooling.group import basis, group_result
+    from bayesterra.pooling.run import PooledResult
+
+    if not isinstance(result, PooledResult):  # of the prior alone
+        raise StudyError("a prediction needs a joint posterior (got a prior of several groups)")
+    if group is None and result.study.pooling.by == "wheel" and wheel in result.groups:
+        group = wheel
+    return group_result(result, group, seed=seed), basis(result, group)
 
 
 def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
@@ -384,7 +413,9 @@ def _with_noise(
     readings = np.full((*outcomes.values.shape[:2], len(PREDICTED)), np.nan)
     if not noise:
         return readings
-    blank = replace(study.observations.used(), given_sd={}, values={}, rows=tuple(range(len(forward.given))))
+    blank = replace(
+        study.observations.used(), given_sd={}, values={}, limits={}, rows=tuple(range(len(forward.given)))
+    )
     read = replace(outcomes, values=outcomes.values.copy())
     read.add("sinkage", offset_of(study.prior.soil_values(draws)))
     columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
@@ -410,8 +441,10 @@ def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str
     return derive_for(study.model, wheel, load, study.prior.soil_values(x))
 
 
-def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
+def _remarks(study: Study, wheel: Wheel, load: float, basis: str) -> Iterator[str]:
     """Sentences on where load and wheel leave what was measured."""
+    if basis:
+        yield basis
     ends = measured_loads(study)
     if ends and not 0.999 * ends[0] <= load <= 1.001 * ends[1]:
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
@@ -423,12 +456,12 @@ def _remarks(study: Study, wheel: Wheel, load: float) -> Iterator[str]:
         yield (
             f"the model's own error is part of it, {basis}; derived quantities are those of the model alone"
         )
-    yield from wheel_remarks(study, wheel)
+    yield from wheel_remarks(study, wheel, known=bool(basis))
 
 
-def wheel_remarks(study: Study, wheel: Wheel) -> Iterator[str]:
-    """Sentences on where a wheel leaves those that were measured."""
-    if wheel not in study.wheels.values():
+def wheel_remarks(study: Study, wheel: Wheel, *, known: bool = False) -> Iterator[str]:
+    """Sentences on where a wheel leaves those that were measured; ``known``: its parameters allow for it."""
+    if wheel not in study.wheels.values() and not known:
         yield (
             f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
             " soil need not hold for another, least of all when only one of them has lugs"

@@ -83,6 +83,12 @@ def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
 
 
+def fan(ax: Axes, x: FloatArray, bands: FloatArray, colour: str, alphas: tuple[float, float]) -> None:
+    """Fill two bands, wide and narrow, of quantiles (5, k) at ``x`` (k,), with these opacities."""
+    for low, high, alpha in zip((0, 1), (4, 3), alphas, strict=True):
+        ax.fill_between(x, bands[low], bands[high], color=colour, alpha=alpha, linewidth=0)
+
+
 def name_cells(ax: Axes, names: Sequence[str]) -> None:
     """Name the rows and columns of a square of cells, the first pair at the top left."""
     ticks, labels = np.arange(len(names)) + 0.5, [label(PARAMETERS[name], unit=False) for name in names]

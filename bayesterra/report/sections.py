@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
-from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
+from bayesterra.report.failures import REPORT, Failures, failed, sentences, with_failures
 from bayesterra.report.symbols import angles
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
@@ -56,6 +56,7 @@ class VerdictPage:
     facts : what was analysed, in one line.
     warning : what to do about a result that cannot be relied on, else empty.
     failures : what could not be made of this page.
+    kind : of the data, where it stands apart from the facts.
     template : that is filled with it.
     """
 
@@ -66,6 +67,7 @@ class VerdictPage:
     version: str
     warning: Markup
     failures: Failures = field(default_factory=Failures, kw_only=True)
+    kind: str = field(default="", kw_only=True)
     template: str = field(default="report.html", kw_only=True)
 
     def html(self) -> str:
@@ -95,14 +97,17 @@ def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
     return Markup("{}").format(angles(sentences(with_failures(record, failures))))
 
 
-def verdict(failures: Failures, title: str, make: Callable[[], Verdict]) -> Verdict:
-    """A verdict, or the word that it is not known."""
+def unknown_verdict(title: str, why: str) -> Verdict:
+    """The word that a verdict is not known, and why."""
+    return Verdict(title, "not known", "fair", Markup("{}").format(why))
+
+
+def verdict(failures: Failures, title: str, make: Callable[[], Verdict], without: str = "") -> Verdict:
+    """A verdict, or the word that it is not known: ``without`` what it rests on, or where it fails."""
+    if without:
+        return unknown_verdict(title, without)
     part = f"{REPORT}verdict on {title.lower()}"
-
-    def unknown() -> Verdict:
-        return Verdict(title, "not known", "fair", Markup("{}").format(failures.said(part)))
-
-    return failures.attempt(part, make, unknown)
+    return failures.attempt(part, make, lambda: unknown_verdict(title, failures.said(part)))
 
 
 def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Cell, ...], ...]:
@@ -128,3 +133,16 @@ def render(content: object, template: str = "report.html") -> str:
         keep_trailing_newline=True,
     )
     return environment.get_template(template).render(page=content)
+
+
+def crosscheck_text(record: Mapping[str, Any]) -> tuple[Text, ...]:
+    """Verdict of nested sampling at two settings, if it was asked for."""
+    crosscheck = record.get("crosscheck")
+    if crosscheck is None:
+        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
+    text = Markup(
+        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
+        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
+        "sign, so a disagreement does not say who is wrong."
+    ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
+    return (Text(text),)

@@ -19,7 +19,6 @@ physical limits (c ≥ 0, θ2 < θm < θ1) lie at infinity: no proposal is lost 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -48,19 +47,6 @@ class Block(Protocol):
 def _log_normal(u: FloatArray) -> FloatArray:
     """Log density of the standard normal law."""
     return np.asarray(-0.5 * u**2 - 0.5 * np.log(2 * np.pi))
-
-
-@dataclass(frozen=True)
-class Plain:
-    """Parameters that are their own coordinates."""
-
-    def from_physical(self, x: FloatArray) -> FloatArray:
-        """See :class:`Block`."""
-        return x
-
-    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`Block`."""
-        return u, np.zeros(len(u))
 
 
 @dataclass(frozen=True)
@@ -293,11 +279,6 @@ class Coordinates:
                 x[:, columns], term = block.to_physical(u[:, columns])
                 log_jacobian += term
         return x, log_jacobian
-
-
-def plain_coordinates(names: Sequence[str]) -> Coordinates:
-    """Physical parameters as they are: no ridge is straightened. For comparison and tests."""
-    return Coordinates(((tuple(range(len(names))), Plain()),))
 
 
 LEAVING = ("c3",)

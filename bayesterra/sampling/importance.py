@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray, IntArray, spaced
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws, draw_cut_prior
-from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt, refine
+from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.stats.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
 from bayesterra.stats.transport import fit_proposal
@@ -179,6 +179,12 @@ def evidence(
     log_prior, log_likelihood = densities(u)
     log_weights = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood) - pooled
     return summed(log_weights.reshape(len(proposals), each))
+
+
+def ensembles_evidence(densities: Densities, adaptations: Sequence[Adaptation], rng: Generator) -> Evidence:
+    """Evidence from the proposals of all ensembles, beside what each of them found alone."""
+    pooled = evidence(densities, [adaptation.proposal for adaptation in adaptations], rng)
+    return pooled.beside([adaptation.log_evidence for adaptation in adaptations])
 
 
 def summed(log_weights: FloatArray) -> Evidence:

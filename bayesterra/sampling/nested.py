@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Evidence
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.weights import effective_number
@@ -29,7 +28,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 APART = 4.0
 """Standard errors from which two samplers disagree."""
 
-MANY = 6
+MANY = 5
 """Parameters from which nested sampling walks at random in place of drawing uniformly in ellipsoids."""
 
 
@@ -61,11 +60,6 @@ class Weighted:
         """Independent draws with weights; their effective number is Kish's."""
         size = effective_number(weights)
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
-
-    @classmethod
-    def equal(cls, name: str, x: FloatArray, log_z: float, error: float) -> Weighted:
-        """Independent draws of equal weight."""
-        return cls.independent(name, x, np.full(len(x), 1 / len(x)), log_z, error)
 
     @classmethod
     def of_ensembles(cls, name: str, chains: FloatArray, evidence: Evidence | None) -> Weighted:
@@ -164,6 +158,28 @@ def _moments(sampler: Weighted, i: int) -> tuple[float, float]:
     return mean, float(np.sqrt(sampler.weights @ (sampler.x[:, i] - mean) ** 2))
 
 
+class CubicPrior(Protocol):
+    """A prior that is the image of the unit cube."""
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Parameter sets (n, d) at probabilities (n, d): independent uniform ones give draws."""
+
+
+class CubicDensity(Protocol):
+    """All that nested sampling needs to know of a posterior."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+
+    @property
+    def prior(self) -> CubicPrior:
+        """The stated prior."""
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
+
+
 def check_installed() -> None:
     """Raise a StudyError where nested sampling is not installed."""
     if find_spec("dynesty") is None:
@@ -171,7 +187,7 @@ def check_installed() -> None:
 
 
 def against_nested(
-    posterior: Posterior,
+    posterior: CubicDensity,
     ours: Weighted,
     seed: SeedSequence,
     live: tuple[int, ...] = LIVE,
@@ -190,7 +206,7 @@ def against_nested(
     return compare(tuple(samplers), posterior.names)
 
 
-def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
+def nested(posterior: CubicDensity, live: int, seed: SeedSequence) -> Weighted:
     """Static nested sampling from the unit cube of the stated prior, by dynesty."""
     check_installed()
     from dynesty import NestedSampler

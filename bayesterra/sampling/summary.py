@@ -43,20 +43,24 @@ def summary_table(
     diagnosis : effective sizes and R-hat of the parameters.
     failures : takes note where derived quantities cannot be computed; the parameters stand without them.
     """
-    rows = [
-        summary_row(
-            PARAMETERS[name],
-            chains[:, :, i],
-            prior[:, i],
-            float(mode[i]),
-            (diagnosis.ess_bulk[i], diagnosis.ess_tail[i], diagnosis.r_hat[i]),
-        )
-        for i, name in enumerate(posterior.names)
-    ]
+    rows = parameter_rows([PARAMETERS[name] for name in posterior.names], chains, prior, mode, diagnosis)
     derived = failures.attempt(
         "derived", lambda: _derived_rows(study, posterior, chains, prior, mode), list[dict[str, Any]]
     )
     return pd.DataFrame(rows + derived)
+
+
+def parameter_rows(
+    quantities: Sequence[Parameter],
+    chains: FloatArray,
+    prior: FloatArray,
+    mode: FloatArray,
+    diagnosis: Diagnosis,
+) -> list[dict[str, Any]]:
+    """One :func:`summary_row` per parameter (d,) of chains (chains, draws, d) and prior draws (n, d)."""
+    sizes = zip(diagnosis.ess_bulk, diagnosis.ess_tail, diagnosis.r_hat, strict=True)
+    columns = zip(quantities, np.moveaxis(chains, 2, 0), prior.T, mode, sizes, strict=True)
+    return [summary_row(quantity, x, before, float(at), of) for quantity, x, before, at, of in columns]
 
 
 def _derived_rows(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.status import job_folder
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.importance import evidence
+from bayesterra.sampling.importance import ensembles_evidence
 from bayesterra.sampling.sampler import (
     PRIOR_DRAWS,
     Progress,
@@ -39,19 +38,20 @@ from bayesterra.sampling.sampler import (
     sample_target,
     thin,
 )
-from bayesterra.sampling.summary import summary_row
+from bayesterra.sampling.summary import parameter_rows, summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
 from bayesterra.soiltests.schema import QUANTITIES
 from bayesterra.soiltests.study import SoilTest, load_soil_test, write_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
-from bayesterra.study import result
-from bayesterra.study.result import DrawnResult, OriginRecord
+from bayesterra.study.result import DrawnResult, OriginRecord, labelled_dataset, origin, parameter_dataset
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 BAND_DRAWS = 1000
 GRID = 60
+SI_UNITS = {"phi": "rad", "kc": "Pa m/m^n", "kphi": "Pa/m^n"}
+"""Units of draws that their dimension does not say in full."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,9 +147,7 @@ def analyse(
     )
 
     def integral() -> dict[str, Any]:
-        proposals = [adapted.proposal for adapted in samples.adaptations]
-        estimate = evidence(target.densities, proposals, default_rng(weighing))
-        estimate = estimate.beside([adapted.log_evidence for adapted in samples.adaptations])
+        estimate = ensembles_evidence(target.densities, samples.adaptations, default_rng(weighing))
         return {"evidence": importance.of_evidence(estimate, prior)}
 
     weighed = failures.attempt("evidence", integral, dict[str, Any])
@@ -233,17 +231,8 @@ class _Parts:
         return table, identifiability(*part)
 
     def _summary(self) -> pd.DataFrame:
-        diagnosis, mode = self.samples.diagnosis, self._mode()
-        rows = [
-            summary_row(
-                QUANTITIES[name],
-                self.kept.chains[:, :, i],
-                self.prior.x[:, i],
-                float(mode[i]),
-                (diagnosis.ess_bulk[i], diagnosis.ess_tail[i], diagnosis.r_hat[i]),
-            )
-            for i, name in enumerate(self.posterior.names)
-        ]
+        mode, quantities = self._mode(), [QUANTITIES[name] for name in self.posterior.names]
+        rows = parameter_rows(quantities, self.kept.chains, self.prior.x, mode, self.samples.diagnosis)
 
         def stresses() -> list[dict[str, Any]]:
             return [self._stress_row(float(level), mode) for level in np.unique(self.test.readings.levels)]
@@ -329,49 +318,41 @@ class _Parts:
         shape, flat = kept.chains.shape[:2], kept.flat
         tests = self.posterior.log_likelihoods(flat)
         density = self.posterior.prior.log_density(flat) + tests.sum(axis=1)
-        two = ("chain", "draw")
+        two, names = ("chain", "draw"), self.posterior.names
         path, level = _columns(readings.kind)["path"].split(" ")[0], _columns(readings.kind)["level"]
         stress = "pressure" if readings.kind == "plate" else "shear_stress"
         groups = {
-            "posterior": _parameters(self.posterior.names, kept.chains),
-            "prior": _parameters(self.posterior.names, self.prior.x[None]),
-            "sample_stats": xr.Dataset(
+            "posterior": parameter_dataset(names, kept.chains, QUANTITIES, SI_UNITS),
+            "prior": parameter_dataset(names, self.prior.x[None], QUANTITIES, SI_UNITS),
+            "sample_stats": labelled_dataset(
                 {
                     "lp": (two, density.reshape(shape)),
                     **{name: (two, each) for name, each in kept.labels.items()},
                 }
             ),
-            "log_likelihood": xr.Dataset({"test": (("chain", "draw", "name"), tests.reshape(*shape, -1))}),
-            "observed_data": xr.Dataset({stress: ("reading", readings.stress)}),
-            "constant_data": xr.Dataset(
+            "log_likelihood": labelled_dataset(
+                {"test": (("chain", "draw", "name"), tests.reshape(*shape, -1))}
+            ).assign_coords(name=list(readings.tests)),
+            "observed_data": labelled_dataset({stress: (("reading",), readings.stress)}),
+            "constant_data": labelled_dataset(
                 {
-                    path: ("reading", readings.path),
-                    level: ("reading", readings.level),
-                    "number": ("reading", readings.test),
+                    path: (("reading",), readings.path),
+                    level: (("reading",), readings.level),
+                    "number": (("reading",), readings.test),
                 }
             ),
         }
-        groups["log_likelihood"] = groups["log_likelihood"].assign_coords(name=list(readings.tests))
-        return labelled_tree({name: _numbered(group) for name, group in groups.items()})
+        return labelled_tree(groups)
 
     def _origin(self, seed: int) -> dict[str, Any]:
-        content = self.test.content
+        content, data = self.test.content, self.test.content.data
         return {
-            "title": content.title,
+            **origin(content.title, data.kind, data.source, seed, self.test.notes),
             "test": content.test,
-            "kind": content.data.kind,
-            "source": content.data.source,
-            "made": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": result.versions(),
-            "seed": seed,
             "readings": len(self.test.readings),
             "tests": len(self.test.readings.tests),
             "independent": self.test.independent,
-            "settings": {
-                name: getattr(self.test.sampling, name)
-                for name in ("target_ess", "ensembles", "walkers", "max_steps")
-            },
-            "notes": list(self.test.notes),
+            "settings": asdict(self.test.sampling),
         }
 
 
@@ -416,20 +397,6 @@ def _in_field_units(table: pd.DataFrame) -> pd.DataFrame:
         ("plate_radius", "mm", 1e-3) if "plate_radius" in table else ("normal_stress", "kPa", 1e3)
     )
     return table.assign(**{name: table[name] / scale}).rename(columns={name: f"{name} [{unit}]"})
-
-
-def _parameters(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
-    dataset = xr.Dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
-    for name in names:
-        quantity = QUANTITIES[name]
-        unit = {"phi": "rad", "kc": "Pa m/m^n", "kphi": "Pa/m^n"}.get(name, quantity.dimension or "1")
-        dataset[name].attrs.update(units=unit, long_name=quantity.description)
-    return dataset
-
-
-def _numbered(dataset: xr.Dataset) -> xr.Dataset:
-    missing = {str(dim): np.arange(size) for dim, size in dataset.sizes.items() if dim not in dataset.coords}
-    return dataset.assign_coords(missing)
 
 
 def soil_test(

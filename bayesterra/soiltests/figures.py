@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bayesterra.arrays import FloatArray
-from bayesterra.report.figures import figure_of, label, new_figure, own_axes, styled, white_png
+from bayesterra.report.figures import figure_of, label, new_figure, own_axes, styled
 from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.schema import QUANTITIES
@@ -122,8 +122,3 @@ def pair(result: SoilTestResult, first: str, second: str, ax: Axes | None = None
     if handles:
         figure_of(ax).legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return ax
-
-
-def readings_png(result: SoilTestResult, dpi: float = 150) -> bytes:
-    """The drawing of :func:`readings` as PNG on white, the same bytes each time."""
-    return white_png(readings(result), dpi)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -18,25 +18,23 @@ from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import TAIL, Axis
 from bayesterra.report.numbers import estimate, interval, plain, probability, resolution, rounded
 from bayesterra.report.sections import (
-    UNSEEN,
     Section,
     Verdict,
     VerdictPage,
     missing,
     origin_rows,
     section,
+    unknown_verdict,
     verdict,
 )
-from bayesterra.report.symbols import in_symbols, letters, listed
+from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import QUANTITIES
-from bayesterra.soiltests.schema import QUANTITIES as SOIL_TEST_QUANTITIES
-from bayesterra.study.page import StripRow, axis_of, keys, strip_row
-from bayesterra.study.page import drawing as strip_drawing
-from bayesterra.study.result import SummaryRow, shown
+from bayesterra.study.page import StripRow, axis_of, keys, sampling_verdict, strip_row, unconverged
+from bayesterra.study.result import shown, summary_rows
 
 CHECK = "units, plate sizes or normal stresses, and priors"
 LAWS = {
@@ -57,7 +55,6 @@ LAWS = {
 class SoilTestPage(VerdictPage):
     """A :class:`VerdictPage` with a parameter strip."""
 
-    kind: str
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
 
@@ -80,8 +77,8 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         return tuple(_row(result, name) for name in result.names)
 
     verdicts = (
-        verdict(failures, "Sampling", lambda: _sampling(result)),
-        verdict(failures, "New tests", lambda: _fit(result)),
+        verdict(failures, "Sampling", lambda: sampling_verdict(result)),
+        verdict(failures, "New tests", lambda: _fit(result), failed(record, "left_out")),
         verdict(failures, "Identifiability", lambda: _found(result)),
     )
     rows = failures.attempt("report: strip", strip, tuple[StripRow, ...])
@@ -93,7 +90,8 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
         made("assumptions", "Assumptions and prior", _assumptions),
         made("reproduce", "Reproduce this", _reproduce),
     )
-    warning = (_misfit(result), _warning(result), missing(record, failures))
+    unsettled = unconverged(result, "The sampling has <b>not converged</b>. What to do: {}.")
+    warning = (_misfit(result), unsettled, missing(record, failures))
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
@@ -116,28 +114,9 @@ def _misfit(result: SoilTestResult) -> Markup:
     return misfit_warning(Markup("{}.").format(result.misfit), CHECK, "another law, or wider [noise]")
 
 
-def _warning(result: SoilTestResult) -> Markup:
-    if result.converged:
-        return Markup("")
-    advice = listed(check["advice"] for check in result.record["verdict"]["checks"] if not check["passed"])
-    return Markup("The sampling has <b>not converged</b>. What to do: {}.").format(advice)
-
-
-def _sampling(result: SoilTestResult) -> Verdict:
-    verdict = result.record["verdict"]
-    text = Markup("R-hat {}, {} effective draws of {} ensembles.").format(
-        plain(verdict["r_hat"], 4), plain(verdict["ess"]), result.record["settings"]["ensembles"]
-    )
-    if result.converged:
-        return Verdict("Sampling", "converged", "good", Markup("{} {}").format(text, UNSEEN))
-    return Verdict("Sampling", "not converged", "poor", text)
-
-
 def _fit(result: SoilTestResult) -> Verdict:
     """Verdict on new tests: predicted as well as the intervals say, or not."""
     table, checks = result.left_out, result.record["checks"]
-    if line := failed(result.record, "left_out"):
-        return Verdict("New tests", "not known", "fair", Markup("{}").format(line))
     inside = int(((table["level_pit"] > 0.05) & (table["level_pit"] < 0.95)).sum())
     text = Markup(
         "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
@@ -154,15 +133,14 @@ def _fit(result: SoilTestResult) -> Verdict:
 def _found(result: SoilTestResult) -> Verdict:
     directions = result.record.get("directions")
     if directions is None:
-        why = failed(result.record, "identifiability")
-        return Verdict("Identifiability", "not known", "fair", Markup("{}").format(why))
+        return unknown_verdict("Identifiability", failed(result.record, "identifiability"))
     determined, of = directions["determined"], directions["of"]
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
 
 
 def _row(result: SoilTestResult, name: str) -> StripRow:
-    quantity, along, row = QUANTITIES[name], _axis(result, name), summary_row_of(result, name)
+    quantity, along, row = QUANTITIES[name], _axis(result, name), summary_rows(result)[name]
     column = result.names.index(name)
     prior, posterior = (result.values(group)[:, column] / quantity.scale for group in ("prior", "posterior"))
     table = result.least_squares
@@ -171,14 +149,7 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
         for method, parameter, value in zip(table["method"], table["parameter"], table["value"], strict=True)
         if parameter == name
     }
-    drawn = strip_drawing((prior, posterior), along, row, points)
-    return strip_row(quantity, along, row, drawn, *_words(result, name))
-
-
-def summary_row_of(result: SoilTestResult, name: str) -> SummaryRow:
-    """The row of the summary of a parameter."""
-    record = {str(row["parameter"]): row for row in result.summary.to_dict("records")}[name]
-    return SummaryRow(**{field.name: float(record[field.name]) for field in fields(SummaryRow)})
+    return strip_row(quantity, along, row, (prior, posterior), points, _words(result, name))
 
 
 def _axis(result: SoilTestResult, name: str) -> Axis:
@@ -394,7 +365,7 @@ def soil_test_overview(result: SoilTestResult) -> Overview:
     words = result.identifiability.set_index("parameter")["verdict"].map(shown).to_dict()
     rows = []
     for row in result.summary.to_dict("records"):
-        quantity = SOIL_TEST_QUANTITIES.get(row["parameter"])
+        quantity = QUANTITIES.get(row["parameter"])
         figures = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         name = quantity.symbol if quantity else row["parameter"]
         rows.append((name, row["unit"], *figures, words.get(row["parameter"], "")))

@@ -353,21 +353,23 @@ class TestPosterior:
 
     def reasons(self, x: FloatArray) -> IntArray:
         """Reason why each parameter set (n, d) has no density; see :mod:`bayesterra.likelihood.posterior`."""
+        codes = np.where(self._physical(x), INSIDE, OUTSIDE_PHYSICS)
+        return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, codes)
+
+    def _physical(self, x: FloatArray) -> BoolArray:
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
         if (offset := self.prior.column(x, OFFSET)) is not None:
             inside &= offset > -self.readings.path.min()
-        codes = np.where(inside, INSIDE, OUTSIDE_PHYSICS)
-        return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, codes)
+        return inside
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         finite = np.asarray(np.isfinite(x).all(axis=1))
         safe = np.where(finite[:, None], x, 1.0)
-        inside = np.flatnonzero(finite & (self.reasons(safe) == INSIDE))
-        prior, likelihood = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
+        prior, likelihood = self.prior.log_density(safe), np.full(len(x), -np.inf)
+        inside = np.flatnonzero(finite & ~np.isneginf(prior) & self._physical(safe))
         if inside.size:
-            prior[inside] = self.prior.log_density(x[inside])
             with np.errstate(all="ignore"):  # a curve that underflows has no likelihood
                 total = self.log_likelihoods(x[inside]).sum(axis=1)
             likelihood[inside] = np.where(np.isfinite(total), total, -np.inf)

@@ -19,11 +19,11 @@ from pydantic import (
 )
 from pydantic.dataclasses import dataclass
 
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, check_keys, known
 from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 from bayesterra.stats.laws import Law
 from bayesterra.study import entries
-from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by
+from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by, gathered
 from bayesterra.study.units import quantity
 
 PLATE = ("kc", "kphi", "n")
@@ -70,9 +70,7 @@ _NOISE = NOISE["plate"]
 def _entry(name: str, value: object, allowed: tuple[str, ...], *, bare: bool) -> Law | float:
     if name == REFERENCE and name in allowed:
         return quantity(value, "m", name, bare=bare)
-    if name not in allowed:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, allowed)}")
-    dimension = QUANTITIES[name].dimension
+    dimension = QUANTITIES[known("parameter", name, allowed)].dimension
     if isinstance(value, Law):
         return value
     if isinstance(value, Mapping):
@@ -91,14 +89,6 @@ def _values(value: object, info: ValidationInfo) -> dict[str, float]:
     if laws := [name for name, item in values.items() if isinstance(item, Law)]:
         raise StudyError(f"'{laws[0]}' must be a value (got a law)")
     return {name: float(item) for name, item in values.items() if not isinstance(item, Law)}
-
-
-def _reference(value: object) -> object:
-    """Gather the parameters, which stand beside ``source``, under ``values``."""
-    if not isinstance(value, Mapping) or "values" in value:
-        return value
-    rest = {key: item for key, item in value.items() if key != "source"}
-    return {"source": value.get("source", ""), "values": rest}
 
 
 def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, float] | None:
@@ -123,10 +113,7 @@ class Table:
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, content: Any) -> Any:
-        keys = list(cls.__dataclass_fields__)
-        for key in content if isinstance(content, Mapping) else ():
-            if key not in keys:
-                raise StudyError(f"unknown key '{key}'{did_you_mean(str(key), keys)}")
+        check_keys(content if isinstance(content, Mapping) else (), cls.__dataclass_fields__)
         return content
 
 
@@ -159,15 +146,6 @@ class NoiseTable(Table):
     )
 
 
-def _noise(value: object) -> object:
-    """Gather the laws, which stand beside ``independent``, under ``values``."""
-    if not isinstance(value, Mapping) or "values" in value:
-        return value
-    rest = {key: item for key, item in value.items() if key != "independent"}
-    chosen = {"independent": value["independent"]} if "independent" in value else {}
-    return {**chosen, "values": rest}
-
-
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class ReferenceTable(Table):
     """Published or true values, SI, and where they come from."""
@@ -176,7 +154,7 @@ class ReferenceTable(Table):
     values: Annotated[dict[str, float], BeforeValidator(_values)] = Field(default_factory=dict)
 
 
-Reference = Annotated[ReferenceTable | None, BeforeValidator(_reference)]
+Reference = Annotated[ReferenceTable | None, BeforeValidator(partial(gathered, ("source",)))]
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -187,7 +165,7 @@ class Content(Table):
     title: Text = ""
     soil: Text = ""
     data: DataTable
-    noise: Annotated[NoiseTable, BeforeValidator(_noise)] = NoiseTable()
+    noise: Annotated[NoiseTable, BeforeValidator(partial(gathered, ("independent",)))] = NoiseTable()
     priors: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, (*_SOIL, REFERENCE)))] = Field(
         default_factory=dict
     )

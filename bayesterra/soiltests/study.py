@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.errors import StudyError, checked_name, checked_path, did_you_mean, errors_in
+from bayesterra.errors import StudyError, checked_path, did_you_mean, errors_in
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MOST_TOML, read_text
 from bayesterra.runtime.tables import csv_text
@@ -29,9 +29,17 @@ from bayesterra.soiltests.schema import (
 )
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import assignments, law_entry, toml_table
-from bayesterra.study.observations import Column, read_table
+from bayesterra.study.observations import (
+    Column,
+    labels,
+    named_columns,
+    read_table,
+    required,
+    unit_scale,
+    used_rows,
+)
 from bayesterra.study.schema import SamplingOptions, read_toml
-from bayesterra.study.units import column_header, factor, text
+from bayesterra.study.units import text
 
 DEFAULTS: dict[str, Law | float] = {
     "scatter": Law("halfnorm", {"scale": 0.5}, lower=0.005),
@@ -220,10 +228,7 @@ def _lines(test: SoilTest) -> Iterator[str]:
     for name, reference in (("published", test.published), ("truth", test.truth)):
         if reference is not None:
             yield from toml_table(name, _stated(reference))
-    sampling = test.sampling
-    yield from toml_table(
-        "sampling", {name: getattr(sampling, name) for name in sampling.__dataclass_fields__}
-    )
+    yield from toml_table("sampling", asdict(test.sampling))
 
 
 def _entry(name: str, entry: Law | float) -> object:
@@ -307,9 +312,9 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
     StudyError : naming column, row, what must hold and the value got.
     """
     columns = _columns(table, kind)
-    tests = _tests(columns)
+    tests = labels(columns["test"])
     path, level, stress = _plate(columns) if kind == "plate" else _shear(columns)
-    used = _use(columns)
+    used = used_rows(columns, len(table))
     kept, notes = _kept(kind, (path, stress), used, options)
     if not kept.any():
         raise StudyError(f"must hold at least one reading that is used (got none; {'; '.join(notes)})")
@@ -332,14 +337,12 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
 
 
 def _columns(table: pd.DataFrame, kind: str) -> dict[str, Column]:
-    wanted, columns = WANTED[kind], {}
-    for position, header in enumerate(table.columns):
-        name, unit = column_header(str(header))
-        if name not in wanted:
-            raise StudyError(f"unknown column '{header}' of {kind} tests{did_you_mean(name, wanted)}")
-        if name in columns:
-            raise StudyError(f"column '{name}' must appear once (it appears twice)")
-        columns[name] = Column(name, list(table.iloc[:, position]), _scale(str(header), name, unit))
+    def scale(header: str, name: str, unit: str | None) -> float:
+        if name not in WANTED[kind]:
+            raise StudyError(f"unknown column '{header}' of {kind} tests{did_you_mean(name, WANTED[kind])}")
+        return unit_scale(header, name, unit, COLUMNS[name]) if name in COLUMNS else 1.0
+
+    columns = named_columns(table, scale)
     needed = ("test", "plate_diameter", "sinkage") if kind == "plate" else WANTED["shear"][:-1]
     for name in needed:
         if name not in columns:
@@ -353,36 +356,8 @@ def _example(name: str) -> str:
     return f"{name} [{COLUMNS[name].unit}]" if name in COLUMNS else name
 
 
-def _scale(header: str, name: str, unit: str | None) -> float:
-    if name not in COLUMNS:
-        return 1.0
-    if not unit:
-        raise StudyError(f"column '{name}' needs a unit, e.g. '{_example(name)}' (got '{header}')")
-    try:
-        return factor(unit, COLUMNS[name].dimension)
-    except StudyError as error:
-        raise StudyError(f"column '{header}': {error}") from error
-
-
-def _tests(columns: dict[str, Column]) -> list[str]:
-    names = ["" if cell is None else str(cell).strip() for cell in columns["test"].cells]
-    if "" in names:
-        raise StudyError(f"'test' must name the test of every reading (empty in row {names.index('') + 1})")
-    for row, name in enumerate(names, start=1):
-        checked_name(name, f"'test' in row {row}")
-    return names
-
-
-def _complete(columns: dict[str, Column], name: str) -> FloatArray:
-    values = columns[name].si()
-    if np.isnan(values).any():
-        row = int(np.argmax(np.isnan(values))) + 1
-        raise StudyError(f"'{name}' must be given in every row (empty in row {row})")
-    return values
-
-
 def _positive(columns: dict[str, Column], name: str) -> FloatArray:
-    values = _complete(columns, name)
+    values = required(columns, name)
     if (values <= 0).any():
         row = int(np.argmax(values <= 0))
         raise StudyError(f"'{name}' must be above 0 (got {columns[name].cells[row]}, row {row + 1})")
@@ -392,24 +367,13 @@ def _positive(columns: dict[str, Column], name: str) -> FloatArray:
 def _plate(columns: dict[str, Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
     radius = 0.5 * _positive(columns, "plate_diameter")
     if "pressure" in columns:
-        return _complete(columns, "sinkage"), radius, _complete(columns, "pressure")
-    return _complete(columns, "sinkage"), radius, _complete(columns, "force") / (np.pi * radius**2)
+        return required(columns, "sinkage"), radius, required(columns, "pressure")
+    return required(columns, "sinkage"), radius, required(columns, "force") / (np.pi * radius**2)
 
 
 def _shear(columns: dict[str, Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
     stress = _positive(columns, "normal_stress")
-    return _complete(columns, "displacement"), stress, _complete(columns, "shear_stress")
-
-
-def _use(columns: dict[str, Column]) -> BoolArray:
-    if "use" not in columns:
-        return np.ones(len(columns["test"].cells), dtype=np.bool_)
-    values = columns["use"].si()
-    wrong = ~np.isin(values, (0.0, 1.0))
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise StudyError(f"'use' must be 0 or 1 (got {columns['use'].cells[row]!r}, row {row + 1})")
-    return np.asarray(values == 1.0)
+    return required(columns, "displacement"), stress, required(columns, "shear_stress")
 
 
 def _kept(

@@ -83,16 +83,6 @@ def tail_indicators(chains: FloatArray) -> tuple[FloatArray, ...]:
     return tuple(inside.astype(float) for inside in below)
 
 
-def bulk_size(chains: FloatArray) -> float:
-    """Effective number of draws for the centre: that of the rank-normalised draws (Vehtari et al. 2021)."""
-    return effective_size(rank_scores(chains))
-
-
-def tail_size(chains: FloatArray) -> float:
-    """Effective number of draws for the tails: the smaller one of the 5 and 95 % indicators."""
-    return min(effective_size(inside) for inside in tail_indicators(chains))
-
-
 def disagreement(values: FloatArray, size: float) -> float:
     """P value of the means of both halves of every ensemble being those of one law.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 from scipy import stats
-from scipy.special import ndtr, ndtri
+from scipy.special import erf, ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
@@ -55,6 +55,58 @@ class _Flat:
 
     def isf(self, q: FloatArray | float) -> FloatArray:
         return np.asarray(self.high - np.asarray(q) * (self.high - self.low))
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """The normal law, without the cost of ``scipy.stats`` and equal to it to the last bit."""
+
+    loc: float
+    scale: float
+
+    def support(self) -> tuple[float, float]:
+        return -np.inf, np.inf
+
+    def cdf(self, x: FloatArray | float) -> FloatArray:
+        return np.asarray(ndtr((np.asarray(x) - self.loc) / self.scale))
+
+    def sf(self, x: FloatArray | float) -> FloatArray:
+        return np.asarray(ndtr(-((np.asarray(x) - self.loc) / self.scale)))
+
+    def ppf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(ndtri(q) * self.scale + self.loc)
+
+    def isf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(-ndtri(q) * self.scale + self.loc)
+
+
+@dataclass(frozen=True)
+class _HalfNormal:
+    """The upper half of a normal law, likewise."""
+
+    loc: float
+    scale: float
+
+    def support(self) -> tuple[float, float]:
+        return self.loc, np.inf
+
+    def _deviation(self, x: FloatArray | float) -> FloatArray:
+        return np.maximum((np.asarray(x) - self.loc) / self.scale, 0.0)
+
+    def cdf(self, x: FloatArray | float) -> FloatArray:
+        return np.asarray(erf(self._deviation(x) / np.sqrt(2)))
+
+    def sf(self, x: FloatArray | float) -> FloatArray:
+        return np.asarray(2 * ndtr(-self._deviation(x)))
+
+    def ppf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(ndtri((1 + np.asarray(q)) / 2.0) * self.scale + self.loc)
+
+    def isf(self, q: FloatArray | float) -> FloatArray:
+        return np.asarray(-ndtri(np.asarray(q) / 2) * self.scale + self.loc)
+
+
+_QUICK = {"norm": _Normal, "halfnorm": _HalfNormal}
 
 
 @dataclass(frozen=True)
@@ -140,24 +192,37 @@ class Law:
             return _Flat(self.lower, self.upper)
         if self.dist == "loguniform":
             return stats.loguniform(self.lower, self.upper)
+        loc, scale = self.shape.get("loc", 0.0), self.shape.get("scale", 1.0)
+        if self.dist in _QUICK and set(self.shape) <= {"loc", "scale"} and np.isfinite(loc) and scale > 0:
+            return _QUICK[self.dist](loc, scale)
         return getattr(stats, self.dist)(**self.shape)
+
+    @cached_property
+    def _below(self) -> tuple[float, float]:
+        """Probability of the uncut law below the lower and below the upper limit."""
+        return float(self._base.cdf(self.lower)), float(self._base.cdf(self.upper))
+
+    @cached_property
+    def _above(self) -> tuple[float, float]:
+        """Probability of the uncut law above the lower and above the upper limit."""
+        return float(self._base.sf(self.lower)), float(self._base.sf(self.upper))
 
     @cached_property
     def _upper_tail(self) -> bool:
         """True where the range lies in the upper tail, where survival functions keep the digits."""
-        return bool(self._base.cdf(self.lower) > 0.5)
+        return self._below[0] > 0.5
 
     @cached_property
     def _lower_tail(self) -> bool:
         """True where the range lies in the lower tail."""
-        return bool(self._base.cdf(self.upper) < 0.5)
+        return self._below[1] < 0.5
 
     @cached_property
     def _mass(self) -> float:
         """Probability of the uncut law inside the range."""
         if self._upper_tail:
-            return float(self._base.sf(self.lower) - self._base.sf(self.upper))
-        return float(self._base.cdf(self.upper) - self._base.cdf(self.lower))
+            return self._above[0] - self._above[1]
+        return self._below[1] - self._below[0]
 
     @cached_property
     def _log_mass(self) -> float:
@@ -237,30 +302,30 @@ class Law:
         """Probability of a value up to ``x`` (any shape)."""
         x = np.clip(x, self.lower, self.upper)
         if self._upper_tail:
-            return np.asarray((self._base.sf(self.lower) - self._base.sf(x)) / self._mass)
-        return np.asarray((self._base.cdf(x) - self._base.cdf(self.lower)) / self._mass)
+            return np.asarray((self._above[0] - self._base.sf(x)) / self._mass)
+        return np.asarray((self._base.cdf(x) - self._below[0]) / self._mass)
 
     def survival(self, x: FloatArray) -> FloatArray:
         """Probability of a value above ``x`` (any shape), to the last digit where it is small."""
         x = np.clip(x, self.lower, self.upper)
         if self._lower_tail:
-            return np.asarray((self._base.cdf(self.upper) - self._base.cdf(x)) / self._mass)
-        return np.asarray((self._base.sf(x) - self._base.sf(self.upper)) / self._mass)
+            return np.asarray((self._below[1] - self._base.cdf(x)) / self._mass)
+        return np.asarray((self._base.sf(x) - self._above[1]) / self._mass)
 
     def upper_quantile(self, q: FloatArray) -> FloatArray:
         """Value above which the probability is ``q`` (any shape), the inverse of :meth:`survival`."""
         if self._lower_tail:
-            raw = self._base.ppf(self._base.cdf(self.upper) - np.asarray(q) * self._mass)
+            raw = self._base.ppf(self._below[1] - np.asarray(q) * self._mass)
         else:
-            raw = self._base.isf(self._base.sf(self.upper) + np.asarray(q) * self._mass)
+            raw = self._base.isf(self._above[1] + np.asarray(q) * self._mass)
         return np.asarray(np.clip(raw, *self._inside))
 
     def quantile(self, q: FloatArray) -> FloatArray:
         """Value below which the probability is ``q`` (any shape)."""
         if self._upper_tail:
-            raw = self._base.isf(self._base.sf(self.lower) - np.asarray(q) * self._mass)
+            raw = self._base.isf(self._above[0] - np.asarray(q) * self._mass)
         else:
-            raw = self._base.ppf(self._base.cdf(self.lower) + np.asarray(q) * self._mass)
+            raw = self._base.ppf(self._below[0] + np.asarray(q) * self._mass)
         return np.asarray(np.clip(raw, *self._inside))
 
     def score(self, x: FloatArray) -> FloatArray:

@@ -9,9 +9,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import gammaln, log_ndtr, ndtr, ndtri, stdtr, stdtrit
 
 from bayesterra.arrays import FloatArray
+
+NARROW = 1e-4
+"""Width, in units of the scale, below which the law of an interval is the density of its middle."""
 
 
 class Tails(ABC):
@@ -34,11 +37,6 @@ class Tails(ABC):
     @abstractmethod
     def code(self) -> float:
         """Number by which compiled code knows the law."""
-
-    @property
-    @abstractmethod
-    def short(self) -> str:
-        """The law with its numbers, e.g. ``t(4)``; empty for a Gaussian one."""
 
     @property
     @abstractmethod
@@ -73,8 +71,43 @@ class Tails(ABC):
         """Probability below."""
 
     @abstractmethod
-    def quantile(self, level: float) -> float:
-        """Residual below which a residual lies with probability ``level``."""
+    def log_cdf(self, z: FloatArray) -> FloatArray:
+        """Log of the probability below, with its digits far out."""
+
+    def log_between(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Log probability between residuals of any shape, ``low`` < ``high``; either may be infinite."""
+        flipped = low + high > 0  # the tail with the digits
+        low, high = np.where(flipped, -high, low), np.where(flipped, -low, high)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            above = self.log_cdf(high)
+            apart = above + np.log(-np.expm1(np.minimum(self.log_cdf(low) - above, 0.0)))
+            close = self.log_density(0.5 * (low + high)) + np.log(high - low)
+        far = ~(apart > -np.inf) & np.isfinite(close)  # beyond all digits of the probability
+        return np.where((high - low < NARROW) | far, close, np.nan_to_num(apart, nan=-np.inf, neginf=-np.inf))
+
+    def pulls_between(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the log probability of an interval by a shift of the law and by a stretch of it."""
+        level, middle = self.log_between(low, high), 0.5 * (low + high)
+
+        def times_density(z: FloatArray) -> FloatArray:
+            return np.where(np.isfinite(z), np.exp(self.log_density(z) - level), 0.0)
+
+        with np.errstate(invalid="ignore", over="ignore"):
+            below, above = times_density(low), times_density(high)
+            by_scale = np.where(below > 0, low * below, 0.0) - np.where(above > 0, high * above, 0.0)
+            pull, close = self.pull(middle), high - low < NARROW
+            return np.where(close, pull, below - above), np.where(close, pull * middle - 1.0, by_scale)
+
+    def middle(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Residuals (any shape) that halve the probability of intervals."""
+        flipped = low + high > 0  # the tail with the digits
+        low, high = np.where(flipped, -high, low), np.where(flipped, -low, high)
+        level = np.maximum(0.5 * (self.cdf(low) + self.cdf(high)), 1e-300)
+        return np.where(flipped, -self.quantile(level), self.quantile(level))
+
+    @abstractmethod
+    def quantile(self, level: FloatArray) -> FloatArray:
+        """Residuals below which a residual lies with probabilities ``level`` of any shape."""
 
     @abstractmethod
     def normal_score(self, z: FloatArray) -> FloatArray:
@@ -92,7 +125,7 @@ class Gaussian(Tails):
     name = "Gaussian"
     mark = ""
     code = np.inf
-    short = words = ""
+    words = ""
     log_peak = float(-0.5 * np.log(2 * np.pi))
     information = (1.0, 2.0)
     variance = 1.0
@@ -114,9 +147,13 @@ class Gaussian(Tails):
         """See :class:`Tails`."""
         return np.asarray(ndtr(z))
 
-    def quantile(self, level: float) -> float:
+    def log_cdf(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
-        return float(ndtri(level))
+        return np.asarray(log_ndtr(z))
+
+    def quantile(self, level: FloatArray) -> FloatArray:
+        """See :class:`Tails`."""
+        return np.asarray(ndtri(level))
 
     def normal_score(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
@@ -144,11 +181,6 @@ class StudentT(Tails):
     def code(self) -> float:
         """Degrees of freedom."""
         return self.dof
-
-    @property
-    def short(self) -> str:
-        """See :class:`Tails`."""
-        return f"t({self.dof:g})"
 
     @property
     def words(self) -> str:
@@ -183,9 +215,14 @@ class StudentT(Tails):
         """See :class:`Tails`."""
         return np.asarray(stdtr(self.dof, z))
 
-    def quantile(self, level: float) -> float:
+    def log_cdf(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
-        return float(stdtrit(self.dof, level))
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(stdtr(self.dof, z)))
+
+    def quantile(self, level: FloatArray) -> FloatArray:
+        """See :class:`Tails`."""
+        return np.asarray(stdtrit(self.dof, level))
 
     def normal_score(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""

@@ -213,20 +213,16 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
     for name, value in fixed.items():
         law = prior_set.get(name)
         if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
-            inside = f"{_field(name, law.range[0])} to {_field(name, law.range[1])}"
+            shown = PARAMETERS[name].field_text
+            inside = f"{shown(law.range[0])} to {shown(law.range[1])}"
             raise StudyError(
                 f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
-                f" (got {_field(name, value)})"
+                f" (got {shown(value)})"
             )
     try:
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
     except ValueError as error:
         raise StudyError(f"[priors] {error}") from error
-
-
-def _field(name: str, value: float) -> str:
-    parameter = PARAMETERS[name]
-    return f"{value / parameter.scale:g} {parameter.unit.removesuffix('-')}".strip()
 
 
 def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
@@ -400,6 +396,36 @@ def errors_of_outcomes(
         if channel not in noise
     ]
     return errors.of(tuple(noise)), notes + (_several_loads(rows, drive) if errors.discrepancy else [])
+
+
+def check_limits(
+    rows: Observations, noise: Mapping[str, Noise], errors: ModelErrors, drive: Drive
+) -> tuple[Observations, list[str]]:
+    """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
+
+    Raises
+    ------
+    StudyError : such a reading is conditioned on, its load is latent, or its rows hang together.
+    """
+    notes = []
+    for name in rows.limits:
+        limited = rows.limited(name) & rows.use
+        where = f"row{'s' if limited.sum() > 1 else ''} {', '.join(map(str, np.array(rows.rows)[limited]))}"
+        if not limited.any():
+            continue
+        if name not in noise and name in (*drive.conditioned(rows), "normal_force"):
+            raise StudyError(
+                f"'{name}' must be a number where the drive conditions on it (a limit in {where})"
+            )
+        if drive.latent_load:
+            raise StudyError(f"'{name}' known by a limit takes the drives 'load' and 'sinkage' ({where})")
+        if errors and name in noise:
+            raise StudyError(
+                f"'{name}' known by a limit takes no discrepancy, ripple or slip error ({where})"
+            )
+        if name in noise:
+            notes.append(f"{name} is known to lie below or above a limit only in {where}")
+    return replace(rows, limits={name: ends for name, ends in rows.limits.items() if name in noise}), notes
 
 
 def _several_loads(rows: Observations, drive: Drive) -> list[str]:

@@ -53,8 +53,7 @@ def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> 
 
 def write_study(study: Study, folder: Path) -> None:
     """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
-    stated = {"published": study.published, "truth": study.truth}
-    references = {name: _reference(reference) for name, reference in stated.items() if reference is not None}
+    references = {name: _reference(reference) for name, reference in study.references.items()}
     head = {"title": study.title, "soil": study.soil, "date": study.date}
     text = _file(head, (study.kind, study.source), tables(study), references)
     write_text(folder / "study.toml", text)
@@ -96,8 +95,10 @@ FORM = 2
 def fingerprint(study: Study) -> dict[str, str]:
     """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
     content = {name: value for name, value in _sourceless(tables(study)).items() if name != "sampling"}
-    named = (field.name for field in fields(Observations) if field.name not in ("notes", "labels"))
+    named = (field.name for field in fields(Observations) if field.name not in ("notes", "labels", "limits"))
     rows = {name: getattr(study.observations, name) for name in named}
+    if study.observations.limits:
+        rows["limits"] = study.observations.limits
     rows |= {name: list(column) for name, column in study.observations.labels.items()}
     return {"study": _digest(content), "data": _digest(rows)}
 
@@ -123,7 +124,7 @@ def _rows(rows: Observations) -> pd.DataFrame:
     columns: dict[str, object] = {"wheel": rows.wheel, **rows.labels, "slip": rows.slip}
     for name, values in measured.items():
         if not np.isnan(values).all():
-            columns[f"{name} [{CHANNELS[name].dimension}]"] = values
+            columns[f"{name} [{CHANNELS[name].dimension}]"] = rows.cells(name)
         sd = rows.given_sd.get(name, np.array(np.nan))
         if not np.isnan(sd).all():
             columns[f"{name}_sd [{CHANNELS[name].dimension}]"] = sd
@@ -193,7 +194,8 @@ def _wheel(wheel: Wheel) -> dict[str, object]:
 
 def _noise(noise: Noise) -> object:
     dimension = CHANNELS[noise.channel].dimension
-    tails = noise.tails.keys
+    rounding = {"resolution": text(noise.resolution, dimension)} if noise.resolution else {}
+    tails = {**noise.tails.keys, **rounding}
     if noise.law is not None:
         return {"estimate": law_entry(noise.law, dimension), **tails}
     if noise.fraction is not None:
@@ -332,6 +334,12 @@ def _readings(rows: Observations) -> Iterator[tuple[str, Any]]:
             yield f"{name} {{}} in row {row}", _cell(name, values[i])
         for name, values in rows.given_sd.items():
             yield f"{name}_sd {{}} in row {row}", _cell(name, values[i])
+        for name, ends in rows.limits.items():
+            for word, end in zip(("lower", "upper"), ends[i], strict=True):
+                yield (
+                    f"{word} limit of {name} {{}} in row {row}",
+                    _cell(name, end) if np.isfinite(end) else None,
+                )
 
 
 def _cell(channel: str, value: float) -> str | float | None:

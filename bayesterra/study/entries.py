@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from bayesterra.errors import StudyError, checked_text, did_you_mean, suggestion
+from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, known, suggestion
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.mixture_copula import MixtureCopula
@@ -36,9 +36,7 @@ def table(value: object, name: str) -> dict[str, Any]:
 
 def parameter_value(name: str, value: object, names: Iterable[str], *, bare: bool) -> float:
     """SI value of the parameter ``name``, which must be one of ``names``."""
-    names = list(names)
-    if name not in names:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, names)}")
+    known("parameter", name, names)
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
 
 
@@ -135,11 +133,8 @@ def correlations(value: object) -> dict[str, float]:
     by_pair: dict[str, float] = {}
     for key, item in table(value, "correlation").items():
         names = [part.strip() for part in key.split(",")]
-        unknown = [name for name in names if name not in PARAMETERS]
-        if unknown:
-            raise StudyError(
-                f"correlation: unknown parameter '{unknown[0]}'{did_you_mean(unknown[0], PARAMETERS)}"
-            )
+        for name in names:
+            known("parameter", name, PARAMETERS, "correlation: ")
         if len(names) != 2 or names[0] == names[1]:
             raise StudyError(f"correlation: a key must name two parameters, e.g. \"c, phi\" (got '{key}')")
         number = quantity(item, "", f"correlation of '{key}'", bare=True)
@@ -191,9 +186,7 @@ def sources(value: object) -> tuple[Source, ...]:
 
 def _taken(value: object) -> Source:
     entry = table(value, "from")
-    for key in entry:
-        if key not in _TAKEN:
-            raise StudyError(f"'from': unknown key '{key}'{did_you_mean(key, _TAKEN)}")
+    check_keys(entry, _TAKEN, "'from': ")
     if "result" not in entry:
         raise StudyError("'from' needs a 'result', the folder of a finished result")
     widen = quantity(entry.get("widen", 1.0), "", "widen")
@@ -230,18 +223,21 @@ def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: lis
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
     """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`.
 
-    A table may add ``dof``, the degrees of freedom of a Student-t law; a value is then written ``sd``.
+    A table may add ``dof``, the degrees of freedom of a Student-t law, and ``resolution``, the step to which
+    readings are rounded; a value is then written ``sd``.
     """
-    if channel not in CHANNELS:
-        raise StudyError(f"unknown channel '{channel}'{did_you_mean(channel, CHANNELS)}")
+    known("channel", channel, CHANNELS)
     if isinstance(value, Noise):
         return value
     if isinstance(value, Law):
         return Noise(channel, law=value)
     entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
     dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
+    resolution, dimension = 0.0, CHANNELS[channel].dimension
+    if "resolution" in entry:
+        resolution = quantity(entry.pop("resolution"), dimension, f"{channel}.resolution", bare=bare)
     size = _noise_size(channel, entry, bare=bare)
-    return Noise(channel, dof=dof, **size)
+    return Noise(channel, dof=dof, resolution=resolution, **size)
 
 
 def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, check_keys, known
 from bayesterra.parameters import PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.entries import law, table
@@ -104,15 +104,16 @@ def pooling_table(value: object, *, bare: bool) -> Pooling | None:
     if value is None or isinstance(value, Pooling):
         return value
     content = table(value, "pooling")
-    for key in content:
-        if key not in _KEYS:
-            raise StudyError(f"unknown key '{key}'{did_you_mean(key, _KEYS)}")
+    check_keys(content, _KEYS)
     by = content.get("by", "wheel")
     if by not in GROUPINGS:
         raise StudyError(f"'by' must be one of the columns {', '.join(GROUPINGS)} (got {by!r})")
     shared, separate = (_names(content.get(key, ()), key) for key in ("shared", "separate"))
     hierarchical = table(content.get("hierarchical", {}), "hierarchical")
-    populations = {_known(name): _population(name, entry, bare=bare) for name, entry in hierarchical.items()}
+    populations = {
+        known("parameter", name, PARAMETERS): _population(name, entry, bare=bare)
+        for name, entry in hierarchical.items()
+    }
     named = [*shared, *separate, *populations]
     for name in named:
         if named.count(name) > 1:
@@ -123,13 +124,7 @@ def pooling_table(value: object, *, bare: bool) -> Pooling | None:
 def _names(value: object, key: str) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise StudyError(f"'{key}' must be a list of parameters (got {value!r})")
-    return tuple(_known(str(name)) for name in value)
-
-
-def _known(name: str) -> str:
-    if name not in PARAMETERS:
-        raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
-    return name
+    return tuple(known("parameter", str(name), PARAMETERS) for name in value)
 
 
 def _population(name: str, value: object, *, bare: bool) -> Population:

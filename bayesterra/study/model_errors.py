@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, check_keys, did_you_mean
 from bayesterra.parameters import CHANNELS, DISCREPANCY_PREFIX, OUTCOMES, RIPPLE_PREFIX, SLIP_ERROR
 from bayesterra.stats.laws import Law
 from bayesterra.study.entries import law, table
@@ -195,7 +195,7 @@ def slip_error(value: object, *, bare: bool) -> SlipError | None:
     content = table(value, "slip")
     if not content:
         return None
-    _known(content, ("sd",), "")
+    check_keys(content, ("sd",))
     return SlipError(_size(content, "", "'slip'", bare=bare))
 
 
@@ -212,7 +212,7 @@ def _by_channel(
 
 
 def _discrepancy(channel: str, content: dict[str, Any], *, bare: bool) -> Discrepancy:
-    _known(content, ("sd", "length", "kernel"), f"'{channel}': ")
+    check_keys(content, ("sd", "length", "kernel"), f"'{channel}': ")
     size = _size(content, CHANNELS[channel].dimension, f"'{channel}'", bare=bare)
     length = _number(content, "length", channel, "the slip over which the error changes, e.g. 0.3")
     if not 0 < length < np.inf:
@@ -224,7 +224,7 @@ def _discrepancy(channel: str, content: dict[str, Any], *, bare: bool) -> Discre
 
 
 def _ripple(channel: str, content: dict[str, Any], *, bare: bool) -> Ripple:
-    _known(content, ("sd", "memory", "period"), f"'{channel}': ")
+    check_keys(content, ("sd", "memory", "period"), f"'{channel}': ")
     size = _size(content, CHANNELS[channel].dimension, f"'{channel}'", bare=bare)
     memory = _number(content, "memory", channel, "the number of rows that hang together, e.g. 3")
     if not 0 < memory < np.inf:
@@ -257,9 +257,3 @@ def _size(content: Mapping[str, Any], dimension: str, where: str, *, bare: bool)
     if not isinstance(estimate, Law):
         estimate = law(f"{name}.estimate", table(estimate, f"{name}.estimate"), dimension, bare=bare)
     return Size(law=estimate).checked(where)
-
-
-def _known(content: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
-    for key in content:
-        if key not in keys:
-            raise StudyError(f"{where}unknown key '{key}'{did_you_mean(key, keys)}")

@@ -33,6 +33,8 @@ class Noise:
     law : prior law of an unknown standard deviation, which is then estimated.
     dof : degrees of freedom of a Student-t law; infinite for a Gaussian one. What is called standard
         deviation here is then the scale of the law, which is less: σ √(dof / (dof − 2)) is the deviation.
+    resolution : step to which readings are rounded, SI; 0 for readings of which every digit counts. The noise
+        is what is there before rounding.
     """
 
     channel: str
@@ -41,11 +43,12 @@ class Noise:
     floor: float = 0.0
     law: Law | None = None
     dof: float = np.inf
+    resolution: float = 0.0
 
     def __post_init__(self) -> None:
         if sum(size is not None for size in (self.sd, self.fraction, self.law)) != 1:
             raise StudyError(f"noise of '{self.channel}' must be one of: a value, a fraction, an estimate")
-        for value in (self.sd, self.fraction, self.floor, self.dof):
+        for value in (self.sd, self.fraction, self.floor, self.dof, self.resolution):
             check_number(f"noise of '{self.channel}'", 0.0 if value is None else value)
         if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
             raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
@@ -63,6 +66,11 @@ class Noise:
             raise StudyError(f"estimated noise of '{self.channel}' needs a 'lower' above 0")
         if not self.dof >= 1:
             raise StudyError(f"'dof' of the noise of '{self.channel}' must be at least 1 (got {self.dof:g})")
+        if not (0 <= self.resolution < np.inf) or 0 < self.resolution < LEAST:
+            raise StudyError(
+                f"'resolution' of '{self.channel}' must be at least {LEAST:g} in SI units, or 0 for none"
+                f" (got {self.resolution:g})"
+            )
 
     @property
     def parameter(self) -> str | None:
@@ -70,7 +78,20 @@ class Noise:
         return NOISE_PREFIX + self.channel if self.law is not None else None
 
     def scale(self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray) -> FloatArray:
-        """Standard deviation of every reading.
+        """Standard deviation of every reading, its rounding included.
+
+        Rounding to steps δ adds an error of variance δ²/12 (Sheppard 1898, Proc. London Math. Soc. 29, 353).
+        """
+        return self.widened(self.before_rounding(predicted, estimated, given))
+
+    def widened(self, scale: FloatArray) -> FloatArray:
+        """Standard deviations (any shape) with that of rounding."""
+        return np.sqrt(scale**2 + self.resolution**2 / 12) if self.resolution else scale
+
+    def before_rounding(
+        self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray
+    ) -> FloatArray:
+        """Standard deviation of every reading, before it is rounded.
 
         Parameters
         ----------

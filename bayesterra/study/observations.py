@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, checked_name, did_you_mean
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
-from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
 from bayesterra.runtime.tables import read_cells
 from bayesterra.study.noise import LEAST
 from bayesterra.study.units import column_header, factor
@@ -44,6 +46,9 @@ class Observations:
     rows : row numbers as in the file, the first data row is 1.
     notes : rows that had to be left out altogether, and why; one sentence each.
     labels : the columns of ``LABELS`` that the table has.
+    limits : (m, 2) for channels of which a reading is known only to lie below or above a limit: a reading at
+        or below the first means anything below it, one at or above the second anything above; −inf and +inf
+        where the row has none.
     """
 
     wheel: tuple[str, ...]
@@ -55,6 +60,7 @@ class Observations:
     rows: tuple[int, ...]
     notes: tuple[str, ...] = ()
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    limits: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -75,6 +81,34 @@ class Observations:
         loads = self.carried
         middle = float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else np.nan
         return np.where(np.isnan(loads), middle, loads)
+
+    def limited(self, name: str) -> BoolArray:
+        """Rows (m,) of which a channel's reading is known to lie below or above a limit only."""
+        if name not in self.limits:
+            return np.zeros(len(self), dtype=np.bool_)
+        lower, upper = self.limits[name].T
+        return np.asarray((self.values[name] <= lower) | (self.values[name] >= upper))
+
+    def cells(self, name: str, unit: float = 1.0) -> NDArray[Any]:
+        """Readings (m,) of a channel as a table has them, in a unit: numbers, or texts such as ``<0.002``."""
+        values = self.values.get(name, self.load) / unit
+        if not self.limited(name).any():
+            return values
+        cells = zip(self.marks(name), values.tolist(), strict=True)
+        return np.array([f"{mark}{value!r}" if mark else value for mark, value in cells], dtype=object)
+
+    def marks(self, name: str) -> tuple[str, ...]:
+        """``<`` or ``>`` (m,) before readings of a channel that are known by a limit only; else empty."""
+        upper = self.limits[name][:, 1] if name in self.limits else np.full(len(self), np.inf)
+        beyond = self.values[name] >= upper if name in self.values else self.limited(name)
+        words = np.where(self.limited(name), np.where(beyond, ">", "<"), "")
+        return tuple(words.tolist())
+
+    def numbers(self) -> Observations:
+        """The same without the readings that are known by a limit only."""
+        values = {n: np.where(self.limited(n), np.nan, v) if n in self.limits else v
+                  for n, v in self.values.items()}  # fmt: skip
+        return replace(self, values=values, limits={})
 
     def label(self, by: str) -> tuple[str, ...]:
         """Group of every row: its wheel, or what a column of ``LABELS`` says.
@@ -102,6 +136,7 @@ class Observations:
             rows=tuple(int(row) for row in np.array(self.rows)[keep]),
             notes=self.notes,
             labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
+            limits={name: frozen(ends[keep]) for name, ends in self.limits.items()},
         )
 
 
@@ -145,16 +180,17 @@ def observations(
     """
     if len(table) == 0:
         raise StudyError("must hold at least one row of measurements (the table is empty)")
-    columns = _named_columns(table)
+    columns = named_columns(table, _column_scale)
     raw = Observations(
         wheel=_wheel_names(columns, len(table), tuple(wheels)),
-        slip=_required(columns, "slip"),
+        slip=required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
-        values={name: columns[name].si() for name in OUTCOMES if name in columns},
+        values={name: columns[name].readings() for name in OUTCOMES if name in columns},
+        limits={name: columns[name].limits() for name in OUTCOMES if name in columns and columns[name].marks},
         given_sd=_given_sd(columns, len(table)),
-        use=_use(columns, len(table)),
+        use=used_rows(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
-        labels={name: _labels(columns[name]) for name in LABELS if name in columns},
+        labels={name: labels(columns[name]) for name in LABELS if name in columns},
     )
     rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
     return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
@@ -170,8 +206,30 @@ class Column:
 
     def si(self) -> FloatArray:
         """The cells as SI numbers, NaN where empty."""
-        values = [self._number(cell, row) for row, cell in enumerate(self.cells, start=1)]
+        return self._numbers(self.cells)
+
+    def _numbers(self, cells: Sequence[Any]) -> FloatArray:
+        values = [self._number(cell, row) for row, cell in enumerate(cells, start=1)]
         return np.array(values, dtype=np.float64) * self.scale
+
+    @cached_property
+    def marks(self) -> dict[int, str]:
+        """``<`` or ``>`` by index of the cells that begin with it: readings known by a limit only."""
+        texts = {i: cell.strip() for i, cell in enumerate(self.cells) if isinstance(cell, str)}
+        return {i: text[0] for i, text in texts.items() if text[:1] in ("<", ">")}
+
+    def readings(self) -> FloatArray:
+        """The cells as SI numbers, limits where they begin with ``<`` or ``>``; NaN where empty."""
+        bare = [cell.strip()[1:].strip() or cell if i in self.marks else cell
+                for i, cell in enumerate(self.cells)]  # fmt: skip
+        return self._numbers(bare)
+
+    def limits(self) -> FloatArray:
+        """Limits (m, 2) of the readings, −inf and +inf where there is none."""
+        ends = np.tile([-np.inf, np.inf], (len(self.cells), 1))
+        for i, mark in self.marks.items():
+            ends[i, "<>".index(mark)] = self.readings()[i]
+        return ends
 
     def _number(self, cell: Any, row: int) -> float:
         if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
@@ -188,14 +246,15 @@ class Column:
         return value
 
 
-def _named_columns(table: pd.DataFrame) -> dict[str, Column]:
+def named_columns(table: pd.DataFrame, scale: Callable[[str, str, str | None], float]) -> dict[str, Column]:
+    """Columns of a table by name, each once; ``scale``: SI value of a unit by header, name, unit."""
     columns: dict[str, Column] = {}
     for position, header in enumerate(table.columns):
         name, unit = column_header(header)
-        scale = _column_scale(str(header), name, unit)
+        scaled = scale(str(header), name, unit)
         if name in columns:
             raise StudyError(f"column '{name}' must appear once (it appears twice)")
-        columns[name] = Column(name, list(table.iloc[:, position]), scale)
+        columns[name] = Column(name, list(table.iloc[:, position]), scaled)
     return columns
 
 
@@ -205,10 +264,16 @@ def _column_scale(header: str, name: str, unit: str | None) -> float:
         return 1.0
     if channel is None or name == "slip" + SD_SUFFIX:
         raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}")
-    if not unit and channel.dimension:
+    return unit_scale(header, name, unit, channel)
+
+
+def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> float:
+    """SI value of the unit of a channel's column; StudyError where it has none, or one of another kind."""
+    pure = unit in (None, "", "-")
+    if pure and channel.dimension:
         raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
     try:
-        return factor(unit, channel.dimension) if unit and unit != "-" else 1.0
+        return factor(unit or "", channel.dimension) if not pure else 1.0
     except StudyError as error:
         raise StudyError(f"column '{header}': {error}") from error
 
@@ -218,7 +283,8 @@ def _known_columns() -> list[str]:
     return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
 
 
-def _required(columns: Mapping[str, Column], name: str) -> FloatArray:
+def required(columns: Mapping[str, Column], name: str) -> FloatArray:
+    """A column as SI numbers (m,); StudyError where there is none, or a cell is empty."""
     if name not in columns:
         raise StudyError(f"column '{name}' is missing")
     values = columns[name].si()
@@ -243,7 +309,8 @@ def _wheel_names(columns: Mapping[str, Column], length: int, wheels: tuple[str, 
     return names
 
 
-def _labels(column: Column) -> tuple[str, ...]:
+def labels(column: Column) -> tuple[str, ...]:
+    """A column as names; StudyError where a cell is empty or no name."""
     names = tuple("" if cell is None or cell is pd.NA else str(cell).strip() for cell in column.cells)
     for row, name in enumerate(names, start=1):
         if not name:
@@ -252,7 +319,8 @@ def _labels(column: Column) -> tuple[str, ...]:
     return names
 
 
-def _use(columns: Mapping[str, Column], length: int) -> BoolArray:
+def used_rows(columns: Mapping[str, Column], length: int) -> BoolArray:
+    """Column ``use`` (m,); all rows where there is none, StudyError for what is neither 0 nor 1."""
     if "use" not in columns:
         return np.ones(length, dtype=np.bool_)
     values = columns["use"].si()
@@ -291,10 +359,12 @@ def _referenced(
     rim = np.array([wheel.radius for wheel in of_row])
     behind = {"rim": rim, "tip": rim + lug, "shearing": shearing}[slip_reference]
     slip = raw.slip if slip_reference == "shearing" else np.asarray(convert_slip(raw.slip, behind, shearing))
-    values = dict(raw.values)
+    values, limits = dict(raw.values), dict(raw.limits)
     if "sinkage" in values and sinkage_reference == "tip":
         values["sinkage"] = values["sinkage"] - lug
-    return replace(raw, slip=slip, values=values)
+        if "sinkage" in limits:
+            limits["sinkage"] = limits["sinkage"] - lug[:, None]
+    return replace(raw, slip=slip, values=values, limits=limits)
 
 
 def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:

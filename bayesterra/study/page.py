@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -12,11 +13,36 @@ from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Parameter, field_values
 from bayesterra.report.figures import TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
+from bayesterra.report.sections import UNSEEN, Verdict
 from bayesterra.report.style import MARKS, POSTERIOR, PRIOR
-from bayesterra.report.symbols import amount, angles, letters, raised
+from bayesterra.report.symbols import amount, angles, letters, listed, raised
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.result import Result, SummaryRow
+from bayesterra.study.result import DrawnResult, Result, SummaryRow
+
+
+def failed_checks(result: DrawnResult) -> list[Mapping[str, Any]]:
+    """The checks of the sampling that did not pass."""
+    return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
+
+
+def unconverged(result: DrawnResult, text: str) -> Markup:
+    """A text with advice for its ``{}`` where the sampling has not converged; else empty."""
+    if result.converged:
+        return Markup("")
+    return Markup(text).format(listed(check["advice"] for check in failed_checks(result)))  # noqa: S704 (constants)
+
+
+def sampling_verdict(result: DrawnResult) -> Verdict:
+    """Verdict on whether the draws can be relied on."""
+    verdict, settings = result.record["verdict"], result.record["settings"]
+    figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
+        plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
+    )
+    if result.converged:
+        return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
+    reasons = listed(check["name"] for check in failed_checks(result))
+    return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
 
 
 def axis(result: Result, name: str) -> Axis:
@@ -75,9 +101,18 @@ class StripRow:
 
 
 def strip_row(
-    quantity: Parameter, along: Axis, row: SummaryRow, drawn: Markup, word: str, remark: Markup
+    quantity: Parameter,
+    along: Axis,
+    row: SummaryRow,
+    draws: tuple[FloatArray, FloatArray],
+    points: Mapping[str, float],
+    words: tuple[str, Markup],
+    hollow: Sequence[str] = (),
 ) -> StripRow:
-    """The row of a parameter from its row of the summary and its :func:`drawing`."""
+    """The row of a parameter from its row of the summary, with its verdict and what stands beside that.
+
+    ``draws``, ``points`` and ``hollow`` are those of its :func:`drawing`.
+    """
     step = resolution(*row.hdi)
     return StripRow(
         symbol=letters(quantity.symbol),
@@ -85,13 +120,13 @@ def strip_row(
         unit=raised(quantity.unit),
         low=axis_end(along.low, along),
         high=axis_end(along.high, along),
-        drawing=drawn,
+        drawing=drawing(draws, along, row, points, hollow),
         median=rounded(row.median, step),
         hdi=interval(*row.hdi),
         mode=rounded(row.mode, step),
         mode_outside=row.mode_outside,
-        word=word,
-        remark=remark,
+        word=words[0],
+        remark=words[1],
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, check_kind
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
@@ -238,13 +238,21 @@ def labelled_dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **att
     return dataset.assign_coords(coordinates).assign_attrs(attributes)
 
 
-def parameter_dataset(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
+SI_UNITS = {"phi": "rad", "Ks": "Pa/m^N"}
+"""Units of draws that their dimension does not say in full."""
+
+
+def parameter_dataset(
+    names: tuple[str, ...],
+    chains: FloatArray,
+    quantities: Mapping[str, Parameter] = PARAMETERS,
+    units: Mapping[str, str] = SI_UNITS,
+) -> xr.Dataset:
     """Label draws (chain, draw, d) by parameter; each variable says its unit, in SI."""
     dataset = labelled_dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
     for name in names:
-        parameter = PARAMETERS[name]
-        unit = {"phi": "rad", "Ks": "Pa/m^N"}.get(name, parameter.dimension or "1")
-        dataset[name].attrs.update(units=unit, long_name=parameter.description)
+        unit = units.get(name, quantities[name].dimension or "1")
+        dataset[name].attrs.update(units=unit, long_name=quantities[name].description)
     return dataset
 
 
@@ -346,7 +354,7 @@ def shown(verdict: str) -> str:
     return {"weakly": "weakly determined"}.get(verdict, verdict)
 
 
-def summary_rows(result: Result) -> dict[str, SummaryRow]:
+def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
     names = [column.name for column in fields(SummaryRow)]
     return {
@@ -393,17 +401,7 @@ def run_record(
     findings : verdicts and figures of the analysis.
     seconds : wall time by stage.
     """
-    return {
-        **_origin(study, seed),
-        "settings": {
-            "target_ess": study.sampling.target_ess,
-            "ensembles": study.sampling.ensembles,
-            "walkers": study.sampling.walkers,
-            "max_steps": study.sampling.max_steps,
-        },
-        "seconds": seconds,
-        **findings,
-    }
+    return {**_origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
 
 
 def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, Any]:
@@ -416,20 +414,27 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
+def origin(title: str, kind: str, source: str, seed: int, notes: Sequence[str]) -> dict[str, Any]:
+    """Content of an :class:`OriginRecord`."""
+    return {
+        "title": title,
+        "kind": kind,
+        "source": source,
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "seed": seed,
+        "notes": list(notes),
+    }
+
+
 def _origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
-        "title": study.title,
-        "kind": study.kind,
-        "source": study.source,
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
+        **origin(study.title, study.kind, study.source, seed, study.notes),
         "machine": f"{platform.system()} {platform.machine()}",
-        "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
         "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
-        "notes": list(study.notes),
         **({"priors_from": [prior.record() for prior in study.taken]} if study.taken else {}),
     }
 

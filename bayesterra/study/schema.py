@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
 from datetime import date
 from functools import partial
@@ -45,6 +45,7 @@ from bayesterra.study.noise import Noise
 from bayesterra.study.priors import PRIOR_SETS, Entry, Source
 from bayesterra.study.units import quantity
 
+T = TypeVar("T")
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 
@@ -69,16 +70,9 @@ def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
     return {channel: entries.noise_entry(channel, item, bare=bare_numbers(info)) for channel, item in items}
 
 
-def _discrepancy(value: object, info: ValidationInfo) -> dict[str, Discrepancy]:
-    return discrepancies(value, bare=bare_numbers(info))
-
-
-def _ripple(value: object, info: ValidationInfo) -> dict[str, Ripple]:
-    return ripples(value, bare=bare_numbers(info))
-
-
-def _slip(value: object, info: ValidationInfo) -> SlipError | None:
-    return slip_error(value, bare=bare_numbers(info))
+def _read(reader: Callable[..., T], value: object, info: ValidationInfo) -> T:
+    """A table by its own reader."""
+    return reader(value, bare=bare_numbers(info))
 
 
 def _priors(value: object, info: ValidationInfo) -> StatedPriors:
@@ -123,14 +117,12 @@ class StatedPriors:
         return dataclasses.replace(self, sources=tuple(source.beside(study) for source in self.sources))
 
 
-def _reference(value: object) -> object:
-    """Gather the parameters of a reference table, which stand beside its ``source``, under ``values``."""
+def gathered(own: tuple[str, ...], value: object) -> object:
+    """Gather what stands in a table beside its ``own`` keys under ``values``."""
     if not isinstance(value, Mapping) or "values" in value:
         return value
-    return {
-        "source": value.get("source", ""),
-        "values": {key: item for key, item in value.items() if key != "source"},
-    }
+    values = {key: item for key, item in value.items() if key not in own}
+    return {**{key: value[key] for key in own if key in value}, "values": values}
 
 
 def _plain(value: object) -> object:
@@ -162,10 +154,6 @@ def _model(value: object) -> object:
     return value
 
 
-def _pooling(value: object, info: ValidationInfo) -> Pooling | None:
-    return pooling_table(value, bare=bare_numbers(info))
-
-
 def _two_slips(value: object) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise StudyError(f"'transition_slips' must be two slips, e.g. [0.15, 0.5] (got {value!r})")
@@ -185,7 +173,6 @@ def _named(value: object) -> object:
     return value
 
 
-T = TypeVar("T")
 Text = Annotated[StrictStr, AfterValidator(_text)]
 Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
 Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
@@ -300,6 +287,11 @@ class Reference(Table):
     values: AnyValues = Field(default_factory=dict)
 
 
+StatedValues = Annotated[
+    Reference | None, BeforeValidator(partial(gathered, ("source",))), BeforeValidator(_plain)
+]
+
+
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class StudyContent(Table):
     """All tables of a study; the same in files and in Python."""
@@ -310,18 +302,22 @@ class StudyContent(Table):
     model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
-    pooling: Annotated[Pooling | None, BeforeValidator(_pooling)] = None
+    pooling: Annotated[Pooling | None, BeforeValidator(partial(_read, pooling_table))] = None
     data: DataTable
     wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
-    discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(_discrepancy)] = Field(default_factory=dict)
-    ripple: Annotated[dict[str, Ripple], PlainValidator(_ripple)] = Field(default_factory=dict)
-    slip: Annotated[SlipError | None, PlainValidator(_slip)] = None
+    discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(partial(_read, discrepancies))] = Field(
+        default_factory=dict
+    )
+    ripple: Annotated[dict[str, Ripple], PlainValidator(partial(_read, ripples))] = Field(
+        default_factory=dict
+    )
+    slip: Annotated[SlipError | None, PlainValidator(partial(_read, slip_error))] = None
     priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
-    published: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
-    truth: Annotated[Reference | None, BeforeValidator(_reference), BeforeValidator(_plain)] = None
+    published: StatedValues = None
+    truth: StatedValues = None
     sampling: Annotated[SamplingOptions, BeforeValidator(_plain)] = SamplingOptions()
 
 

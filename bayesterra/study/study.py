@@ -124,6 +124,12 @@ class Study:
         """Middle (N) of the range of latent loads; NaN where loads are given."""
         return float(np.mean(self.load_range)) if self.load_range else np.nan
 
+    @property
+    def references(self) -> dict[str, Reference]:
+        """Published and true values, those of them that are stated."""
+        stated = {"published": self.published, "truth": self.truth}
+        return {name: reference for name, reference in stated.items() if reference is not None}
+
     def with_data(self, values: Mapping[str, FloatArray]) -> Study:
         """The same study with other outcomes: simulated ones, say.
 
@@ -200,13 +206,14 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
     errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
     errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
+    rows, limit_notes = assembly.check_limits(rows, noise, errors, drive)
     loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
     if pooling is not None:
         check_groups(errors, pooling.by)
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
-    notes += load_notes
+    notes += [*limit_notes, *load_notes]
     return {
         **{name: getattr(content, name) for name in _KEPT},
         **{
@@ -253,6 +260,7 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
         for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
     ]
     return [
-        f"groups by {pooling.by}: {groups}; 'run' pools them, other commands let all share every parameter",
+        f"groups by {pooling.by}: {groups}; 'run' pools them, 'predict' takes what it finds, other commands"
+        " let all share every parameter",
         *mixtures,
     ]

@@ -66,40 +66,31 @@ def checked_slips(slip: ArrayLike) -> FloatArray:
     return slips
 
 
-def chosen_wheel(study: Study, wheel: str | Wheel | None, name: str = "") -> tuple[str, Wheel]:
-    """Name and dimensions of a wheel of the study, by default its first, or of another one.
+def chosen_wheel(study: Study, wheel: str | Path | Wheel | None = None, name: str = "") -> tuple[str, Wheel]:
+    """Name and dimensions of a wheel of the study by its name, by default its first, or of another one.
 
-    A shearing-radius coefficient that is left out comes from (2) at the median of the prior of φ, as in the
-    study.
+    Another one is given, with or without a ``name``, or read from a file. A shearing-radius coefficient that
+    it leaves out comes from (2) at the median of the prior of φ, as in the study.
+
+    Raises
+    ------
+    StudyError : neither a wheel of the study nor a file.
     """
     if isinstance(wheel, Wheel):
         return name or "other wheel", resolved(wheel, prior_phi(study))
-    called = next(iter(study.wheels)) if wheel is None else wheel
-    if called not in study.wheels:
-        raise StudyError(f"unknown wheel '{called}'{did_you_mean(called, study.wheels)}")
-    return called, study.wheels[called]
+    wheels, text = study.wheels, next(iter(study.wheels)) if wheel is None else str(wheel)
+    if text in wheels:
+        return text, wheels[text]
+    if not text.endswith(".toml") and not Path(text).is_file():
+        raise StudyError(f"'{text}' is neither a wheel of the study nor a file{did_you_mean(text, wheels)}")
+    name, other = read_wheel(Path(text))
+    return chosen_wheel(study, other, name)
 
 
 def prior_phi(study: Study) -> float:
     """The friction angle, rad, at which (2) gives a wheel's shearing radius: the median of its prior."""
     phi = study.prior.entries[study.prior.root("phi")]
     return phi.median if isinstance(phi, Law) else study.prior.fixed["phi"]
-
-
-def wheel_named(study: Study, text: str | None) -> tuple[str, Wheel]:
-    """A wheel of the study by its name, by default its first, or another one from a file.
-
-    Raises
-    ------
-    StudyError : neither.
-    """
-    wheels = study.wheels
-    if text is None or text in wheels:
-        return chosen_wheel(study, text)
-    if not text.endswith(".toml") and not Path(text).is_file():
-        raise StudyError(f"'{text}' is neither a wheel of the study nor a file{did_you_mean(text, wheels)}")
-    name, wheel = read_wheel(Path(text))
-    return chosen_wheel(study, wheel, name)
 
 
 def resolved(wheel: Wheel, phi: float) -> Wheel:

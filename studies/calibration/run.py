@@ -1,8 +1,9 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
-Usage: python run.py [CASE ...]. Cases: m2, m1, m2-noise-halved, m2-jacobian-dropped (default: all). Every
-case takes its replications one by one in this process, goes on where an interrupted run ended, and leaves its
-ranks, record and report in a folder of its name, and its memory in ``memory.csv`` there.
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-noise-halved, m2-jacobian-dropped,
+m2-rounding-ignored (default: all). Every case takes its replications one by one in this process, goes on
+where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and its
+memory in ``memory.csv`` there.
 """
 
 from __future__ import annotations
@@ -24,26 +25,36 @@ from bayesterra.checking.calibration import CalibrationRequest, Progress, calibr
 from bayesterra.checking.ranks import Calibration
 from bayesterra.checking.replications import Fit, Fitted, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.study.noise import Noise
 
 HERE = Path(__file__).parent
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 """Standard deviations, SI."""
+STEPS = {"sinkage": 4e-3, "resistance_moment": 1.0}
+"""Steps, SI, to which the readings of the cases with intervals are rounded."""
+LIMITS = ("<4", "", "", "", "", ">18")
+"""Pulls, N, of which these cases know a limit only: in the first row below 4 N, in the last above 18 N."""
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
 
 
-def study(model: str, noise: float = 1.0) -> bt.Study:
+def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Study:
     """Six slips under 80 N, all eight parameters free in the paper's box; the readings only hold places."""
     table = pd.DataFrame(
         {
             "slip": SLIPS,
             "load [N]": 80.0,
             "sinkage [mm]": 5.0,
-            "drawbar_pull [N]": 10.0,
+            "drawbar_pull [N]": [limit or "10" for limit in LIMITS] if intervals else 10.0,
             "resistance_moment [N m]": 3.0,
         }
     )
-    tables: dict[str, Any] = {"noise": {name: noise * sd for name, sd in NOISE.items()}}
+    steps = STEPS if intervals else {}
+    tables: dict[str, Any] = {
+        "noise": {
+            name: Noise(name, sd=noise * sd, resolution=steps.get(name, 0.0)) for name, sd in NOISE.items()
+        }
+    }
     return bt.Study(
         table,
         {"Wh32": WHEEL},
@@ -67,6 +78,17 @@ class NoiseHalved:
         """Sample the posterior of a study with its noise halved."""
         wrong = study(simulated.model.name, noise=0.5)
         return self.fit(wrong.with_data(simulated.observations.values), seed)
+
+
+@dataclass(frozen=True)
+class RoundingIgnored:
+    """A wrong posterior: it takes steps and limits for readings of which every digit counts."""
+
+    fit: ShortRuns = field(default_factory=ShortRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the posterior of a study as though nothing were rounded."""
+        return self.fit(study(simulated.model.name).with_data(simulated.observations.values), seed)
 
 
 @dataclass(frozen=True)
@@ -104,24 +126,27 @@ class JacobianDropped:
 
 
 class Case(NamedTuple):
-    """A model, the number of replications, how posteriors are sampled, and the noise, 1 being ``NOISE``."""
+    """A model, the number of replications, how they are sampled, the noise (1: ``NOISE``), and steps."""
 
     model: str
     n: int
     fit: Fit | None = None
     noise: float = 1.0
+    intervals: bool = False
 
     @property
     def study(self) -> bt.Study:
         """What is calibrated."""
-        return study(self.model, self.noise)
+        return study(self.model, self.noise, intervals=self.intervals)
 
 
 CASES = {
     "m2": Case("M2", 1000),
     "m1": Case("M1", 300),
+    "m2-intervals": Case("M2", 200, intervals=True),
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
+    "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
 }
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra.identifiability.identify import Identified, identify_study
+from bayesterra.identifiability.identify import Identified, identify
 from bayesterra.identifiability.verdicts import DETERMINED
 from bayesterra.parameters import PARAMETERS
 from bayesterra.stats.laws import Law
@@ -100,7 +100,7 @@ def _of_the_truth(
 def measured(name: str, seed: int) -> Identified:
     """The analysis of a case."""
     given = bt.load_study(HERE.parent / "hit-wh32") if name == HIT else study(CASES[name], seed)
-    return identify_study(given, seed=seed)
+    return identify(given, seed=seed)
 
 
 def tables(name: str, seed: int) -> dict[str, pd.DataFrame]:

@@ -12,7 +12,8 @@ from pathlib import Path
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.prediction.page import rover_outlook_png
+from bayesterra.prediction.page import rover_outlook
+from bayesterra.report.figures import white_png
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
@@ -46,7 +47,7 @@ def make_posterior() -> None:
     write("greatest", sheet.greatest_table)
     write("climb", sheet.climb_table)
     (HERE / "notes.txt").write_text("\n".join(sheet.notes) + "\n", encoding="utf-8")
-    (HERE / "posterior.png").write_bytes(rover_outlook_png(sheet, dpi=130))
+    (HERE / "posterior.png").write_bytes(white_png(rover_outlook(sheet), 130))
 
 
 def write(name: str, table: pd.DataFrame) -> None:

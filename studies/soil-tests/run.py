@@ -30,10 +30,11 @@ from bayesterra.identifiability import structure
 from bayesterra.identifiability.verdicts import identifiability
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
+from bayesterra.report.figures import white_png
 from bayesterra.sampling.sampler import Target, sample, sample_target, thin
+from bayesterra.soiltests import figures
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import PLAN
-from bayesterra.soiltests.figures import readings_png
 from bayesterra.soiltests.posterior import Spread, TestPosterior, coordinates, covariance, structural
 from bayesterra.soiltests.study import Readings, SoilTest, load_soil_test, soil_test
 from bayesterra.stats.laws import Law
@@ -229,7 +230,7 @@ def files() -> None:
     checks = [(name, check, p) for name, one in found.items() for check, p in one.record["checks"].items()]
     save(pd.DataFrame(checks, columns=["file", "check", "p"]), "checks")
     for name, one in found.items():
-        (HERE / f"{name}.png").write_bytes(readings_png(one, dpi=110))
+        (HERE / f"{name}.png").write_bytes(white_png(figures.readings(one), 110))
 
 
 def naive() -> None:

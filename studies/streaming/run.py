@@ -24,10 +24,10 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.follow.page import bands_over_rows_png
+from bayesterra.follow.page import bands_over_rows
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.figures import new_figure, styled
+from bayesterra.report.figures import new_figure, styled, white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import evidence
 from bayesterra.sampling.sampler import Samples, Target, sample, thin
@@ -328,7 +328,7 @@ def figures() -> None:
         if unit != "-"
         for key in ("q05", "q50", "q95")
     }
-    (HERE / "bands.png").write_bytes(bands_over_rows_png(rows.rename(columns=renamed), TRUTH))
+    (HERE / "bands.png").write_bytes(white_png(bands_over_rows(rows.rename(columns=renamed), TRUTH), 150))
     (HERE / "time.png").write_bytes(time_png({"M1": rows, "M2": pd.read_csv(HERE / "rows-M2.csv")}))
     runpy.run_path(str(HERE / "words.py"))["write"]()
 

@@ -15,6 +15,8 @@ from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.sampling.importance import SPREAD
 from bayesterra.study.result import Result
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 ODD = "<b>narrow</b>"
 
 

@@ -22,7 +22,7 @@ from bayesterra.report import sections, symbols
 from bayesterra.report.blocks import Gallery, Table
 from bayesterra.report.numbers import interval, resolution
 from bayesterra.report.sections import render
-from bayesterra.study.page import _lanes
+from bayesterra.study.page import _lanes, sampling_verdict
 from bayesterra.study.result import Result, summary_rows
 
 NASTY = '<script>alert(1)</script> & "it" $x_1$'
@@ -140,7 +140,7 @@ def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: 
 def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> None:
     """With all checks passed the verdict is good and there is no warning."""
     sound = _changed(small_result, converged=True)
-    assert analysis_pages.sampling_verdict(sound).word == "converged"
+    assert sampling_verdict(sound).word == "converged"
     assert warning(sound) == ""
 
 
@@ -154,12 +154,9 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
         "advice": "run longer",
     }
     failed = _changed(small_result, converged=False, checks=[check])
-    assert analysis_pages.sampling_verdict(failed).grade == "poor"
-    assert "Failed: effective draws" in _plain(analysis_pages.sampling_verdict(failed).sentence)
-    found = (
-        analysis_pages.sampling_verdict(failed),
-        analysis_pages.fit_verdict(failed, _checks(0.5, 0.5, 0.5)),
-    )
+    assert sampling_verdict(failed).grade == "poor"
+    assert "Failed: effective draws" in _plain(sampling_verdict(failed).sentence)
+    found = (sampling_verdict(failed), analysis_pages.fit_verdict(failed, _checks(0.5, 0.5, 0.5)))
     html = render(replace(content, warning=warning(failed), verdicts=found))
     assert html.index("not converged") < html.index("Model fit")
     assert "run longer" in html[: html.index("Model fit")]

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayesterra.analysis.comparison import side_by_side
+from bayesterra.analysis.comparison import compare
 from bayesterra.analysis.result import curves_dataset, draws_tree, read_result
 from bayesterra.checking.predictive import predict_curves, predict_rows
 from bayesterra.likelihood.posterior import posterior
@@ -123,4 +123,4 @@ def test_the_older_layout_is_read() -> None:
     assert result.draws["observed_data"].sizes["row"] == 6
     assert "φ" in result.page().html()
     assert not predict(result, slip=[0.3], load="80 N").table.empty
-    assert list(side_by_side({"one": result, "other": result}).results) == ["one", "other"]
+    assert list(compare({"one": result, "other": result}).results) == ["one", "other"]

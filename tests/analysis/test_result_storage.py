@@ -1,6 +1,7 @@
 """Result folders: what is written is what is read, and damage is noticed."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
 from bayesterra.stats.diagnostics import array_ess
 from bayesterra.study.result import Result
+from tests.support.pages import plain_pages
 
 TABLES = Result.TABLES
 GROUPS = {
@@ -24,6 +26,13 @@ SUMMARY = [
     "parameter", "unit", "mode", "mean", "median", "sd", "hdi90_lo", "hdi90_hi",
     "mcse_mean", "mcse_median", "mcse_sd", "ess_bulk", "ess_tail", "r_hat", "prior_mean", "prior_sd",
 ]  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _plain_pages() -> Iterator[None]:
+    """What is stored beside the page is what these tests are about."""
+    with plain_pages():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,9 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,12 @@ import pytest
 
 from bayesterra.analysis.run import load_result, run_prior_study, run_study
 from bayesterra.errors import ResultError, SupportError
-from bayesterra.report.failures import Failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.sampling.sampler import Progress
 from bayesterra.stats.diagnostics import Diagnosis
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
+from tests.support.pages import plain_pages
 
 FILES = {
     "report.html", "draws.nc", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv",
@@ -33,10 +32,10 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
 
 
 @pytest.fixture
-def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
+def plain_report() -> Iterator[None]:
     """A report of one line, for tests that are not about it."""
-    page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
-    monkeypatch.setattr("bayesterra.analysis.page.run_page", lambda result: page)
+    with plain_pages():
+        yield
 
 
 @pytest.fixture
@@ -61,6 +60,7 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return seeds
 
 
+@pytest.mark.usefixtures("plain_report")
 def test_a_run_ends_with_a_whole_folder(quick: list[int], small_result: Result, tmp_path: Path) -> None:
     """All promised files and nothing else; the folder reads back as the result; the seed is passed on."""
     result = run_study(small_result.study, out=tmp_path / "out", seed=5, quiet=True)

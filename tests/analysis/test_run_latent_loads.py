@@ -14,6 +14,8 @@ from bayesterra.models import M2, Soil, Wheel
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 WHEEL = Wheel(0.058, 0.06, 0.005, 24, 0.5)
 TRUTH = {"Ks": 1.2e6, "n0": 0.9, "n1": 0.4, "c": 500.0, "phi": 0.5, "K": 0.01, "c1": 0.4, "c2": 0.1}
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import calibration_of
+from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.ranks import shift_and_width
 from bayesterra.checking.replications import Fitted, ShortRuns
 from bayesterra.likelihood.posterior import Posterior
@@ -39,7 +39,7 @@ class WithoutJacobian:
 @pytest.mark.slow
 def test_the_right_posterior_passes(make_small: MakeStudy, quick: ShortRuns) -> None:
     """The default sampler is calibrated, and every replication converged."""
-    found = calibration_of(make_small("K", noise=VAGUE), n=20, seed=3, fit=quick)
+    found = calibrate(make_small("K", noise=VAGUE), n=20, seed=3, fit=quick)
     assert found.verdict == "calibrated"
     assert found.unsettled == 0
     assert set(found.tested) == {
@@ -57,7 +57,7 @@ def test_a_dropped_jacobian_fails(
         return WithoutJacobian(coordinates(posterior))
 
     monkeypatch.setattr("bayesterra.sampling.sampler.coordinates", wrong)
-    found = calibration_of(make_small("K", noise=VAGUE), n=25, seed=3, fit=quick)
+    found = calibrate(make_small("K", noise=VAGUE), n=25, seed=3, fit=quick)
     assert found.verdict == "not calibrated"
     assert found.unsettled == 0
     assert shift_and_width(found.ranks("K"))[0] < -0.4
@@ -73,7 +73,7 @@ def test_a_posterior_that_believes_in_half_of_the_noise_fails(
     def halved(simulated: Study, seed: SeedSequence) -> Fitted:
         return quick(wrong.with_data(simulated.observations.values), seed)
 
-    found = calibration_of(make_small("n0"), n=30, seed=3, fit=halved)
+    found = calibrate(make_small("n0"), n=30, seed=3, fit=halved)
     assert found.verdict == "not calibrated"
     assert found.unsettled == 0
     assert 0.35 < shift_and_width(found.ranks("n0"))[1] < 0.7
@@ -87,7 +87,7 @@ def test_every_drive_simulates_what_its_posterior_assumes(make_small: MakeStudy,
     table |= {"load [N]": 80.0} if drive == "load" else {"normal_force [N]": 80.0}
     options = {"load_range": ("40 N", "120 N")} if drive == "both" else {}
     study = make_small("phi", data=pd.DataFrame(table), drive=drive, **options)
-    found = calibration_of(study, n=100, seed=1, fit=exact)
+    found = calibrate(study, n=100, seed=1, fit=exact)
     assert found.verdict == "calibrated", found.tests
     assert len(found.tested) == (3 if drive == "both" else 4)
 
@@ -101,7 +101,7 @@ def test_forgotten_latent_loads_fail(make_small: MakeStudy) -> None:
     def forgetful(simulated: Study, seed: SeedSequence) -> Fitted:
         return exact(load.with_data(_shared(simulated, load)), seed)
 
-    assert calibration_of(both, n=60, seed=1, fit=forgetful).verdict == "not calibrated"
+    assert calibrate(both, n=60, seed=1, fit=forgetful).verdict == "not calibrated"
 
 
 def _shared(simulated: Study, other: Study) -> dict[str, FloatArray]:

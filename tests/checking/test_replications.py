@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.checking.calibration import calibration_of
+from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.replications import Fitted, ShortRuns, replicated, spaced
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.runtime.engines import in_process, local_pool
@@ -53,7 +53,7 @@ def test_ranks_do_not_depend_on_the_number_of_workers(make_small: MakeStudy, qui
     """One process and two give the same table but for the time it took."""
     study = make_small("K", noise={"sinkage": 50e-3, "drawbar_pull": 100.0})
     with in_process() as here, local_pool(2) as there:
-        tables = [calibration_of(study, n=20, seed=7, engine=one, fit=quick).table for one in (here, there)]
+        tables = [calibrate(study, n=20, seed=7, engine=one, fit=quick).table for one in (here, there)]
     first, second = (table.drop(columns="seconds") for table in tables)
     pd.testing.assert_frame_equal(first, second)
 
@@ -61,9 +61,9 @@ def test_ranks_do_not_depend_on_the_number_of_workers(make_small: MakeStudy, qui
 def test_another_seed_gives_other_ranks_and_more_replications_keep_the_first(make_small: MakeStudy) -> None:
     """Every replication has its own stream, from the seed and its number."""
     study = make_small("phi")
-    few, more = (calibration_of(study, n=n, seed=7, fit=exact).table for n in (20, 30))
+    few, more = (calibrate(study, n=n, seed=7, fit=exact).table for n in (20, 30))
     pd.testing.assert_series_equal(few["phi"], more["phi"].head(20))
-    assert not np.isclose(calibration_of(study, n=20, seed=8, fit=exact).table["phi"], few["phi"]).any()
+    assert not np.isclose(calibrate(study, n=20, seed=8, fit=exact).table["phi"], few["phi"]).any()
 
 
 def troubled(study: Study, seed: SeedSequence) -> Fitted:
@@ -77,7 +77,7 @@ def troubled(study: Study, seed: SeedSequence) -> Fitted:
 
 def test_what_did_not_converge_is_counted_and_nothing_is_established(make_small: MakeStudy) -> None:
     """Failed and unconverged replications stay in the table, and too many of them forbid a verdict."""
-    found = calibration_of(make_small("phi"), n=40, fit=troubled)
+    found = calibrate(make_small("phi"), n=40, fit=troubled)
     assert found.table["status"].value_counts().to_dict() == {
         "converged": 20, "failed": 10, "not converged": 10,
     }  # fmt: skip
@@ -92,7 +92,7 @@ def test_nothing_but_failures_is_no_verdict(make_small: MakeStudy) -> None:
     def broken(study: Study, seed: SeedSequence) -> Fitted:
         raise StudyError("no")
 
-    found = calibration_of(make_small("phi"), n=20, fit=broken)
+    found = calibrate(make_small("phi"), n=20, fit=broken)
     assert (found.verdict, found.tested, found.ranked) == ("not established", (), 0)
 
 
@@ -105,9 +105,9 @@ def test_draws_are_taken_from_all_stretches() -> None:
 def test_mistakes_are_named_before_any_work(make_small: MakeStudy) -> None:
     """Too few replications, nothing free, no support: one line each."""
     with pytest.raises(StudyError, match=r"'n' must be at least 20 replications.*\(got 5\)"):
-        calibration_of(make_small("phi"), n=5)
+        calibrate(make_small("phi"), n=5)
     with pytest.raises(StudyError, match="every parameter is fixed: there is nothing to calibrate"):
-        calibration_of(make_small(), n=20)
+        calibrate(make_small(), n=20)
     heavy = pd.DataFrame({"slip": [0.1], "load [N]": 1e9, "sinkage [mm]": 5.0})
     with pytest.raises(SupportError, match="no parameter set of the prior fits"):
-        calibration_of(make_small("phi", data=heavy), n=20)
+        calibrate(make_small("phi", data=heavy), n=20)

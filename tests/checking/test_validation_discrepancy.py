@@ -22,6 +22,8 @@ from bayesterra.study.model_errors import Size, SlipError
 from bayesterra.study.result import Result
 from tests.support.joint_rows import ESTIMATED, TABLE, joined
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 
 @pytest.fixture(scope="module")
 def result() -> Result:

@@ -18,6 +18,9 @@ from bayesterra.stats.diagnostics import ecdf_band
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+from tests.support.pages import plain_pages
+
+pytestmark = pytest.mark.usefixtures("little_adaptation")
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -36,7 +39,8 @@ def result(make_study: MakeStudy, make_table: MakeTable) -> Result:
 def test_a_saved_record_gives_the_validation_back(result: Result, tmp_path: object) -> None:
     """What run.json says after saving and loading is what was found."""
     folder = f"{tmp_path}/out"
-    result.save(folder)
+    with plain_pages():
+        result.save(folder)
     before, after = Validation.from_record(result.record), Validation.from_record(load_result(folder).record)
     assert after.checks == before.checks
     assert after.prior == before.prior

@@ -13,6 +13,8 @@ from bayesterra.design.recommendation import recommend
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 Captured = pytest.CaptureFixture[str]
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 

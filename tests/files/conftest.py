@@ -3,6 +3,7 @@
 import pytest
 
 from bayesterra.study.result import Result
+from tests.support.pages import plain_pages
 
 from . import targets
 
@@ -13,4 +14,5 @@ collect_ignore = ["fuzz.py"]
 @pytest.fixture(scope="session")
 def base(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> targets.Base:
     """The small result with few of its draws, saved; targets use it."""
-    return targets.set_base(small_result, tmp_path_factory.mktemp("base"))
+    with plain_pages():
+        return targets.set_base(small_result, tmp_path_factory.mktemp("base"))

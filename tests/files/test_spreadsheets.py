@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesterra.analysis.comparison import side_by_side
+from bayesterra.analysis.comparison import compare
 from bayesterra.errors import StudyError
 from bayesterra.prediction.forecast import forecast
 from bayesterra.runtime.tables import csv_text, read_cells, read_csv, shielded, unshielded
@@ -122,7 +122,7 @@ def test_tables_of_commands_hold_no_formulas(small_result: Result, tmp_path: Pat
     wheel = tmp_path / "=1+1.toml"
     wheel.write_text('radius = "100 mm"\nwidth = "80 mm"\n')
     forecast(small_result, slips=[0.2], wheels=[str(wheel)]).save(tmp_path / "p")
-    side_by_side({name: small_result, "@b": small_result}).save(tmp_path / "c")
+    compare({name: small_result, "@b": small_result}).save(tmp_path / "c")
     tables = [path for folder in ("p", "c") for path in (tmp_path / folder).glob("*.csv")]
     assert len(tables) == 6
     for path in tables:

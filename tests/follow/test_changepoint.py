@@ -15,9 +15,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.follow.changepoint import CHANGE, MOST, Basis, Candidates, alarm_of
 from bayesterra.follow.particles import Particles
 from bayesterra.likelihood.forward import Outcomes
-from bayesterra.sampling.coordinates import plain_coordinates
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
+from tests.support.plain import plain_coordinates
 
 SD = 0.3
 

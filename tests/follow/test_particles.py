@@ -11,7 +11,8 @@ import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.follow.particles import Levels, Particles, learn, settled
-from bayesterra.sampling.coordinates import Coordinates, plain_coordinates
+from bayesterra.sampling.coordinates import Coordinates
+from tests.support.plain import plain_coordinates
 
 SD = 0.3
 D = 3

@@ -16,6 +16,9 @@ from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
+from tests.support.adaptation import little_adaptation
+from tests.support.pages import plain_pages
+from tests.support.shared import Shared
 
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 1e3, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}
 NOISE = {"sinkage": "3 mm", "drawbar_pull": "4 N", "resistance_moment": "1 N m"}
@@ -88,14 +91,23 @@ def moduli() -> Identified:
 
 
 @pytest.fixture(scope="session")
-def pair() -> Result:
+def pair(shared: Shared) -> Result:
     """A short run on cohesion and friction angle."""
-    return run(trial("c", "phi"), seed=1)
+
+    def made() -> Result:
+        with little_adaptation():
+            return run(trial("c", "phi"), seed=1)
+
+    return shared("pair", made)
 
 
 @pytest.fixture(scope="session")
-def pair_folder(pair: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pair_folder(pair: Result, shared: Shared, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That run as a folder."""
-    folder = tmp_path_factory.mktemp("identify") / "pair-result"
-    pair.save(folder)
-    return folder
+
+    def fill(folder: Path) -> None:
+        with plain_pages():
+            pair.save(folder / "pair-result")
+
+    copy = tmp_path_factory.mktemp("identify")
+    return shared.folder_of("saved-pair", fill, copy) / "pair-result"

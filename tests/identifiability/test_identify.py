@@ -8,12 +8,14 @@ import pandas as pd
 import pytest
 
 from bayesterra.errors import StudyError
-from bayesterra.identifiability.identify import Identified, foresee, identify_result, identify_study
+from bayesterra.identifiability.identify import Identified, foresee, identify
 from bayesterra.parameters import PARAMETERS
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 from .conftest import VARIANTS, analysed, trial
+
+pytestmark = pytest.mark.usefixtures("little_adaptation")
 
 TABLES = {
     "cloning", "cloning_directions", "collinearity", "combinations", "compensation", "coupling",
@@ -103,7 +105,7 @@ def test_tables_are_complete(moduli: Identified) -> None:
 
 def test_a_study_and_its_result_agree(pair: Result) -> None:
     """Sampled here or read from a result, words and counts are the same, and both name their draws."""
-    fresh, read = identify_study(pair.study, seed=2), identify_result(pair)
+    fresh, read = identify(pair.study, seed=2), identify(pair)
     assert fresh.found.verdicts["verdict"].tolist() == read.found.verdicts["verdict"].tolist()
     assert fresh.sentence == read.sentence
     assert (fresh.record["draws_from"], read.record["draws_from"]) == ("here", "the result")
@@ -112,7 +114,7 @@ def test_a_study_and_its_result_agree(pair: Result) -> None:
 
 def test_the_same_seed_gives_the_same_answer(pair: Result) -> None:
     """All tables again, number by number; another seed moves what is estimated from draws."""
-    once, again, other = (identify_result(pair, seed=seed).tables() for seed in (3, 3, 4))
+    once, again, other = (identify(pair, seed=seed).tables() for seed in (3, 3, 4))
     for name, table in once.items():
         pd.testing.assert_frame_equal(table, again[name])
     assert not once["coupling"]["null"].equals(other["coupling"]["null"])
@@ -121,7 +123,7 @@ def test_the_same_seed_gives_the_same_answer(pair: Result) -> None:
 def test_nothing_free_is_refused() -> None:
     """Where every parameter is fixed there is nothing to identify."""
     with pytest.raises(StudyError, match="every parameter is fixed"):
-        identify_study(trial())
+        identify(trial())
     with pytest.raises(StudyError, match="every parameter is fixed"):
         foresee(trial())
 

@@ -21,6 +21,8 @@ from bayesterra.study.canonical import write_study
 from .conftest import VARIANTS, trial
 from .test_identify import TABLES
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 Captured = pytest.CaptureFixture[str]
 FILES = {Identified.MARK, "SHA256SUMS", "report.html", *(f"{name}.csv" for name in TABLES)}
 

@@ -107,8 +107,9 @@ def test_coordinates_within_groups_do_not_mix_them(small_result: Result) -> None
 
 def test_two_of_three_bearing_directions_are_known_on_the_study(found: Information) -> None:
     """The HIT set fixes two bearing directions, the third is K_s, of which it says nothing."""
-    assert found.determined("P_I") == 2
-    assert found.determined("P_I", OTHERS_KNOWN) == 2
+    counts = found.counts.set_index(["scope", "view"])["determined"]
+    assert counts["P_I", MARGINAL] == 2
+    assert counts["P_I", OTHERS_KNOWN] == 2
     table = found.parameters.set_index("parameter")
     assert abs(table["contraction"]["Ks"]) < 0.12
     assert table["divergence"]["Ks"] < 0.05

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesterra.likelihood.forward import SLIP_GRID, derive_for, drive_wheel, greatest, tractive_efficiency
+from bayesterra.likelihood.forward import SLIP_GRID, derive_for, greatest, traction, tractive_efficiency
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Conditions, Soil, Wheel
 from bayesterra.parameters import DERIVED, soil_array
@@ -28,7 +28,7 @@ def test_no_soil_gives_power_back(wide: Result) -> None:
     """Slip alone loses the share s of the power, so η stays below 1 − s for every soil of the prior."""
     target = posterior(wide.study)
     soil = target.prior.soil_values(draw_cut_prior(target, 500, np.random.default_rng(1)).x)
-    efficiency = drive_wheel(M1(), WHEEL, 80.0, soil).efficiency
+    efficiency = traction(M1(), WHEEL, 80.0, soil)[1]
     assert np.nanmax(efficiency + SLIP_GRID) < 1.0
 
 

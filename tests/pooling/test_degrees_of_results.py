@@ -26,7 +26,7 @@ def test_a_row_of_the_table_sums_its_own_entries() -> None:
         ("none", what, label, elpd, error, 0.1, good) for what, label, elpd, error, good in rows + groups
     ]
     table = pd.DataFrame(entries, columns=list(LEFT_OUT_COLUMNS))
-    found = Degree("none", converged=True, log_z=-13.0, error=0.2, reliable=True, left_out=table).row()
+    found = Degree(-13.0, 0.2, reliable=True, name="none", converged=True, left_out=table).row()
     assert (found["elpd_rows"], found["elpd_groups"]) == (-12.0, -13.0)
     assert (found["error_rows"], found["error_groups"]) == pytest.approx((1.3, 1.0))
     assert (found["se_rows"], found["se_groups"]) == pytest.approx((np.sqrt(3 * 7.0), 3.0))

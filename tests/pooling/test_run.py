@@ -14,6 +14,7 @@ import typer
 from markupsafe import escape
 
 import bayesterra as bt
+from bayesterra.__main__ import main
 from bayesterra.analysis import run as analysis_run
 from bayesterra.analysis.prior_only import run_prior
 from bayesterra.analysis.run import load_result, load_single, run
@@ -225,6 +226,15 @@ def test_command_writes_the_folder_and_says_what_it_found(
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"report.html", "draws.nc", "summary.csv", "sharing.csv", "pooling.csv", "left_out.csv"} <= names
     assert "status.json" not in names
+    (tmp_path / "new.toml").write_text('radius = "140 mm"\nwidth = "160 mm"\n', encoding="utf-8")
+    wheels = ["--wheel", "Wh32", "--wheel", str(tmp_path / "new.toml")]
+    out = tmp_path / "forecast"
+    assert main(["predict", str(tmp_path / "out"), *wheels, "--slip", "0.3", "--out", str(out)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "parameters are those of Wh32 in the joint posterior of Wh11, Wh32" in printed
+    assert "this wheel was not tested: K drawn from the population of Wh11, Wh32" in printed
+    assert main(["predict", str(tmp_path / "out"), "--group", "Wh1", "--out", str(out), "--overwrite"]) == 2
+    assert "unknown group 'Wh1'" in capsys.readouterr().err
 
 
 def test_each_groups_own_posterior_is_under_its_name(result: PooledResult) -> None:

@@ -190,7 +190,7 @@ def test_a_line_of_the_draws_is_of_the_draw_that_it_names(wide: Result) -> None:
         cells, draw = table.iloc[line], line // 3
         assert (cells["chain"], cells["draw"]) == tuple(found.index[draw])
         assert cells["slip"] == found.slip[line % 3]
-        assert cells["sinkage [mm]"] == 1e3 * found.modelled[draw, line % 3, 0]
+        assert cells["sinkage [mm]"] == found.modelled[draw, line % 3, 0] / 1e-3
         assert (
             cells["drawbar_pull_reading [N]"]
             == found.readings[draw, line % 3, list(PREDICTED).index("drawbar_pull")]

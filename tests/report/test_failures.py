@@ -19,12 +19,14 @@ from bayesterra.stats.weights import pareto_smoothed
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 pages = import_module("bayesterra.analysis.page")
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 BROKEN = {
     "fits": (inference, "fit_all"),
     "mode": (inference, "find_mode"),
-    "evidence": (inference, "evidence"),
+    "evidence": (inference, "ensembles_evidence"),
     "curves": (inference, "predict_curves"),
     "standings": (inference, "locate"),
     "identifiability": (inference, "identifiability"),

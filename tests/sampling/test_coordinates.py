@@ -11,19 +11,14 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.coordinates import (
-    Coordinates,
-    Logarithm,
-    NormalScore,
-    coordinates,
-    plain_coordinates,
-)
+from bayesterra.sampling.coordinates import Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.laws import Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+from tests.support.plain import plain_coordinates
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]

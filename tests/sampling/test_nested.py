@@ -21,6 +21,8 @@ from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
+pytestmark = pytest.mark.usefixtures("little_adaptation")
+
 NAMES = ("a", "b")
 N = 4000
 
@@ -32,11 +34,16 @@ def draws(seed: int, shift: float = 0.0, scale: float = 1.0) -> FloatArray:
     return x
 
 
+def equal(name: str, x: FloatArray, log_z: float, error: float) -> Weighted:
+    """Independent draws of equal weight."""
+    return Weighted.independent(name, x, np.full(len(x), 1 / len(x)), log_z, error)
+
+
 def three(one: FloatArray, other: FloatArray, third: FloatArray, log_z: float = 0.0) -> CrossCheck:
     """Ours and two nested runs; the evidence of the last is ``log_z``."""
-    ours = Weighted.equal("ours", one, 0.0, 0.02)
-    first = Weighted.equal("nested (500)", other, 0.01, 0.1)
-    return compare((ours, first, Weighted.equal("nested (1500)", third, log_z, 0.06)), NAMES)
+    ours = equal("ours", one, 0.0, 0.02)
+    first = equal("nested (500)", other, 0.01, 0.1)
+    return compare((ours, first, equal("nested (1500)", third, log_z, 0.06)), NAMES)
 
 
 def test_samplers_of_one_law_agree() -> None:
@@ -76,9 +83,9 @@ def test_weights_count() -> None:
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     nested = Weighted.independent("nested", wide, weights, 0.0, 0.1)
-    assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), nested), NAMES).verdict == "agree"
-    unweighted = Weighted.equal("nested", wide, 0.0, 0.1)
-    assert compare((Weighted.equal("ours", draws(6), 0.0, 0.01), unweighted), NAMES).verdict != "agree"
+    assert compare((equal("ours", draws(6), 0.0, 0.01), nested), NAMES).verdict == "agree"
+    unweighted = equal("nested", wide, 0.0, 0.1)
+    assert compare((equal("ours", draws(6), 0.0, 0.01), unweighted), NAMES).verdict != "agree"
 
 
 def walk(seed: int, memory: float) -> FloatArray:
@@ -96,7 +103,7 @@ def test_draws_that_hang_together_count_for_as_many_as_they_are_worth() -> None:
         ours = Weighted.of_ensembles("ours", walk(k, 0.8), None)
         assert 1200 < ours.sizes[0, 0] < 2400
         assert (ours.sizes[:, 1:] > 0.8 * ours.sizes[:, :1]).all()
-        table = compare((ours, Weighted.equal("nested", draws(1000 + k), 0.0, 0.1)), NAMES).table
+        table = compare((ours, equal("nested", draws(1000 + k), 0.0, 0.1)), NAMES).table
         assert "log evidence" not in set(table["statistic"])
         z.append(table["z"].to_numpy())
     assert 0.8 < np.std(z) < 1.25
@@ -111,11 +118,11 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
 
     def fake(target: Posterior, live: int, seed: SeedSequence) -> Weighted:
         streams.append((live, seed.spawn_key))
-        return Weighted.equal(f"nested ({live})", draws(live), 0.0, 0.1)
+        return equal(f"nested ({live})", draws(live), 0.0, 0.1)
 
     monkeypatch.setattr(nested, "nested", fake)
     target = posterior(make_study(free=("c", "phi")))
-    ours = Weighted.equal("bayesterra", draws(1), 0.0, 0.01)
+    ours = equal("bayesterra", draws(1), 0.0, 0.01)
     found = against_nested(target, ours, SeedSequence(1), report=stages.append)
     assert [live for live, _ in streams] == [500, 1500]
     assert len({key for _, key in streams}) == 2

@@ -25,7 +25,7 @@ from bayesterra.study.study import Study
 MakeStudy = Callable[..., Study]
 
 SMALL = SamplingOptions(target_ess=200, walkers=32, max_steps=200)
-PLAN = AdaptationOptions(particles=256, components=4)
+PLAN = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4)
 
 
 def sampled(density: Posterior, seed: int, options: SamplingOptions = SMALL) -> Samples:

@@ -7,10 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesterra.soiltests import analysis
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
+from bayesterra.soiltests.checks import none_left_out
 from bayesterra.soiltests.study import SoilTest, soil_test
 from bayesterra.stats.laws import Law
 from bayesterra.study.schema import SamplingOptions
+from tests.support.adaptation import little_leaving_out
+from tests.support.shared import Shared
 
 SOIL = {"kc": -1.0e3, "kphi": 900e3, "n": 1.1}
 STRENGTH = {"c": 800.0, "phi": float(np.radians(31.0)), "K": 0.009}
@@ -67,19 +71,21 @@ def shear(stresses: tuple[float, ...] = (5e3, 15e3), tests: int = 2, **tables: A
 
 
 @pytest.fixture(scope="session")
-def analysed() -> Callable[[str], SoilTestResult]:
-    """Results of these tests by kind, each analysed once."""
+def analysed(shared: Shared) -> Callable[[str], SoilTestResult]:
+    """Results of these tests by kind, each analysed once; tests are left out of ``plates`` only."""
     made: dict[str, Callable[[], SoilTest]] = {
         "plates": plates,
         "one plate": lambda: plates((0.03,)),
         "shear": shear,
         "one stress": lambda: shear((15e3,)),
     }
-    found: dict[str, SoilTestResult] = {}
 
     def result(kind: str) -> SoilTestResult:
-        if kind not in found:
-            found[kind] = analyse(made[kind](), seed=1)
-        return found[kind]
+        with little_leaving_out(), pytest.MonkeyPatch.context() as patch:
+            if kind != "plates":
+                patch.setattr(
+                    analysis, "leave_out", lambda posterior, *_: none_left_out(posterior.readings.kind)
+                )
+            return analyse(made[kind](), seed=1)
 
-    return result
+    return lambda kind: shared(f"soil test, {kind}", lambda: result(kind))

@@ -11,18 +11,28 @@ from bayesterra.stats.diagnostics import (
     Diagnosis,
     array_ess,
     autocorrelation_time,
-    bulk_size,
     diagnose,
     disagreement,
     effective_size,
     hdi,
     monte_carlo_error,
     r_hat,
-    tail_size,
+    rank_scores,
+    tail_indicators,
     thinning,
 )
 
 ACCEPTED = np.full((4, 32), 0.5)
+
+
+def bulk_size(chains: FloatArray) -> float:
+    """Effective number of draws for the centre: that of the rank-normalised draws (Vehtari et al. 2021)."""
+    return effective_size(rank_scores(chains))
+
+
+def tail_size(chains: FloatArray) -> float:
+    """Effective number of draws for the tails: the smaller one of the 5 and 95 % indicators."""
+    return min(effective_size(inside) for inside in tail_indicators(chains))
 
 
 def walks(

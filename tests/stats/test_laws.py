@@ -99,6 +99,20 @@ def test_laws_survive_pickling(law: Law) -> None:
     np.testing.assert_array_equal(again.log_density(x), before)
 
 
+@pytest.mark.parametrize(("loc", "scale"), [(0.0, 1.0), (1.3, 0.3), (-7.1, 1e-3), (3e6, 2e5)])
+@pytest.mark.parametrize("dist", ["norm", "halfnorm"])
+def test_normal_laws_are_those_of_scipy_to_the_last_bit(dist: str, loc: float, scale: float) -> None:
+    """Uncut, at ends, in tails and outside: they are computed here, because scipy takes longer."""
+    law, base = Law(dist, {"loc": loc, "scale": scale}), getattr(stats, dist)(loc, scale)
+    rng = np.random.default_rng(1)
+    x = loc + scale * np.append(10 * rng.standard_normal(2000), [-40.0, 0.0, 40.0, np.inf, -np.inf])
+    q = np.concatenate([rng.random(2000), 10.0 ** rng.uniform(-300, 0, 2000), [0.0, 0.5, 1.0]])
+    np.testing.assert_array_equal(law.cdf(x), base.cdf(x))
+    np.testing.assert_array_equal(law.survival(x), base.sf(x))
+    np.testing.assert_array_equal(law.quantile(q), base.ppf(q))
+    np.testing.assert_array_equal(law.upper_quantile(q), base.isf(q))
+
+
 def test_far_tails_keep_their_digits() -> None:
     """Cut beyond eight standard deviations, the norm law is scipy's truncnorm, which is built for tails."""
     for low, high in ((8.0, 10.0), (-10.0, -8.0)):

@@ -1,5 +1,8 @@
 """Laws of standardised residuals against integration and differences."""
 
+from collections.abc import Callable
+
+import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -39,7 +42,62 @@ def test_pull_is_the_derivative_of_the_density(law: Tails) -> None:
 def test_quantile_and_probability_belong_together(law: Tails) -> None:
     """One is the inverse of the other, and the probability grows as the density says."""
     for level in (0.01, 0.3, 0.5, 0.9):
-        assert float(law.cdf(np.array([law.quantile(level)]))[0]) == pytest.approx(level, rel=1e-9)
+        assert float(law.cdf(np.array([law.quantile(np.array(level))]))[0]) == pytest.approx(level, rel=1e-9)
     z, step = np.array([-2.0, 0.1, 1.5]), 1e-5
     slope = (law.cdf(z + step) - law.cdf(z - step)) / (2 * step)
     np.testing.assert_allclose(np.exp(law.log_density(z)), slope, rtol=1e-7)
+
+
+ENDS = np.array(
+    [[-1.2, 0.4], [2.0, 2.7], [-9.0, -8.4], [30.0, 31.0], [0.3, 0.3 + 1e-6], [-np.inf, -2.0], [3.0, np.inf]]
+)
+"""Intervals in the middle, in both tails, far out, very narrow, and open."""
+
+
+@LAWS
+def test_probability_of_an_interval_keeps_its_digits(law: Tails) -> None:
+    """Far out, where both ends have a probability of nearly one, and where the interval is narrow."""
+    for (low, high), level in zip(ENDS, law.log_between(*ENDS.T), strict=True):
+        assert float(level) == pytest.approx(_log_mass(law, float(low), float(high)), abs=2e-8)
+    assert law.log_between(np.array([1e7]), np.array([1e7 + 1.0]))[0] > -np.inf
+    assert not np.isnan(law.log_between(np.array([1e200]), np.array([1.1e200]))).any()
+
+
+def _log_mass(law: Tails, low: float, high: float) -> float:
+    """Log probability of an interval in many digits."""
+    if low + high > 0:
+        low, high = -high, -low
+    with mpmath.workdps(40):
+        if np.isinf(law.code):
+            below, above = (mpmath.erfc(-mpmath.mpf(end) / mpmath.sqrt(2)) / 2 for end in (low, high))
+            return float(mpmath.log(above - below))
+        cuts = [low, *(cut for cut in (-50.0, -5.0, 0.0) if low < cut < high), high]
+        return float(mpmath.log(mpmath.quad(_student(law.code), cuts)))
+
+
+def _student(dof: float) -> Callable[[mpmath.mpf], mpmath.mpf]:
+    peak = mpmath.gamma((dof + 1) / 2) / mpmath.gamma(dof / 2) / mpmath.sqrt(dof * mpmath.pi)
+    return lambda z: peak * (1 + z**2 / dof) ** (-(dof + 1) / 2)
+
+
+@LAWS
+def test_slopes_of_an_interval_are_differences(law: Tails) -> None:
+    """By a shift of the law, and by a stretch of it."""
+    low, high = ENDS[[0, 1, 2, 4, 5, 6]].T
+    step = 1e-6
+    shift, stretch = law.pulls_between(low, high)
+    by_shift = law.log_between(low - step, high - step) - law.log_between(low + step, high + step)
+    by_stretch = [law.log_between(low / (1 + h), high / (1 + h)) for h in (step, -step)]
+    np.testing.assert_allclose(shift, by_shift / (2 * step), rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(stretch, (by_stretch[0] - by_stretch[1]) / (2 * step), rtol=1e-4, atol=1e-3)
+
+
+@LAWS
+def test_the_middle_halves_the_probability(law: Tails) -> None:
+    """In both tails and between."""
+    low, high = ENDS[[0, 1, 2, 3, 5, 6]].T
+    middle = law.middle(low, high)
+    below, above = law.log_between(low, middle), law.log_between(middle, high)
+    far = np.isin(low, (30.0, -9.0)) & np.isinf(law.code)
+    np.testing.assert_allclose(below[~far], above[~far], atol=1e-6)
+    assert ((low <= middle) & (middle <= high)).all()

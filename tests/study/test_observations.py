@@ -124,6 +124,7 @@ def test_observations_cannot_be_written_to() -> None:
         ({"slip": [0.1], "load [N]": [0]}, r"'load' must be above 0 \(got 0 N, row 1\)"),
         ({"slip": [0.1], "load": [80]}, r"column 'load' needs a unit, e\.g\. 'load \[N\]' \(got 'load'\)"),
         ({"slip": [0.1], "load []": [80]}, r"column 'load' needs a unit"),
+        ({"slip": [0.1], "load [-]": [80]}, r"column 'load' needs a unit"),
         ({"slip": [0.1], "load [kg]": [8]}, r"column 'load \[kg\]': the unit 'kg' is not a unit of force"),
         ({"slip": [0.1], "load [Nn]": [8]}, r"column 'load \[Nn\]': unknown unit 'Nn'"),
         ({"slip": [0.1], "sinkge [mm]": [8]}, r"unknown column 'sinkge \[mm\]' \(did you mean 'sinkage'\?\)"),

@@ -11,6 +11,8 @@ import pytest
 from bayesterra.analysis.run import run
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
+from tests.support.adaptation import little_adaptation
+from tests.support.pages import plain_pages
 
 if TYPE_CHECKING:
     from tests.support.shared import Shared
@@ -45,23 +47,31 @@ def short_study(folder: Path, priors: str = "") -> Study:
     return load_study(folder)
 
 
+def _result(folder: Path, priors: str, seed: int) -> Result:
+    with little_adaptation():
+        return run(short_study(folder, priors), seed=seed)
+
+
 @pytest.fixture(scope="session")
 def wide(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """Flat priors on K_s, phi, c1 and c2."""
-    return shared("wide", lambda: run(short_study(tmp_path_factory.mktemp("wide")), seed=1))
+    return shared("wide", lambda: _result(tmp_path_factory.mktemp("wide"), "", 1))
 
 
 @pytest.fixture(scope="session")
 def narrow(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Result:
     """The same readings with phi known to 0.3 deg and K_s held."""
     known = 'phi = { dist = "norm", loc = "30 deg", scale = "0.3 deg" }\nKs = "2500 kPa"\n'
-    return shared("narrow", lambda: run(short_study(tmp_path_factory.mktemp("narrow"), known), seed=2))
+    return shared("narrow", lambda: _result(tmp_path_factory.mktemp("narrow"), known, 2))
 
 
 @pytest.fixture(scope="session")
-def saved(wide: Result, narrow: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with both results."""
-    folder = tmp_path_factory.mktemp("saved")
-    wide.save(folder / "wide-result")
-    narrow.save(folder / "narrow-result")
-    return folder
+def saved(wide: Result, narrow: Result, shared: Shared, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with both results, whose pages are one line."""
+
+    def fill(folder: Path) -> None:
+        with plain_pages():
+            wide.save(folder / "wide-result")
+            narrow.save(folder / "narrow-result")
+
+    return shared.folder_of("saved-runs", fill, tmp_path_factory.mktemp("saved"))

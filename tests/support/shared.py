@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from fcntl import LOCK_EX, flock
@@ -34,6 +35,18 @@ class Shared:
                 content = pickle.dumps(make())
                 file.write_bytes(content)
         copy: T = pickle.loads(file.read_bytes())  # noqa: S301 - written a moment ago by this session
+        return copy
+
+    def folder_of(self, name: str, fill: Callable[[Path], object], copy: Path) -> Path:
+        """Copy of the folder of this name, which ``fill`` writes into once."""
+
+        def filled() -> Path:
+            folder = self.folder / name
+            folder.mkdir()
+            fill(folder)
+            return folder
+
+        shutil.copytree(self(name, filled), copy, dirs_exist_ok=True)
         return copy
 
 

@@ -43,9 +43,12 @@ def made(**tables: Any) -> Study:
 
 
 @contextmanager
-def few_walkers() -> Iterator[None]:
+def few_walkers(sweeps: int = 40, draws: int = 2048, inner: int = 32) -> Iterator[None]:
     """Runs with groups whose evidences for other roles come from few walkers: these are tested apart."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(degrees, "WALKERS", 32)
-        patch.setattr(degrees, "SWEEPS", (40,))
+        patch.setattr(degrees, "WARM_UPS", (sweeps // 5, 2 * sweeps // 5))
+        patch.setattr(degrees, "SWEEPS", (sweeps,))
+        patch.setattr(degrees, "OUTER", draws)
+        patch.setattr(degrees, "INNER", inner)
         yield

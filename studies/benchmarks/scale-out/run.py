@@ -26,7 +26,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.checking.calibration import CalibrationRequest, calibrate_study, calibration_of
+from bayesterra.checking.calibration import CalibrationRequest, calibrate, calibrate_study
 from bayesterra.checking.replications import Fitted
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
@@ -238,12 +238,12 @@ def timed(
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """A calibration's table; the seconds that it took and the processor seconds of its tasks."""
     began = time.perf_counter()
-    found = calibration_of(
+    found = calibrate(
         study(),
         n=DASK_TASKS[draws],
         engine=engine,
         fit=WeighedPrior(draws),
-        report=lambda new, now: watch(now.done),
+        progress=lambda now: watch(now.done),
     )
     took = time.perf_counter() - began
     seconds = {"seconds": took, "processor_seconds_per_task": float(found.table["seconds"].mean())}
@@ -258,7 +258,7 @@ def on_dask() -> None:
         while engine.workers < WORKERS:
             time.sleep(0.2)
         for one in (engine, here):  # everything is imported and compiled
-            calibration_of(study(), n=20, engine=one, fit=WeighedPrior())
+            calibrate(study(), n=20, engine=one, fit=WeighedPrior())
 
         def kill(done: int) -> None:
             if done >= DASK_TASKS[PRIOR_DRAWS] // 2:

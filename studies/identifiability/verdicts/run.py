@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.identifiability.identify import Identified, identify_study
+from bayesterra.identifiability.identify import Identified, identify
 from bayesterra.identifiability.verdicts import (
     COUPLED_TO_ALL,
     DETERMINED,
@@ -220,7 +220,7 @@ def _parameters_in(text: str) -> frozenset[str]:
 def one(name: str, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Rows of both tables for a problem and a seed."""
     problem = EVERY[name]
-    made = identify_study(study(problem, seed), seed=seed)
+    made = identify(study(problem, seed), seed=seed)
     head = {"problem": name, "seed": seed}
     first, second = (
         pd.DataFrame(head, index=rows.index).join(rows)

@@ -20,11 +20,12 @@ from numpy.random import Generator, default_rng
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.folds import levels, predictives
-from bayesterra.checking.holdout import holdout_of
-from bayesterra.checking.holdout_page import left_out_png
+from bayesterra.checking.holdout import leave_out
+from bayesterra.checking.holdout_page import all_left_out
 from bayesterra.checking.holdout_scores import BASELINES, clustered, skills, summarise
 from bayesterra.checking.replications import ShortRuns, replicated
 from bayesterra.likelihood.posterior import posterior
+from bayesterra.report.figures import white_png
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
@@ -86,7 +87,7 @@ def measured() -> None:
     for name, model, called, changes in CASES:
         if (name, called) in done(HERE / "refits.csv", "study", "model"):
             continue
-        one = holdout_of(study(name, model, changes))
+        one = leave_out(study(name, model, changes))
         table, own = one.table, one.table["predictor"] == model
         table.loc[own, "predictor"] = called
         kept = table if called == "M1" else table[own]  # baselines are the same for every model
@@ -110,7 +111,7 @@ def simulated() -> None:
     for number in range(1, TABLES + 1):
         if (number,) in done(HERE / "simulated.csv", "table"):
             continue
-        one = holdout_of(simulated_table(number), seed=number, fit=ShortRuns())
+        one = leave_out(simulated_table(number), seed=number, fit=ShortRuns())
         rows = one.table.merge(one.refits[["level", "status"]], on="level")[columns]
         head = pd.DataFrame({"data": "simulated", "table": number}, index=rows.index)
         append(HERE / "simulated.csv", head.join(rows), "%.5g")
@@ -157,7 +158,7 @@ def figure() -> None:
     """Left-out rows of the narrower wheel and what M1 and the baselines said of them: leave-slip-out.png."""
     table = pd.read_csv(HERE / "scores.csv")
     shown = table[(table["study"] == "cmu-grouser") & (table["model"] == "M1")]
-    (HERE / "leave-slip-out.png").write_bytes(left_out_png(shown, dpi=150))
+    (HERE / "leave-slip-out.png").write_bytes(white_png(all_left_out(shown), 150))
 
 
 def tables() -> None:

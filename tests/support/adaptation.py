@@ -1,0 +1,35 @@
+"""Runs whose ensembles adapt little: enough for a few free parameters, and in a fraction of the time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from bayesterra.sampling import sampler
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.soiltests import checks
+from bayesterra.study.schema import SamplingOptions
+
+LITTLE = AdaptationOptions(particles=256, sweeps=2, components=6, refinements=(2, 4), more=(), shores=4)
+
+
+HALF = AdaptationOptions(particles=512, components=12, refinements=(4, 4, 8), more=(8,), shores=8)
+"""Enough for eight free parameters."""
+
+
+@contextmanager
+def little_adaptation(plan: AdaptationOptions = LITTLE) -> Iterator[None]:
+    """Runs that state no size of their adaptation have this one: tests of the sampler state theirs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sampler, "AdaptationOptions", lambda: plan)
+        yield
+
+
+@contextmanager
+def little_leaving_out() -> Iterator[None]:
+    """Soil tests of which each is left out by a small sampling, enough for tables and pages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32))
+        yield

@@ -1,0 +1,20 @@
+"""Pages of one line, for results whose pages nobody looks at: to draw one takes seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from bayesterra.report.failures import Failures
+
+
+@contextmanager
+def plain_pages() -> Iterator[None]:
+    """Results of runs that are written have a report of one line."""
+    page = SimpleNamespace(html=lambda: "report\n", failures=Failures())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayesterra.analysis.page.run_page", lambda result: page)
+        yield
