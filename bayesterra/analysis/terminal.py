@@ -11,7 +11,6 @@ from rich.table import Table
 from bayesterra.analysis.simulation import Truth
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
-from bayesterra.likelihood.page import noise_text
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.terminal import PlainConsole
@@ -96,6 +95,8 @@ def _error(error: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
 
 def _measurements(study: Study) -> Table:
     """All rows in field units, those left out of the fit dimmed; the noise in the last line."""
+    from bayesterra.likelihood.page import noise_text
+
     rows = study.observations
     columns = _columns(study)
     table = Table(title=f"{len(rows)} rows, {int(rows.use.sum())} in use; slip on r_s, sinkage from the rim")

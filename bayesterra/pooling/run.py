@@ -175,15 +175,10 @@ def run_pooled(
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
     if crosscheck:
-        ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], None)
-
-        def against() -> dict[str, Any]:
-            comparison = against_nested(
-                joint, ours, nesting, report=lambda stage: report(Progress(stage, 1.0))
-            )
-            return {"crosscheck": comparison.record()}
-
-        findings |= failures.attempt("crosscheck", against, dict[str, Any])
+        ours = samples.chains[:, :: kept.every]
+        findings |= failures.attempt(
+            "crosscheck", lambda: crosschecked(joint, ours, nesting, report), dict[str, Any]
+        )
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
         study=study,
@@ -196,6 +191,15 @@ def run_pooled(
         else pd.DataFrame(columns=LEFT_OUT_COLUMNS),
         record=with_failures(result.run_record(study, seed, findings, seconds), failures),
     )
+
+
+def crosschecked(
+    joint: JointPosterior, chains: FloatArray, seed: SeedSequence, report: Callable[[Progress], None]
+) -> dict[str, Any]:
+    """Entry of the record on how nested sampling agrees with chains (ensembles, steps, walkers, d)."""
+    ours = Weighted.of_ensembles("bayesterra", chains, None)
+    found = against_nested(joint, ours, seed, report=lambda stage: report(Progress(stage, 1.0)))
+    return {"crosscheck": found.record()}
 
 
 def shared_or_not(evidences: Evidences) -> tuple[Sharing, ...]:

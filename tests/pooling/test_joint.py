@@ -216,7 +216,8 @@ def test_the_unit_cube_of_the_joint_prior_is_its_law(make: MakeStudy, roles: str
 
 def test_reasons_are_those_of_the_groups(make: MakeStudy) -> None:
     """A set outside the prior, outside what physics allows in one group, or with a density."""
-    joint = joint_posterior(make())
+    held = {name: value for name, value in HELD.items() if name not in ("c1", "c2")}
+    joint = joint_posterior(make(priors={"set": "paper-box", **held}))
     x = joint.prior.sample(2000, default_rng(5))
     reasons, (prior, likelihood) = joint.reasons(x), joint.log_prior_and_likelihood(x)
     np.testing.assert_array_equal(reasons == 0, likelihood > -np.inf)

@@ -12,7 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.diagnostics import array_ess, array_r_hat, bulk_size, effective_size, r_hat, tail_size
+from bayesterra.stats.diagnostics import (
+    array_ess,
+    array_r_hat,
+    effective_size,
+    r_hat,
+    rank_scores,
+    tail_indicators,
+)
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 LIMIT = 4.0
@@ -102,8 +109,8 @@ def of_ensembles(chains: FloatArray, reference: Reference) -> Measured:
     parts = reference.statistics(chains)
     ess = np.array([[effective_size(parts[..., k, j]) for j in range(len(columns))] for k in range(4)])
     return Measured(
-        min(bulk_size(column) for column in columns),
-        min(tail_size(column) for column in columns),
+        min(effective_size(rank_scores(column)) for column in columns),
+        min(effective_size(inside) for column in columns for inside in tail_indicators(column)),
         max(r_hat(column) for column in columns),
         reference.errors(parts.mean(axis=(0, 1, 2)), _filled(ess)),
     )
