@@ -56,6 +56,8 @@ from bayesterra.study.study import Study
 
 PRIOR_DRAWS = 1000
 ALONE_DRAWS = 4000
+WALKS = 120
+"""Steps of nested sampling's walks: the neck of a population needs more of them than one soil does."""
 
 
 Degrees = TypedDict(  # noqa: UP013 (as in the records that it is part of)
@@ -198,7 +200,7 @@ def crosschecked(
 ) -> dict[str, Any]:
     """Entry of the record on how nested sampling agrees with chains (ensembles, steps, walkers, d)."""
     ours = Weighted.of_ensembles("bayesterra", chains, None)
-    found = against_nested(joint, ours, seed, report=lambda stage: report(Progress(stage, 1.0)))
+    found = against_nested(joint, ours, seed, report=lambda stage: report(Progress(stage, 1.0)), walks=WALKS)
     return {"crosscheck": found.record()}
 
 

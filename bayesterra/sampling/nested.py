@@ -28,7 +28,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 APART = 4.0
 """Standard errors from which two samplers disagree."""
 
-MANY = 5
+MANY = 6
 """Parameters from which nested sampling walks at random in place of drawing uniformly in ellipsoids."""
 
 
@@ -192,6 +192,7 @@ def against_nested(
     seed: SeedSequence,
     live: tuple[int, ...] = LIVE,
     report: Callable[[str], None] = lambda stage: None,
+    walks: int | None = None,
 ) -> CrossCheck:
     """Sample a posterior by nested sampling at every number of live points and compare with our draws.
 
@@ -202,12 +203,15 @@ def against_nested(
     samplers = [ours]
     for points, stream in zip(live, seed.spawn(len(live)), strict=True):
         report(f"nested sampling, {points} live points")
-        samplers.append(nested(posterior, points, stream))
+        samplers.append(nested(posterior, points, stream, walks))
     return compare(tuple(samplers), posterior.names)
 
 
-def nested(posterior: CubicDensity, live: int, seed: SeedSequence) -> Weighted:
-    """Static nested sampling from the unit cube of the stated prior, by dynesty."""
+def nested(posterior: CubicDensity, live: int, seed: SeedSequence, walks: int | None = None) -> Weighted:
+    """Static nested sampling from the unit cube of the stated prior, by dynesty.
+
+    With ``walks`` new points come from random walks of so many steps.
+    """
     check_installed()
     from dynesty import NestedSampler
 
@@ -219,11 +223,10 @@ def nested(posterior: CubicDensity, live: int, seed: SeedSequence) -> Weighted:
     def log_likelihood(x: FloatArray) -> float:
         return float(posterior.log_prior_and_likelihood(x[None])[1][0])
 
+    moves: dict[str, Any] = {"sample": _moves(d)} if walks is None else {"sample": "rwalk", "walks": walks}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
-        sampler = NestedSampler(
-            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=_moves(d)
-        )
+        sampler = NestedSampler(log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), **moves)
         sampler.run_nested(print_progress=False, dlogz=0.1)
         results = sampler.results
     weights = np.asarray(results.importance_weights())
