@@ -11,7 +11,7 @@ from typing import Any
 from bayesterra.analysis import inference
 from bayesterra.analysis.prior_only import PriorResult, run_prior
 from bayesterra.analysis.result import RunResult, is_pooled, is_prior, read_pooled, read_result
-from bayesterra.errors import BayesterraError, ResultError, check_kind, check_seed, checked_path
+from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
 from bayesterra.runtime.folders import check_free, clear_up, part_of, whole_folder
@@ -40,12 +40,14 @@ def run(
 
     Raises
     ------
-    StudyError : no study is given, or the sampler of a cross-check is not installed.
+    StudyError : no study is given, or a cross-check is asked of one with groups.
     """
     check_kind("bt.run", study, Study)
     check_seed(seed)
-    job = inference.run if study.pooling is None else run_pooled
-    return job(study, seed=seed, report=progress, crosscheck=crosscheck)
+    if study.pooling is not None:
+        _no_crosscheck(crosscheck)
+        return run_pooled(study, seed=seed, report=progress)
+    return inference.run(study, seed=seed, report=progress, crosscheck=crosscheck)
 
 
 def load_result(folder: str | Path) -> Result:
@@ -94,6 +96,8 @@ def run_study(
     """
     from bayesterra.report.terminal import note
 
+    if study.pooling is not None:
+        _no_crosscheck(crosscheck)
     if resume and not overwrite and (done := _finished(study, out, seed)):
         return done
     check_free(out, overwrite=overwrite)
@@ -110,9 +114,11 @@ def run_study(
 
             update(Progress("drawing from the prior", 0.0))
             how: dict[str, Any] = {"seed": seed, "report": update, "checkpoint_store": checkpoints}
-            job: Callable[..., Result] = inference.run if study.pooling is None else run_pooled
             with _from_segments(part) if resumed else nullcontext():
-                result = job(study, crosscheck=crosscheck, **how)
+                if study.pooling is None:
+                    result: Result = inference.run(study, crosscheck=crosscheck, **how)
+                else:
+                    result = run_pooled(study, **how)
             update(Progress("writing the report", 1.0))
             result = result.write(part)
     return result
@@ -130,6 +136,14 @@ def _from_segments(part: Path) -> Iterator[None]:
             f"'{part}' holds segments that this run cannot go on from ({reason(error)}): add --overwrite in"
             " place of --resume to begin anew"
         ) from error
+
+
+def _no_crosscheck(asked: bool) -> None:
+    if asked:
+        raise StudyError(
+            "--crosscheck takes studies without a [pooling] table: on the narrow neck of a population nested"
+            " sampling does not agree with itself"
+        )
 
 
 def _finished(study: Study, out: Path, seed: int) -> Result | None:

@@ -25,7 +25,6 @@ from bayesterra.report.sections import (
     Section,
     Verdict,
     VerdictPage,
-    crosscheck_text,
     missing,
     origin_rows,
     section,
@@ -319,7 +318,7 @@ def _summary_section(result: PooledResult) -> Blocks:
         "prior mean",
         "sd",
     )
-    return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck_text(result.record))
+    return (Table(caption, "ll" + "r" * 9, header, body),)
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:

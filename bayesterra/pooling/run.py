@@ -37,7 +37,6 @@ from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
-from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import parameter_rows
 from bayesterra.stats.diagnostics import hdi
@@ -56,8 +55,6 @@ from bayesterra.study.study import Study
 
 PRIOR_DRAWS = 1000
 ALONE_DRAWS = 4000
-WALKS = 120
-"""Steps of nested sampling's walks: the neck of a population needs more of them than one soil does."""
 
 
 Degrees = TypedDict(  # noqa: UP013 (as in the records that it is part of)
@@ -116,7 +113,6 @@ def run_pooled(
     seed: int = 1,
     report: Callable[[Progress], None] = lambda progress: None,
     checkpoint_store: CheckpointStore | None = None,
-    crosscheck: bool = False,
     plan: PoolingOptions | None = None,
 ) -> PooledResult:
     """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
@@ -126,14 +122,12 @@ def run_pooled(
 
     Parameters
     ----------
-    seed, report, checkpoint_store, crosscheck : as for :func:`bayesterra.analysis.inference.run`.
+    seed, report, checkpoint_store : as for :func:`bayesterra.analysis.inference.run`.
     plan : size of the adaptation.
     """
-    if crosscheck:
-        check_installed()
     started = time.perf_counter()
-    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(6)
-    sampling, whole, weighing, prior_stream, comparing, nesting = family_streams
+    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
+    sampling, whole, weighing, prior_stream, comparing = family_streams
     samples = sample_joint(joint, study.sampling, sampling, report, plan, checkpoint_store)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
@@ -176,11 +170,6 @@ def run_pooled(
         },
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
-    if crosscheck:
-        ours = samples.chains[:, :: kept.every]
-        findings |= failures.attempt(
-            "crosscheck", lambda: crosschecked(joint, ours, nesting, report), dict[str, Any]
-        )
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
         study=study,
@@ -193,15 +182,6 @@ def run_pooled(
         else pd.DataFrame(columns=LEFT_OUT_COLUMNS),
         record=with_failures(result.run_record(study, seed, findings, seconds), failures),
     )
-
-
-def crosschecked(
-    joint: JointPosterior, chains: FloatArray, seed: SeedSequence, report: Callable[[Progress], None]
-) -> dict[str, Any]:
-    """Entry of the record on how nested sampling agrees with chains (ensembles, steps, walkers, d)."""
-    ours = Weighted.of_ensembles("bayesterra", chains, None)
-    found = against_nested(joint, ours, seed, report=lambda stage: report(Progress(stage, 1.0)), walks=WALKS)
-    return {"crosscheck": found.record()}
 
 
 def shared_or_not(evidences: Evidences) -> tuple[Sharing, ...]:

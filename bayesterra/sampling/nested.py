@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,7 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Evidence
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.weights import effective_number
@@ -158,28 +159,6 @@ def _moments(sampler: Weighted, i: int) -> tuple[float, float]:
     return mean, float(np.sqrt(sampler.weights @ (sampler.x[:, i] - mean) ** 2))
 
 
-class CubicPrior(Protocol):
-    """A prior that is the image of the unit cube."""
-
-    def quantile(self, q: FloatArray) -> FloatArray:
-        """Parameter sets (n, d) at probabilities (n, d): independent uniform ones give draws."""
-
-
-class CubicDensity(Protocol):
-    """All that nested sampling needs to know of a posterior."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Free parameters."""
-
-    @property
-    def prior(self) -> CubicPrior:
-        """The stated prior."""
-
-    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log prior and log likelihood, each (n,), both −inf outside the support."""
-
-
 def check_installed() -> None:
     """Raise a StudyError where nested sampling is not installed."""
     if find_spec("dynesty") is None:
@@ -187,12 +166,11 @@ def check_installed() -> None:
 
 
 def against_nested(
-    posterior: CubicDensity,
+    posterior: Posterior,
     ours: Weighted,
     seed: SeedSequence,
     live: tuple[int, ...] = LIVE,
     report: Callable[[str], None] = lambda stage: None,
-    walks: int | None = None,
 ) -> CrossCheck:
     """Sample a posterior by nested sampling at every number of live points and compare with our draws.
 
@@ -203,15 +181,12 @@ def against_nested(
     samplers = [ours]
     for points, stream in zip(live, seed.spawn(len(live)), strict=True):
         report(f"nested sampling, {points} live points")
-        samplers.append(nested(posterior, points, stream, walks))
+        samplers.append(nested(posterior, points, stream))
     return compare(tuple(samplers), posterior.names)
 
 
-def nested(posterior: CubicDensity, live: int, seed: SeedSequence, walks: int | None = None) -> Weighted:
-    """Static nested sampling from the unit cube of the stated prior, by dynesty.
-
-    With ``walks`` new points come from random walks of so many steps.
-    """
+def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
+    """Static nested sampling from the unit cube of the stated prior, by dynesty."""
     check_installed()
     from dynesty import NestedSampler
 
@@ -223,10 +198,11 @@ def nested(posterior: CubicDensity, live: int, seed: SeedSequence, walks: int | 
     def log_likelihood(x: FloatArray) -> float:
         return float(posterior.log_prior_and_likelihood(x[None])[1][0])
 
-    moves: dict[str, Any] = {"sample": _moves(d)} if walks is None else {"sample": "rwalk", "walks": walks}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
-        sampler = NestedSampler(log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), **moves)
+        sampler = NestedSampler(
+            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=_moves(d)
+        )
         sampler.run_nested(print_progress=False, dlogz=0.1)
         results = sampler.results
     weights = np.asarray(results.importance_weights())

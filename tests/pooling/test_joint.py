@@ -22,9 +22,7 @@ from bayesterra.pooling.joint import (
     log_population,
 )
 from bayesterra.pooling.moves import Walkers
-from bayesterra.pooling.run import WALKS
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint, starting_points
-from bayesterra.sampling.nested import Weighted, compare, nested
 from bayesterra.study.study import Study
 from tests.support.two_wheels import HELD
 
@@ -230,17 +228,3 @@ def test_reasons_are_those_of_the_groups(make: MakeStudy) -> None:
     outside[:, joint.names.index("K[Wh32]")] = -1.0
     assert (joint.reasons(outside) == OUTSIDE_PRIOR).all()
     assert 0 < alive.mean() < 1
-
-
-@pytest.mark.slow
-def test_nested_sampling_checks_groups(joint: JointPosterior, samples: JointSamples) -> None:
-    """It agrees with the draws of the joint posterior, and not with draws that lie half an sd off."""
-    pytest.importorskip("dynesty")
-    samplers = (nested(joint, 60, SeedSequence(2), WALKS), nested(joint, 90, SeedSequence(3), WALKS))
-    ours = Weighted.of_ensembles("bayesterra", samples.chains, None)
-    sd = samples.chains.std(axis=(0, 1, 2))
-    wrong = Weighted.of_ensembles("wrong", samples.chains + 0.5 * sd * np.eye(len(sd))[1], None)
-    assert compare((ours, *samplers), joint.names).verdict == "agree"
-    found = compare((wrong, *samplers), joint.names)
-    assert found.verdict == "disagree"
-    assert "K.mean" in found.worst

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import typer
 from markupsafe import escape
-from numpy.random import SeedSequence
 
 import bayesterra as bt
 from bayesterra.__main__ import main
@@ -23,13 +22,12 @@ from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
-from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.run import PooledResult, _sharing_table, crosschecked, row_likelihoods, run_pooled
+from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
+from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
 from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
-from bayesterra.sampling.nested import CrossCheck, Weighted, compare
 from bayesterra.sampling.sampler import ThinnedDraws
 from bayesterra.study.canonical import write_study
 from bayesterra.study.groups import law_sd
@@ -201,26 +199,13 @@ def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(
     assert note not in run_prior(make(pooling=None)).page().html()
 
 
-def test_a_crosscheck_of_groups_is_in_record_and_page(
-    result: PooledResult, make: MakeStudy, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nested sampling gets the joint posterior and our draws; its verdict is said."""
-    asked: list[tuple[str, ...]] = []
-
-    def against(posterior: JointPosterior, ours: Weighted, *how: object, **more: object) -> CrossCheck:
-        asked.append(posterior.names)
-        assert ours.x.shape[1] == len(posterior.names)
-        others = (Weighted.independent(str(i), ours.x, ours.weights, np.nan, np.nan) for i in range(2))
-        return compare((ours, *others), posterior.names)
-
-    monkeypatch.setattr(pooling_run, "against_nested", against)
-    names, data = list(result.summary["parameter"]), result.to_dataframe()
-    chains = data[names].to_numpy().reshape(data["chain"].nunique(), -1, 1, len(names))
-    record = crosschecked(joint_posterior(make()), chains, SeedSequence(1), print)
-    assert asked == [tuple(names)]
-    assert record["crosscheck"]["verdict"] == "agree"
-    page = replace(result, record={**result.record, **record}).page().html()
-    assert "Cross-check by nested sampling at two settings: <b>agree</b>" in page
+def test_no_crosscheck_of_groups(make: MakeStudy, tmp_path: Path) -> None:
+    """A cross-check is refused, before anything is written."""
+    with pytest.raises(StudyError, match=r"--crosscheck takes studies without a \[pooling\] table: on the"):
+        analysis_run.run(make(), crosscheck=True)
+    with pytest.raises(StudyError, match="nested sampling does not agree with itself"):
+        analysis_run.run_study(make(), out=tmp_path / "out", quiet=True, crosscheck=True)
+    assert not list(tmp_path.iterdir())
 
 
 def test_command_writes_the_folder_and_says_what_it_found(

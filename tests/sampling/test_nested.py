@@ -116,8 +116,7 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
     streams: list[tuple[int, tuple[int, ...]]] = []
     stages: list[str] = []
 
-    def fake(target: Posterior, live: int, seed: SeedSequence, walks: int | None) -> Weighted:
-        assert walks is None
+    def fake(target: Posterior, live: int, seed: SeedSequence) -> Weighted:
         streams.append((live, seed.spawn_key))
         return equal(f"nested ({live})", draws(live), 0.0, 0.1)
 
