@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp
+from scipy.special import ndtr, ndtri, ndtri_exp
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import OUTSIDE_PRIOR, Posterior, checked_sets, likelihood_of
+from bayesterra.likelihood.posterior import Posterior, checked_sets, likelihood_of
 from bayesterra.stats.dependence import Split
 from bayesterra.stats.laws import Law
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 
@@ -114,8 +115,7 @@ class JointPosterior:
         at = len(self.shared) + 2 * self.populations.index(name)
         return shared[:, at], shared[:, at + 1]
 
-    def shared_scores(self, shared: FloatArray) -> FloatArray:
-        """Normal scores (n, k) of the shared parameters that correlate."""
+    def _shared_scores(self, shared: FloatArray) -> FloatArray:
         scores = [self.laws[name].score(shared[:, self.shared.index(name)]) for name in self.tied_shared]
         return np.column_stack([np.empty((len(shared), 0)), *scores])
 
@@ -139,7 +139,7 @@ class JointPosterior:
         if self.copula is None or name not in self.tied_local:
             return np.zeros(len(shared)), 1.0
         before = [other for other in self.populations[:i] if other in self.tied_local]
-        scores = [self.shared_scores(shared)]
+        scores = [self._shared_scores(shared)]
         for other in before:
             values = own[:, self.local.index(other)]
             limits = self.laws[other].range
@@ -152,7 +152,7 @@ class JointPosterior:
         """Term of correlations in the log density (n,) of a group's locals inside their ranges."""
         if self.copula is None or not self.tied_local:
             return np.zeros(len(own))
-        return self.copula.log_own(self.shared_scores(shared), self._own_scores(shared, own))
+        return self.copula.log_own(self._shared_scores(shared), self._own_scores(shared, own))
 
     def dependence_on(
         self, name: str, shared: FloatArray, own: FloatArray
@@ -161,7 +161,7 @@ class JointPosterior:
 
         As a function of mean and spread (n,) of a population that correlates, all other shared values held.
         """
-        shared_scores = np.tile(self.shared_scores(shared), (len(own), 1))
+        shared_scores = np.tile(self._shared_scores(shared), (len(own), 1))
         scores = np.concatenate([self._own_scores(shared, group_own) for group_own in own])
         column, limits = self.tied_local.index(name), self.laws[name].range
         values = own[:, :, self.local.index(name)]
@@ -213,7 +213,7 @@ class JointPosterior:
         """Term of correlations in the log density (n,) of the shared parameters."""
         if self.copula is None or not self.tied_shared:
             return np.zeros(len(shared))
-        return self.copula.log_shared(self.shared_scores(shared))
+        return self.copula.log_shared(self._shared_scores(shared))
 
     def log_prior_of_group(self, shared: FloatArray, own: FloatArray) -> FloatArray:
         """Log density (n,) of a group's locals (n, d) given shared values (n, k), before the physical cut."""
@@ -241,43 +241,16 @@ class JointPosterior:
         ------
         ValueError : ``x`` does not have one column per parameter.
         """
-        prior, likelihood = self.log_prior_and_likelihood(x)
-        return prior + np.where(np.isfinite(prior), likelihood, 0.0)
-
-    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log prior and log likelihood, each (n,), both −inf outside the support."""
-        D, L, finite = self._parts(x)
-        prior, likelihood = np.where(finite, self.log_prior_of_shared(D), -np.inf), np.zeros(len(D))
-        for group, own in zip(self.groups, L, strict=True):
-            alive = np.flatnonzero(np.isfinite(prior))
-            prior[alive] += self.log_prior_of_group(D[alive], own[alive])
-            alive = alive[np.isfinite(prior[alive])]
-            likelihood[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
-            prior = np.where(likelihood > -np.inf, prior, -np.inf)
-        return prior, np.where(np.isfinite(prior), likelihood, -np.inf)
-
-    def reasons(self, x: FloatArray) -> IntArray:
-        """Reason why each parameter set (n, d) has no density: a key of ``REASONS``, 0 where it has one."""
-        D, L, finite = self._parts(x)
-        stated = np.where(finite, self.log_prior_of_shared(D), -np.inf)
-        reasons = np.zeros(len(D), dtype=np.int64)
-        for posterior, own in zip(self.groups.values(), L, strict=True):
-            alive = np.flatnonzero(np.isfinite(stated))
-            stated[alive] += self.log_prior_of_group(D[alive], own[alive])
-            alive = alive[np.isfinite(stated[alive]) & (reasons[alive] == 0)]
-            reasons[alive] = posterior.reasons(self.of_group(D[alive], own[alive]))
-        return np.where(np.isfinite(stated), reasons, OUTSIDE_PRIOR)
-
-    def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Shared values and locals of parameter sets, 0 in place of what is not finite, and which are."""
         x = checked_sets(x, self.names)
         finite = np.asarray(np.isfinite(x).all(axis=1))
-        return *self.split(np.where(finite[:, None], x, 0.0)), finite
-
-    @property
-    def prior(self) -> JointPrior:
-        """The stated prior, before the physical cut."""
-        return JointPrior(self)
+        D, L = self.split(np.where(finite[:, None], x, 0.0))
+        total = np.where(finite, self.log_prior_of_shared(D), -np.inf)
+        for group, own in zip(self.groups, L, strict=True):
+            alive = np.flatnonzero(np.isfinite(total))
+            total[alive] += self.log_prior_of_group(D[alive], own[alive])
+            alive = alive[np.isfinite(total[alive])]
+            total[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
+        return total
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
@@ -292,7 +265,7 @@ class JointPosterior:
         """Locals (n, d) of one group for each row of shared values, before the physical cut."""
         scores: dict[str, FloatArray] = {}
         if self.copula is not None and self.tied_local:
-            tied = self.copula.draw_own(self.shared_scores(shared), rng)
+            tied = self.copula.draw_own(self._shared_scores(shared), rng)
             scores = dict(zip(self.tied_local, tied.T, strict=True))
         columns = []
         for name in self.local:
@@ -307,65 +280,6 @@ class JointPosterior:
             else:
                 columns.append(law.sample(len(shared), rng) if z is None else law.at_score(z))
         return np.column_stack(columns)
-
-
-@dataclass(frozen=True)
-class JointPrior:
-    """The stated prior of a joint posterior, before the physical cut."""
-
-    joint: JointPosterior
-
-    def sample(self, n: int, rng: Generator) -> FloatArray:
-        """Draw parameter sets (n, d)."""
-        return self.quantile(rng.random((n, len(self.joint.names))))
-
-    def quantile(self, q: FloatArray) -> FloatArray:
-        """Parameter sets (n, d) at probabilities ``q`` (n, d): independent uniform ones give draws.
-
-        A value that correlates, or has a population, is the quantile of its law given those before it.
-        """
-        joint, x = self.joint, np.empty(q.shape)
-        k, hyper, d = len(joint.shared), joint.hyper, len(joint.local)
-        scores = self._scores(joint.tied_shared, joint.shared, q[:, :k], None)
-        for i, name in enumerate(joint.shared):
-            law = joint.laws[name]
-            x[:, i] = law.at_score(scores[name]) if name in scores else law.quantile(q[:, i])
-        for i, law in enumerate(law for pair in hyper.values() for law in pair):
-            x[:, k + i] = law.quantile(q[:, k + i])
-        shared = x[:, : len(joint.shared_and_hyper)]
-        for g in range(len(joint.groups)):
-            own = slice(shared.shape[1] + g * d, shared.shape[1] + (g + 1) * d)
-            x[:, own] = self._own(shared, q[:, own])
-        return x
-
-    def _own(self, shared: FloatArray, q: FloatArray) -> FloatArray:
-        """One group's values (n, d) given what is shared."""
-        joint = self.joint
-        scores = self._scores(joint.tied_local, joint.local, q, shared)
-        columns = []
-        for i, name in enumerate(joint.local):
-            law = joint.laws[name]
-            if name in joint.populations:
-                score = scores.get(name, ndtri(q[:, i]))
-                columns.append(population_value(score, *joint.population(name, shared), law.range))
-            else:
-                columns.append(law.at_score(scores[name]) if name in scores else law.quantile(q[:, i]))
-        return np.column_stack(columns)
-
-    def _scores(
-        self, tied: tuple[str, ...], names: tuple[str, ...], q: FloatArray, shared: FloatArray | None
-    ) -> dict[str, FloatArray]:
-        """Normal scores of parameters that correlate, by name: those shared, or one group's given them."""
-        copula = self.joint.copula
-        if copula is None or not tied:
-            return {}
-        normal = ndtri(q[:, [names.index(name) for name in tied]])
-        values = (
-            copula.first(normal)
-            if shared is None
-            else copula.completed(self.joint.shared_scores(shared), normal)
-        )
-        return dict(zip(tied, values.T, strict=True))
 
 
 def joint_posterior(study: Study) -> JointPosterior:
@@ -440,16 +354,7 @@ FAINTEST = -690.0
 
 def log_mass(mean: FloatArray, spread: FloatArray, limits: Range) -> FloatArray:
     """Log probability (any shape) of normal laws inside a range."""
-    return _log_between((limits[0] - mean) / spread, (limits[1] - mean) / spread)
-
-
-def _log_between(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Log probability (any shape) of the standard normal law between two points."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        flipped = low + high > 0  # the tail with the digits
-        low, high = np.where(flipped, -high, low), np.where(flipped, -low, high)
-        below, above = log_ndtr(low), log_ndtr(high)
-        return np.asarray(above + np.log(-np.expm1(np.minimum(below - above, 0.0))))
+    return GAUSSIAN.log_mass((limits[0] - mean) / spread, (limits[1] - mean) / spread)
 
 
 def log_population(values: FloatArray, mean: FloatArray, spread: FloatArray, limits: Range) -> FloatArray:
@@ -479,10 +384,10 @@ def population_score(values: FloatArray, mean: FloatArray, spread: FloatArray, l
     """Normal scores (any shape) of values inside the limits under the laws of their populations."""
     with np.errstate(over="ignore", invalid="ignore"):  # spreads of next to nothing, ranges without mass
         low, at, high = ((edge - mean) / spread for edge in (limits[0], values, limits[1]))
-        whole = _log_between(low, high)
+        whole = GAUSSIAN.log_mass(low, high)
         below, above = (
             np.clip(np.nan_to_num(part - whole, nan=-np.inf), FAINTEST, 0.0)
-            for part in (_log_between(low, at), _log_between(at, high))
+            for part in (GAUSSIAN.log_mass(low, at), GAUSSIAN.log_mass(at, high))
         )
     return np.asarray(np.where(below < above, ndtri_exp(below), -ndtri_exp(above)))
 

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
-from bayesterra.report.failures import REPORT, Failures, failed, sentences, with_failures
+from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
 from bayesterra.report.symbols import angles
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
@@ -133,16 +133,3 @@ def render(content: object, template: str = "report.html") -> str:
         keep_trailing_newline=True,
     )
     return environment.get_template(template).render(page=content)
-
-
-def crosscheck_text(record: Mapping[str, Any]) -> tuple[Text, ...]:
-    """Verdict of nested sampling at two settings, if it was asked for."""
-    crosscheck = record.get("crosscheck")
-    if crosscheck is None:
-        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
-    text = Markup(
-        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
-        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
-        "sign, so a disagreement does not say who is wrong."
-    ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
-    return (Text(text),)

@@ -156,11 +156,7 @@ class Split:
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared scores (n, k)."""
-        return self.first(rng.standard_normal((n, self.shared)))
-
-    def first(self, normal: FloatArray) -> FloatArray:
-        """Shared scores (n, k) from independent ones (n, k)."""
-        return self._first.completed(np.empty((len(normal), 0)), normal)
+        return self._first.completed(np.empty((n, 0)), rng.standard_normal((n, self.shared)))
 
     def draw_own(self, shared: FloatArray, rng: Generator) -> FloatArray:
         """One group's scores (n, d), given the shared ones of each row."""

@@ -74,15 +74,20 @@ class Tails(ABC):
     def log_cdf(self, z: FloatArray) -> FloatArray:
         """Log of the probability below, with its digits far out."""
 
-    def log_between(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Log probability between residuals of any shape, ``low`` < ``high``; either may be infinite."""
-        flipped = low + high > 0  # the tail with the digits
-        low, high = np.where(flipped, -high, low), np.where(flipped, -low, high)
+    def log_mass(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Log probability between residuals of any shape, by that below each; NaN where it has no digits."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            above = self.log_cdf(high)
-            apart = above + np.log(-np.expm1(np.minimum(self.log_cdf(low) - above, 0.0)))
+            flipped = low + high > 0  # the tail with the digits
+            low, high = np.where(flipped, -high, low), np.where(flipped, -low, high)
+            below, above = self.log_cdf(low), self.log_cdf(high)
+            return np.asarray(above + np.log(-np.expm1(np.minimum(below - above, 0.0))))
+
+    def log_between(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """The same for ``low`` < ``high``, also of intervals that are narrow or beyond all digits."""
+        apart = self.log_mass(low, high)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             close = self.log_density(0.5 * (low + high)) + np.log(high - low)
-        far = ~(apart > -np.inf) & np.isfinite(close)  # beyond all digits of the probability
+        far = ~(apart > -np.inf) & np.isfinite(close)
         return np.where((high - low < NARROW) | far, close, np.nan_to_num(apart, nan=-np.inf, neginf=-np.inf))
 
     def pulls_between(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:

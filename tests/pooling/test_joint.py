@@ -11,7 +11,7 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.posterior import OUTSIDE_PRIOR, draw_cut_prior
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.joint import (
@@ -24,7 +24,6 @@ from bayesterra.pooling.joint import (
 from bayesterra.pooling.moves import Walkers
 from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint, starting_points
 from bayesterra.study.study import Study
-from tests.support.two_wheels import HELD
 
 MakeStudy = Callable[..., Study]
 
@@ -191,40 +190,3 @@ def test_rescaled_locals_keep_their_place_in_the_population(joint: JointPosterio
     np.testing.assert_allclose(np.log(slope[known]), log_jacobian[kept][known], atol=1e-3)
     assert kept.sum() > 25
     assert np.isneginf(log_jacobian[~kept]).all()
-
-
-@pytest.mark.parametrize("roles", ["separate", "hierarchical"])
-@pytest.mark.parametrize("correlation", [0.0, 0.8])
-def test_the_unit_cube_of_the_joint_prior_is_its_law(make: MakeStudy, roles: str, correlation: float) -> None:
-    """The log density is minus the log determinant of the map from the cube, by differences."""
-    priors = {name: value for name, value in HELD.items() if name != "c"}
-    tied = {"correlation": {"c, phi": correlation}} if correlation else {}
-    pooling = {"shared": ["c"], roles: ["phi", "K"] if roles == "separate" else {"phi": {}, "K": {}}}
-    joint = joint_posterior(make(priors={**priors, **tied}, pooling=pooling))
-    q = 0.1 + 0.8 * default_rng(3).random((20, len(joint.names)))
-    step = 1e-5
-    columns = [
-        (joint.prior.quantile(q + step * e) - joint.prior.quantile(q - step * e)) / (2 * step)
-        for e in np.eye(len(joint.names))
-    ]
-    level = -np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    D, L = joint.split(joint.prior.quantile(q))
-    stated = joint.log_prior_of_shared(D) + sum(joint.log_prior_of_group(D, own) for own in L)
-    np.testing.assert_allclose(level, stated, rtol=1e-5, atol=1e-5)
-
-
-def test_reasons_are_those_of_the_groups(make: MakeStudy) -> None:
-    """A set outside the prior, outside what physics allows in one group, or with a density."""
-    held = {name: value for name, value in HELD.items() if name not in ("c1", "c2")}
-    joint = joint_posterior(make(priors={"set": "paper-box", **held}))
-    x = joint.prior.sample(2000, default_rng(5))
-    reasons, (prior, likelihood) = joint.reasons(x), joint.log_prior_and_likelihood(x)
-    np.testing.assert_array_equal(reasons == 0, likelihood > -np.inf)
-    np.testing.assert_array_equal(prior > -np.inf, likelihood > -np.inf)
-    alive = reasons == 0
-    np.testing.assert_allclose(joint.log_density(x)[alive], (prior + likelihood)[alive])
-    assert (joint.log_density(x)[~alive] == -np.inf).all()
-    outside = x.copy()
-    outside[:, joint.names.index("K[Wh32]")] = -1.0
-    assert (joint.reasons(outside) == OUTSIDE_PRIOR).all()
-    assert 0 < alive.mean() < 1

@@ -82,7 +82,7 @@ def test_every_dependence_is_in_the_prior(make: MakeStudy, roles: str, how: str)
     D = joint.draw_shared(20_000, rng)
     own = [joint.draw_group(D, rng) for _ in joint.groups]
     for one in own:
-        z = np.concatenate([joint.shared_scores(D), joint._own_scores(D, one)], axis=1)
+        z = np.concatenate([joint._shared_scores(D), joint._own_scores(D, one)], axis=1)
         assert np.corrcoef(z.T)[0, 1] == pytest.approx(0.8, abs=0.015)
         np.testing.assert_allclose(z.std(axis=0), 1.0, atol=0.03)
 
