@@ -237,13 +237,11 @@ def predict(
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
     from bayesterra.prediction import forecast
-    from bayesterra.prediction.prediction import of_group
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
     loaded = load_result(result)
     if rover is not None:
-        known, _ = of_group(loaded, "", group)
-        _drive(known, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
+        _drive(loaded, group, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
         return
     cases = forecast.forecast(
         loaded,
@@ -263,12 +261,19 @@ def _default(result: Path, what: str) -> Path:
 
 
 def _drive(
-    loaded: Result, rover: Path, slope: Sequence[str], tow: Sequence[str], folder: Path, overwrite: bool
+    loaded: Result,
+    group: str | None,
+    rover: Path,
+    slope: Sequence[str],
+    tow: Sequence[str],
+    folder: Path,
+    overwrite: bool,
 ) -> None:
     """Drive a rover and write what comes of it."""
     from bayesterra.prediction import outlook
 
-    sheet = outlook.predict_rover(loaded, rover, slopes=outlook.slopes_of(slope), tows=outlook.tows_of(tow))
+    slopes, tows = outlook.slopes_of(slope), outlook.tows_of(tow)
+    sheet = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
     sheet.save(folder, overwrite=overwrite)
     show(sheet, folder)
 

@@ -13,9 +13,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError, checked_path
+from bayesterra.errors import StudyError, check_kind, checked_path
 from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import UNANSWERED, quantiles, spread, wheel_remarks
+from bayesterra.prediction.prediction import UNANSWERED, of_group, quantiles, spread, wheel_remarks
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.prediction.statics import (
     OUTCOMES,
@@ -29,7 +29,7 @@ from bayesterra.prediction.statics import (
     sweep,
 )
 from bayesterra.runtime.tables import Count, Number, Record
-from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result, check_single
+from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import measured_loads, prior_phi, resolved
@@ -67,6 +67,7 @@ class RoverOutlook(AnalysisResult):
     index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
     driven : lowest and highest slip of the study's rows in the fit.
     remarks : where rover and loads leave what was measured; one sentence each.
+    basis : of a joint posterior, where the parameters come from; a sentence.
     """
 
     MARK = "rover.json"
@@ -94,6 +95,7 @@ class RoverOutlook(AnalysisResult):
     index: IntArray
     driven: tuple[float, float]
     remarks: tuple[str, ...]
+    basis: str = ""
 
     @property
     def greatest_slope(self) -> FloatArray:
@@ -123,7 +125,9 @@ class RoverOutlook(AnalysisResult):
     @property
     def notes(self) -> tuple[str, ...]:
         """Assumptions, where the prediction leaves what was measured, and what is not in it."""
-        return (*(str(note) for note in self.rover.assumptions), *self._slips(), *self.remarks, MODEL_ERROR)
+        assumed = (str(note) for note in self.rover.assumptions)
+        source = (self.basis,) if self.basis else ()
+        return (*source, *assumed, *self._slips(), *self.remarks, MODEL_ERROR)
 
     def _slips(self) -> Iterator[str]:
         low, high = self.driven
@@ -314,6 +318,7 @@ def predict_rover(
     *,
     slopes: Sequence[float | str] = SLOPES,
     tows: Sequence[float | str] = (0.0,),
+    group: str | None = None,
 ) -> RoverOutlook:
     """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
 
@@ -322,15 +327,18 @@ def predict_rover(
     rover : a :class:`Rover`, or a file of one.
     slopes : rad, or text with a unit, from 0 to 45 degrees.
     tows : forces that pull back along the slope, N or text with a unit; every slope is tried with each.
+    group : of a joint posterior, whose parameters count; by default that of the rover's wheels if it has one,
+        else one that was not tested.
 
     Raises
     ------
     StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
-    check_single("bt.predict_rover", result, Result)
+    check_kind("bt.predict_rover", result, Result)
     if not isinstance(rover, Rover):
         path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
+    result, basis = of_group(result, _driven(result.study, rover), group)
     study = result.study
     if study.errors.discrepancy:
         raise StudyError(
@@ -359,8 +367,15 @@ def predict_rover(
         tows_driven=greatest(rover, ground, pulled, driven[1]),
         index=index,
         driven=driven,
-        remarks=tuple(_remarks(study, rover, asked)),
+        remarks=tuple(_remarks(study, rover, asked, known=bool(basis))),
+        basis=basis,
     )
+
+
+def _driven(study: Study, rover: Rover) -> str:
+    """Name of the study's wheel that a rover has at both axles, or nothing."""
+    wheels = set(rover.wheels)
+    return next((name for name, wheel in study.wheels.items() if {wheel} == wheels), "")
 
 
 def checked_slopes(slopes: Sequence[float | str]) -> FloatArray:
@@ -400,7 +415,7 @@ def _joined(states: Sequence[State]) -> State:
     )
 
 
-def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
+def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterator[str]:
     """Sentences on where loads, wheels and gravity leave what was measured."""
     middles = [quantiles(asked.load[:, i, axle])[2] for i in range(asked.load.shape[1]) for axle in (0, 1)]
     ends, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
@@ -411,7 +426,7 @@ def _remarks(study: Study, rover: Rover, asked: State) -> Iterator[str]:
             " extrapolated"
         )
     for wheel in dict.fromkeys(rover.wheels):
-        yield from wheel_remarks(study, wheel)
+        yield from wheel_remarks(study, wheel, known=known)
     if rover.gravity is not None and abs(rover.gravity - EARTH) > 0.1:
         yield (
             f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"

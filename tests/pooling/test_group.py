@@ -15,6 +15,7 @@ from bayesterra.pooling.group import group_result
 from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, _dataset
 from bayesterra.prediction import forecast
+from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.stats.laws import Law
 from bayesterra.study.study import Study
 from tests.support.two_wheels import WHEELS, MakeStudy
@@ -123,6 +124,33 @@ def test_a_wheel_in_a_file_is_predicted_by_the_population(
     made = forecast.forecast(result, slips=[0.2], wheels=[str(file)])
     made.save(tmp_path / "out")
     assert "drawn from the population" in (tmp_path / "out" / "prediction.json").read_text(encoding="utf-8")
+
+
+def test_a_rover_says_where_its_parameters_are_from(
+    make: MakeStudy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the wheel that it has at both axles, of a group by name, or of the population."""
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
+    result = _result(make())
+    wheels = result.study.wheels
+
+    def driven(front: str, rear: str, group: str | None = None) -> RoverOutlook:
+        rover = bt.Rover(
+            name="r", weight=320.0, wheelbase=0.8, centre_height=0.3, centre_ahead=0.4, tow_height=0.2,
+            wheels=(wheels[front], wheels[rear]),
+        )  # fmt: skip
+        return bt.predict_rover(result, rover, slopes=["5 deg"], group=group)
+
+    own = driven("Wh32", "Wh32")
+    assert own.notes[0] == "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"
+    alone = bt.predict_rover(group_result(result, "Wh32"), own.rover, slopes=["5 deg"])
+    pd.testing.assert_frame_equal(own.table, alone.table)
+    assert driven("Wh32", "Wh32", "Wh11").notes[0].startswith("parameters are those of Wh11")
+    mixed = driven("Wh11", "Wh32")
+    assert mixed.notes[0] == "this wheel was not tested: K drawn from the population of Wh11, Wh32"
+    assert not any("need not hold for another" in note for note in mixed.notes)
+    with pytest.raises(StudyError, match=r"unknown group 'Wh23' \(.*Wh32"):
+        driven("Wh32", "Wh32", "Wh23")
 
 
 def test_groups_by_site_take_a_name_or_none(make: MakeStudy) -> None:

@@ -127,7 +127,6 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "call",
     [
-        lambda result: bt.predict_rover(result, "rover.toml"),
         lambda result: bt.compare({"a": result, "b": result}),
         bt.identify,
         bt.recommend,
