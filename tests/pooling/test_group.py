@@ -126,9 +126,7 @@ def test_a_wheel_in_a_file_is_predicted_by_the_population(
     assert "drawn from the population" in (tmp_path / "out" / "prediction.json").read_text(encoding="utf-8")
 
 
-def test_a_rover_says_where_its_parameters_are_from(
-    make: MakeStudy, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_rover_says_where_its_parameters_are_from(make: MakeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of the wheel that it has at both axles, of a group by name, or of the population."""
     monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
     result = _result(make())
