@@ -11,8 +11,8 @@ from numpy.random import Generator, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.parameters import PARAMETERS
-from bayesterra.pooling.joint import JointPosterior, joint_posterior
 from bayesterra.pooling.run import PooledResult
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
