@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from bayesterra.analysis.comparison import compare
-    from bayesterra.analysis.prior_only import run_prior
+    from bayesterra.analysis.inference import run_prior
     from bayesterra.analysis.run import load_result, run
     from bayesterra.analysis.simulation import simulate
     from bayesterra.checking.calibration import calibrate
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "analysis.comparison": ("compare",),
-    "analysis.prior_only": ("run_prior",),
+    "analysis.inference": ("run_prior",),
     "analysis.run": ("load_result", "run"),
     "analysis.simulation": ("simulate",),
     "checking.calibration": ("calibrate",),

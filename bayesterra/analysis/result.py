@@ -1,9 +1,10 @@
-"""Result of a run on one soil: its labelled draws, its record, its folder read back, its page."""
+"""Results of a run on one soil and of a prior: labelled draws, record, folder read back, page."""
 # ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
 
@@ -27,7 +28,9 @@ from bayesterra.runtime.tables import Count, Number, read_csv
 from bayesterra.study.result import (
     CURVE_QUANTILES,
     ChannelName,
+    DrawnResult,
     ParameterName,
+    PriorRecord,
     Result,
     Some,
     StudyRecord,
@@ -129,6 +132,29 @@ class RunResult(Result):
     def validation(self) -> Validation:
         """Predictive checks under posterior and prior, and leave-one-out by row."""
         return Validation.from_record(self.record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorResult(DrawnResult):
+    """Result of a study before its readings.
+
+    Attributes
+    ----------
+    study : what was asked; its readings, where there are any, are not used.
+    draws : xarray DataTree with the groups prior, prior_predictive, constant_data and curves; SI, radians.
+    summary : one row per parameter and derived quantity, in field units, of the prior after the physical cut.
+    predictive : per row and channel: quantiles of readings that the prior predicts, in field units.
+    record : versions, seed, fingerprints and shares of the prior by reason of the cut.
+    """
+
+    TABLES = ("summary", "predictive")
+    RECORD = PriorRecord
+    GROUP = "prior"
+    VIEW = "bayesterra.analysis.prior_page:prior"
+    WITH_STUDY = True
+
+    study: Study
+    predictive: pd.DataFrame
 
 
 NUMBER, TEXT = "number", "text"
