@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from bayesterra.checking.calibration import ShortRuns
 from bayesterra.checking.ranks import rank_test
-from bayesterra.checking.replications import ShortRuns
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
 CASES = sorted(path.parent.name for path in STUDY.glob("*/calibration.json"))
