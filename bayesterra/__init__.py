@@ -90,7 +90,7 @@ _HOMES = {
     "study.study": ("load_study", "Study"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-__all__ = [*_HOME]
+__all__ = [name for names in _HOMES.values() for name in names]
 
 
 def __getattr__(name: str) -> Any:
