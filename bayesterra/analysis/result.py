@@ -14,7 +14,7 @@ import xarray as xr
 from pydantic import AfterValidator
 from typing_extensions import TypedDict
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
 from bayesterra.checking.predictive import Curves, RowPredictions
 from bayesterra.checking.validation import Validation
 from bayesterra.errors import ResultError
@@ -410,7 +410,7 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
     dims = ("wheel", "quantile", "point", "outcome")
     with np.errstate(all="ignore"):
         stacks = {
-            name: np.stack([_quantiles(getattr(curve, name)) for curve in curves])
+            name: np.stack([answered_quantiles(getattr(curve, name), CURVE_QUANTILES) for curve in curves])
             for name in ("modelled", "readings")
         }
     dataset = labelled_dataset(
@@ -425,14 +425,3 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
         quantile=list(CURVE_QUANTILES),
         outcome=list(curves[0].outcomes),
     )
-
-
-def _quantiles(values: FloatArray) -> FloatArray:
-    """Quantiles over draws (n, g, k) of the draws that have an answer, (quantiles, g, k)."""
-    filled = np.moveaxis(values, 0, -1)
-    result = np.full((len(CURVE_QUANTILES), *filled.shape[:-1]), np.nan)
-    for index in np.ndindex(filled.shape[:-1]):
-        answered = filled[index][np.isfinite(filled[index])]
-        if answered.size:
-            result[(slice(None), *index)] = np.quantile(answered, CURVE_QUANTILES)
-    return result

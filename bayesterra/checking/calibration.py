@@ -68,9 +68,16 @@ class Fitted:
     r_hat: float
     converged: bool
 
+    @property
+    def status(self) -> str:
+        """Word on whether the draws can be relied on."""
+        return CONVERGED if self.converged else UNCONVERGED
+
 
 Fit: TypeAlias = Callable[[Study, SeedSequence], Fitted]
 """Samples the posterior of a study. It must be picklable where there are several workers."""
+FAILURES = (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""Errors of a fit that cost its own outcome and no other."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +111,12 @@ class ShortRuns:
         samples = sample(target, self.long, second, adaptation=self.long_adaptation)
         return _fitted(samples, converged=samples.diagnosis.converged)
 
-    def record(self) -> dict[str, Any]:
-        """All settings, as they are saved."""
-        return {**asdict(self), "steps_per_tau": STEPS_PER_TAU, "r_hat_limit": R_HAT_LIMIT}
+
+def settings_of(fit: Fit) -> dict[str, Any]:
+    """Settings of a fit as they are saved: all of the default sampler, the name of any other."""
+    if isinstance(fit, ShortRuns):
+        return {**asdict(fit), "steps_per_tau": STEPS_PER_TAU, "r_hat_limit": R_HAT_LIMIT}
+    return {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
 
 
 def enough(diagnosis: Diagnosis) -> bool:
@@ -218,14 +228,13 @@ class Replication:
         try:
             fitted = self.fit(simulated, fitting)
             ranks = _ranks(simulated, truth, fitted, default_rng(ranking))
-        except (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        except FAILURES as error:
             names = quantity_names(self.study.prior.names, self.study.drive)
             note, nothing = f"{type(error).__name__}: {error}", float("nan")
             seconds = time.process_time() - started
             return Outcome(task, FAILED, 0.0, nothing, seconds, note, dict.fromkeys(names, nothing))
-        status = CONVERGED if fitted.converged else UNCONVERGED
         seconds = time.process_time() - started
-        return Outcome(task, status, fitted.ess, fitted.r_hat, seconds, ranks=ranks)
+        return Outcome(task, fitted.status, fitted.ess, fitted.r_hat, seconds, ranks=ranks)
 
 
 def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
@@ -344,15 +353,12 @@ def table(outcomes: Iterable[Outcome], study: Study) -> pd.DataFrame:
 
 def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]:
     """Origin of outcomes: all that they depend on, which must be the same for a calibration to go on."""
-    chosen = fit or ShortRuns()
-    named = {"fit": getattr(chosen, "__qualname__", type(chosen).__name__)}
-    settings = chosen.record() if isinstance(chosen, ShortRuns) else named
     return {
         "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
         "fingerprints": study.fingerprint,
-        "settings": {"ranked_among": DRAWS, **settings},
+        "settings": {"ranked_among": DRAWS, **settings_of(fit or ShortRuns())},
         "versions": versions(),
     }
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from bayesterra.checking.calibration import Fit, ShortRuns
+from bayesterra.checking.calibration import Fit, settings_of
 from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
@@ -150,7 +150,6 @@ def _held_out(
 
 def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
     """Origin of the outcomes: all that they depend on."""
-    named = {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
     return {
         "kind": "holdout",
         "by": by if isinstance(by, str) else "groups given",
@@ -160,7 +159,7 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
         "drive": study.drive,
         "data": study.kind,
         "fingerprints": study.fingerprint,
-        "settings": {"draws": DRAWS, **(fit.record() if isinstance(fit, ShortRuns) else named)},
+        "settings": {"draws": DRAWS, **settings_of(fit)},
         "versions": versions(),
     }
 
