@@ -16,7 +16,7 @@ from markupsafe import escape
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis import run as analysis_run
-from bayesterra.analysis.prior_only import run_prior
+from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.run import load_result, load_single
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError

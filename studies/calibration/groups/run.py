@@ -21,8 +21,8 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
+from bayesterra.checking.calibration import spaced
 from bayesterra.checking.ranks import CONVERGED, UNCONVERGED, Calibration, normalised_rank
-from bayesterra.checking.replications import spaced
 from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.runtime.engines import chosen, completed
 from bayesterra.runtime.folders import write_text
