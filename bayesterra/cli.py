@@ -154,15 +154,19 @@ def fit(
         list[str] | None, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
     ] = None,
 ) -> None:
-    """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly."""
+    """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly; each group alone."""
     from bayesterra.least_squares.fit import fit as fit_study
     from bayesterra.least_squares.results import print_fits
     from bayesterra.study.study import load_study
 
-    loaded = load_study(study)
-    fits = fit_study(loaded, method or None)
-    print_fits(fits, loaded)
-    raise typer.Exit(0 if all(fitted.converged for fitted in fits.values() if fitted.path) else 3)
+    converged = True
+    for group, alone in load_study(study).by_group().items():
+        fits = fit_study(alone, method or None)
+        if group:
+            typer.echo(printable(f"Group {group}, alone: least squares shares nothing"))
+        print_fits(fits, alone)
+        converged &= all(fitted.converged for fitted in fits.values() if fitted.path)
+    raise typer.Exit(0 if converged else 3)
 
 
 @app.command(short_help="Make measurements with known parameters.")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -364,9 +363,8 @@ def group_result(result: PooledResult, group: str | None = None, *, seed: int = 
     ------
     StudyError : there is no such group.
     """
-    groups, by = result.groups, _by(result)
-    if group is not None and group not in groups:
-        raise StudyError(f"unknown group '{group}'{did_you_mean(group, groups)}")
+    if group is not None and group not in result.groups:
+        raise StudyError(f"unknown group '{group}'{did_you_mean(group, result.groups)}")
     joint, rng = joint_posterior(result.study), default_rng(seed)
     trees = {}
     for name in ("posterior", "prior"):
@@ -376,7 +374,7 @@ def group_result(result: PooledResult, group: str | None = None, *, seed: int = 
         x = joint.of_group(shared, own)
         chains = x.reshape(data.sizes["chain"], data.sizes["draw"], -1)
         trees[name] = parameter_dataset(joint.first.names, chains)
-    study = _alone(result.study, by, group)
+    study = result.study.of_group(group)
     kept = ("parameter", "unit")
     summary = result.summary[[column for column in kept if column in result.summary]].iloc[:0]
     return Result(study=study, draws=xr.DataTree.from_dict(trees), summary=summary, record=result.record)
@@ -416,16 +414,3 @@ def _new_values(joint: JointPosterior, shared: FloatArray, rng: Generator) -> Fl
             break
         own[outside] = joint.draw_group(shared[outside], rng)
     return own
-
-
-def _alone(study: Study, by: str, group: str | None) -> Study:
-    """The study without groups, of the rows of one of them or of all."""
-    alone = copy(study)
-    object.__setattr__(alone, "pooling", None)
-    if group is None:
-        return alone
-    mine = np.array([label == group for label in study.observations.label(by)])
-    rows = study.observations.take(mine)
-    wheels = {name: wheel for name, wheel in study.wheels.items() if name in rows.wheel}
-    object.__setattr__(alone, "wheels", wheels)
-    return alone.with_rows(replace(rows, notes=()))

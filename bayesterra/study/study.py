@@ -155,6 +155,24 @@ class Study:
         object.__setattr__(other, "observations", rows)
         return other
 
+    def of_group(self, group: str | None) -> Study:
+        """The study without groups, of the rows and wheels of one of them; of all rows for None."""
+        alone = copy(self)
+        object.__setattr__(alone, "pooling", None)
+        if group is None or self.pooling is None:
+            return alone
+        rows = self.observations.take(np.array(self.observations.label(self.pooling.by)) == group)
+        wheels = {name: wheel for name, wheel in self.wheels.items() if name in rows.wheel}
+        object.__setattr__(alone, "wheels", wheels)
+        return alone.with_rows(replace(rows, notes=()))
+
+    def by_group(self) -> dict[str, Study]:
+        """Each group of rows in the fit as a study of its own; the study itself, without a name, if none."""
+        if self.pooling is None:
+            return {"": self}
+        names = dict.fromkeys(self.observations.used().label(self.pooling.by))
+        return {name: self.of_group(name) for name in names}
+
     @property
     def fingerprint(self) -> dict[str, str]:
         """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
@@ -260,7 +278,7 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
         for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
     ]
     return [
-        f"groups by {pooling.by}: {groups}; 'run' and 'calibrate' pool them, 'predict' takes pooled results;"
-        " other commands let all share every parameter",
+        f"groups by {pooling.by}: {groups}; 'run' and 'calibrate' pool them, 'fit' takes them one by one,"
+        " 'predict' takes pooled results, other commands let all share every parameter",
         *mixtures,
     ]

@@ -5,17 +5,13 @@ from typing import Any
 
 import pytest
 
+import bayesterra as bt
+from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import load_study
-from tests.support.two_wheels import MakeStudy, made
-
-
-@pytest.fixture(scope="module")
-def make() -> MakeStudy:
-    """See :func:`made`."""
-    return made
+from tests.support.two_wheels import TABLE, WHEELS, MakeStudy
 
 
 def test_parameters_in_no_list_are_shared(make: MakeStudy) -> None:
@@ -68,3 +64,39 @@ def test_mistakes_are_named(make: MakeStudy, table: dict[str, Any], message: str
     with pytest.raises(StudyError) as raised:
         make(pooling=table)
     assert message in str(raised.value)
+
+
+def test_each_group_is_a_study_of_its_own(make: MakeStudy) -> None:
+    """With its rows in the fit and their wheels, under the same prior, and no groups."""
+    alone = make(data=TABLE.assign(use=[1, 1, 0, 1, 1, 1])).by_group()
+    assert list(alone) == ["Wh11", "Wh32"]
+    for name, study in alone.items():
+        assert study.pooling is None
+        assert list(study.wheels) == [name]
+        assert set(study.observations.wheel) == {name}
+    assert len(alone["Wh11"].observations.used()) == 2
+    assert alone["Wh32"].fingerprint == make(
+        data=TABLE[TABLE["wheel"] == "Wh32"], wheels={"Wh32": WHEELS["Wh32"]}, pooling=None
+    ).fingerprint | {"data": alone["Wh32"].fingerprint["data"]}
+    sites = make(pooling={"by": "site", "separate": ["K"]}).by_group()
+    assert {name: list(study.wheels) for name, study in sites.items()} == {
+        "a": ["Wh11", "Wh32"],
+        "b": list(WHEELS),
+    }
+    plain = make(pooling=None)
+    assert plain.by_group() == {"": plain}
+
+
+def test_least_squares_takes_groups_one_by_one(
+    make: MakeStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each table under its group's name, with the fit to that group's rows alone."""
+    study = make()
+    write_study(study, tmp_path)
+    assert main(["fit", str(tmp_path), "--method", "joint"]) == 0
+    printed = capsys.readouterr().out
+    parts = printed.split("Group ")[1:]
+    assert [part.split(",")[0] for part in parts] == list(WHEELS)
+    for part, alone in zip(parts, study.by_group().values(), strict=True):
+        value = 1e3 * bt.fit(alone, ["joint"])["joint"].values()["K"]
+        assert f"{value:.4g}" in next(line for line in part.splitlines() if line.split()[:1] == ["K"])

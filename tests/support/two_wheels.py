@@ -46,7 +46,7 @@ def made(**tables: Any) -> Study:
         "sampling": {"target_ess": 1000, "walkers": 32},
         "pooling": {"shared": ["phi"], "hierarchical": {"K": {}}},
     }
-    return Study(tables.pop("data", TABLE), WHEELS, **{**options, **tables})
+    return Study(tables.pop("data", TABLE), tables.pop("wheels", WHEELS), **{**options, **tables})
 
 
 @contextmanager
