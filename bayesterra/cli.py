@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,7 +17,7 @@ import typer
 from bayesterra.errors import printable
 
 if TYPE_CHECKING:
-    from bayesterra.study.result import AnalysisResult, Result
+    from bayesterra.study.result import AnalysisResult
 
 
 app = typer.Typer(
@@ -236,46 +236,21 @@ def predict(
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
-    from bayesterra.prediction import forecast
+    from bayesterra.prediction import forecast, outlook
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
-    loaded = load_result(result)
-    if rover is not None:
-        _drive(loaded, group, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
-        return
-    cases = forecast.forecast(
-        loaded,
-        slips=forecast.slips_of(slip or ()),
-        loads=load or (),
-        wheels=wheel or (),
-        slip_reference=slip_reference,
-        group=group,
-    )
-    folder = out or _default(result, "prediction")
-    cases.save(folder, overwrite=overwrite)
-    show(cases, folder)
-
-
-def _default(result: Path, what: str) -> Path:
-    return Path(f"{result.resolve().name.removesuffix('-result')}-{what}")
-
-
-def _drive(
-    loaded: Result,
-    group: str | None,
-    rover: Path,
-    slope: Sequence[str],
-    tow: Sequence[str],
-    folder: Path,
-    overwrite: bool,
-) -> None:
-    """Drive a rover and write what comes of it."""
-    from bayesterra.prediction import outlook
-
-    slopes, tows = outlook.slopes_of(slope), outlook.tows_of(tow)
-    sheet = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
-    sheet.save(folder, overwrite=overwrite)
-    show(sheet, folder)
+    loaded, name = load_result(result), result.resolve().name.removesuffix("-result")
+    if rover is None:
+        slips, loads, wheels = forecast.slips_of(slip or ()), load or (), wheel or ()
+        made: AnalysisResult = forecast.forecast(
+            loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group
+        )
+    else:
+        slopes, tows = outlook.slopes_of(slope or ()), outlook.tows_of(tow or ())
+        made = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
+    folder = out or Path(f"{name}-{'prediction' if rover is None else 'rover'}")
+    made.save(folder, overwrite=overwrite)
+    show(made, folder)
 
 
 def check_options(

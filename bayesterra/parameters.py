@@ -110,6 +110,7 @@ MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
 SLIP_ERROR = "slip_error"
+OFFSET = "sinkage_offset"
 SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
 """Beginnings of the names of estimated standard deviations: for ``str.startswith``."""
 
@@ -118,10 +119,6 @@ _MODULI = (
     Parameter("kphi", "k_φ", r"k_\varphi", "kPa/m^N", 1e3, "Pa", "frictional modulus, K_s = k_c/b + k_φ"),
 )
 """Bekker's moduli, which stand in place of K_s: eq. (4) with K_s = k_c/b + k_φ for a wheel of width b."""
-
-_OFFSET = Parameter(
-    "sinkage_offset", "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"
-)
 
 _SIZES = {
     NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
@@ -144,10 +141,6 @@ def _size(prefix: str, channel: Channel) -> Parameter:
     )
 
 
-_SLIP_ERROR = Parameter(
-    SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"
-)
-
 PARAMETERS: dict[str, Parameter] = {
     parameter.name: parameter
     for parameter in (
@@ -156,14 +149,13 @@ PARAMETERS: dict[str, Parameter] = {
         *_SOIL[1:],
         *_LOAD_EFFECT,
         *(_size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES),
-        _SLIP_ERROR,
-        _OFFSET,
+        Parameter(SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"),
+        Parameter(OFFSET, "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"),
     )
 }
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
-OFFSET = "sinkage_offset"
 
 
 class SoilColumns(IntEnum):

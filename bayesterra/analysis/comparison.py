@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayesterra.analysis.run import load_single
+from bayesterra.analysis.result import read_result
 from bayesterra.checking.loo import CrossValidation, Difference, difference
 from bayesterra.errors import ResultError, StudyError, checked_path
 from bayesterra.likelihood.forward import reference_load
@@ -98,10 +98,9 @@ class Comparison(AnalysisResult):
             base = base if base and base["sd"] > 0 else None
             shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
             width = row["sd"] / base["sd"] if base else np.nan
-            rows.append(
-                {"result": name, "quantity": quantity, "unit": _unit(quantity)}
-                | {**row, "shift": shift, "width": width}
-            )
+            unit = (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
+            head = {"result": name, "quantity": quantity, "unit": unit}
+            rows.append({**head, **row, "shift": shift, "width": width})
         return rows
 
     @property
@@ -232,10 +231,6 @@ def _moments(name: str, comparison: Comparison) -> dict[str, dict[str, float]]:
     return rows
 
 
-def _unit(quantity: str) -> str:
-    return (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
-
-
 def compare(
     results: Mapping[str, Result] | Sequence[str | Path],
     *,
@@ -304,7 +299,7 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
         same = sum(earlier.partition(" (")[0] == name for earlier in results)
-        results[f"{name} ({same + 1})" if same else name] = load_single(folder)
+        results[f"{name} ({same + 1})" if same else name] = read_result(folder)
     return results
 
 

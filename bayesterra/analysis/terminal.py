@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.analysis.simulation import Truth
-from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -48,12 +47,12 @@ def print_overview(study: Study, console: Console | None = None) -> None:
         console.print(f"Note: {note}")
 
 
-def print_truth(truth: Truth, console: Console | None = None) -> None:
+def print_truth(truth: Truth) -> None:
     """Print the values that data were simulated with, and where each comes from."""
     table = Table("parameter", "value", "from", title="Simulated with")
     for name, value in truth.values.items():
         table.add_row(name, PARAMETERS[name].field_text(value), truth.origins[name])
-    (console or PlainConsole()).print(table)
+    PlainConsole().print(table)
 
 
 def _general(study: Study) -> Table:
@@ -98,7 +97,7 @@ def _measurements(study: Study) -> Table:
     from bayesterra.likelihood.page import noise_text
 
     rows = study.observations
-    columns = _columns(study)
+    columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     table = Table(title=f"{len(rows)} rows, {int(rows.use.sum())} in use; slip on r_s, sinkage from the rim")
     for header in ("row", *(["wheel"] if len(study.wheels) > 1 else []), "slip"):
         table.add_column(header, justify="right")
@@ -115,12 +114,6 @@ def _measurements(study: Study) -> Table:
     empty = [""] * (len(table.columns) - 1 - len(columns))
     table.add_row("noise", *empty, *(noise_text(study.noise.get(name)) for name in columns))
     return table
-
-
-def _columns(study: Study) -> dict[str, FloatArray]:
-    """Columns of the table: what the drive conditions on, then the measured outcomes; SI."""
-    rows = study.observations
-    return {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
 
 
 def _cell(value: float) -> str:

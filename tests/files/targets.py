@@ -23,8 +23,7 @@ import numpy as np
 import xarray as xr
 
 from bayesterra.analysis import result as run_results
-from bayesterra.analysis.result import check_draws, read_pooled
-from bayesterra.analysis.run import load_single
+from bayesterra.analysis.result import check_draws, read_pooled, read_result
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
@@ -203,7 +202,7 @@ def result(data: bytes) -> None:
         (inner / name).unlink()
         (inner / name).write_bytes(data[1:])
         with allowed():
-            loaded = load_single(inner)
+            loaded = read_result(inner)
             predict(loaded, [0.1, 0.3])
             str(loaded.validation)
         with allowed():
