@@ -62,9 +62,10 @@ def sampling_section(result: Result) -> Blocks:
         drawing(analysis_figures.ranks(result, name), f"Rank histograms of {PARAMETERS[name].description}")
         for name in names
     )
+    spoken = {"lp": "the log density", **{name: PARAMETERS[name].description for name in names}}
     traces = tuple(
-        photograph(analysis_figures.trace(result, name), f"Trace of {_spoken(name)}")
-        for name in ("lp", *names)
+        photograph(analysis_figures.trace(result, name), f"Trace of {words}")
+        for name, words in spoken.items()
     )
     return (
         _checks(result),
@@ -112,10 +113,6 @@ def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
         "sign, so a disagreement does not say who is wrong."
     ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
     return (Text(text),)
-
-
-def _spoken(name: str) -> str:
-    return "the log density" if name == "lp" else PARAMETERS[name].description
 
 
 def _checks(result: Result) -> Table:
