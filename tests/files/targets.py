@@ -27,7 +27,7 @@ from bayesterra.analysis.result import check_draws, read_pooled, read_result
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
-from bayesterra.follow.rows import References, read_row
+from bayesterra.follow.rows import read_row
 from bayesterra.follow.session import rows_of
 from bayesterra.follow.stream import State, load_stream
 from bayesterra.prediction.prediction import predict
@@ -54,6 +54,7 @@ RESULT_FILES = (
     "run.json", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv", "study.toml",
     "measurements.csv",
 )  # fmt: skip
+REFERENCES = {"slip_reference": "shearing", "sinkage_reference": "rim"}
 STORE_FILES = ("begun.json", "state.segment", "task-1.segment", "tasks", "stream.json", "updates.csv")
 
 
@@ -149,7 +150,7 @@ def table(data: bytes) -> None:
                 if number > 50:
                     break
                 with allowed():
-                    read_row(base().study, row, number, References())
+                    read_row(base().study, row, number, REFERENCES)
 
 
 def soiltest(data: bytes) -> None:
