@@ -280,14 +280,18 @@ class Driving:
 
 def driving(result: Result) -> Driving:
     """Derived quantities, and pull and sinkage at a few of the driven slips."""
-    wheel = next(iter(result.study.wheels))
+    wheel, summary = next(iter(result.study.wheels)), summary_rows(result)
     slips = driven_slips(result, wheel)
     few = slips[np.unique(np.linspace(0, len(slips) - 1, FEW).round().astype(int))]
     header, rows = _at_slips(result, wheel, ("drawbar_pull", "sinkage"), few)
     load = reference_load(result.study)
+    derived: list[tuple[Cell, ...]] = []
+    for name in (name for name in DERIVED if name in summary):
+        middle, ends = estimate(summary[name].median, *summary[name].hdi)
+        derived.append((DERIVED[name].description, amount(name, middle), ends))
     return Driving(
         f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
-        tuple(_derived_row(result, name) for name in DERIVED if name in summary_rows(result)),
+        tuple(derived),
         header,
         rows,
         _remark(result, slips),
@@ -299,12 +303,6 @@ def driven_slips(result: Result, wheel: str) -> FloatArray:
     rows = result.study.observations.used()
     mine = np.array([name == wheel for name in rows.wheel])
     return np.unique(rows.slip[mine] if mine.any() else rows.slip)
-
-
-def _derived_row(result: Result, name: str) -> tuple[Cell, ...]:
-    row = summary_rows(result)[name]
-    middle, ends = estimate(row.median, *row.hdi)
-    return DERIVED[name].description, amount(name, middle), ends
 
 
 def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:

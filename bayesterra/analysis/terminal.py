@@ -106,7 +106,8 @@ def _measurements(study: Study) -> Table:
     for i, row in enumerate(rows.rows):
         wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
         cells = [
-            rows.marks(name)[i] + _cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()
+            rows.marks(name)[i] + ("" if np.isnan(column[i]) else f"{column[i] / CHANNELS[name].scale:.5g}")
+            for name, column in columns.items()
         ]
         mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
         table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
@@ -114,10 +115,6 @@ def _measurements(study: Study) -> Table:
     empty = [""] * (len(table.columns) - 1 - len(columns))
     table.add_row("noise", *empty, *(noise_text(study.noise.get(name)) for name in columns))
     return table
-
-
-def _cell(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.5g}"
 
 
 def _priors(study: Study) -> Table:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -80,6 +80,9 @@ FAILURES = (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Errors of a fit that cost its own outcome and no other."""
 
 
+_SHORT = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
+
+
 @dataclass(frozen=True)
 class ShortRuns:
     """The default sampler with small settings, and once more with larger ones where these were not enough.
@@ -90,16 +93,10 @@ class ShortRuns:
     long, long_adaptation : of the second, which ends by the rules of every run.
     """
 
-    short: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
-    )
-    adaptation: AdaptationOptions = field(
-        default_factory=lambda: AdaptationOptions(particles=256, components=8)
-    )
-    long: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
-    )
-    long_adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
+    short: SamplingOptions = _SHORT
+    adaptation: AdaptationOptions = AdaptationOptions(particles=256, components=8)  # noqa: RUF009 (frozen)
+    long: SamplingOptions = replace(_SHORT, max_steps=8000)  # noqa: RUF009 (frozen)
+    long_adaptation: AdaptationOptions = AdaptationOptions()  # noqa: RUF009 (frozen)
 
     def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
         """Sample the posterior of a study."""
@@ -227,7 +224,9 @@ class Replication:
         truth, simulated = replicated(self.study, default_rng(making))
         try:
             fitted = self.fit(simulated, fitting)
-            ranks = _ranks(simulated, truth, fitted, default_rng(ranking))
+            rng = default_rng(ranking)
+            values = quantities(posterior(simulated), np.concatenate([truth, spaced(fitted.draws, rng)]))
+            ranks = {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
         except FAILURES as error:
             names = quantity_names(self.study.prior.names, self.study.drive)
             note, nothing = f"{type(error).__name__}: {error}", float("nan")
@@ -264,12 +263,6 @@ def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
         readings[name] = rows.values[name].copy()
         readings[name][rows.use] = drawn[:, i]
     return truth, study.with_data(readings)
-
-
-def _ranks(study: Study, truth: FloatArray, fitted: Fitted, rng: Generator) -> dict[str, float]:
-    draws = spaced(fitted.draws, rng)
-    values = quantities(posterior(study), np.concatenate([truth, draws]))
-    return {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
 
 
 def spaced(draws: FloatArray, rng: Generator) -> FloatArray:

@@ -99,9 +99,9 @@ class RankTest:
         low, high = inside.argmax(axis=1), self.n - inside[:, ::-1].argmax(axis=1)
         return low / self.n, high / self.n
 
-    def power(self, shares: FloatArray, level: float, simulations: int = 2000) -> float:
+    def power(self, shares: FloatArray, level: float) -> float:
         """Probability that the test at ``level`` notices ranks with these shares (100,) in the intervals."""
-        statistics = self._simulated(shares, simulations, default_rng(1))
+        statistics = self._simulated(shares, 2000, default_rng(1))
         return float((statistics <= self.critical(level)).mean())
 
 
