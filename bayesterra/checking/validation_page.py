@@ -148,17 +148,14 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
 def cross_validation_section(result: Result) -> Blocks:
     """Every row predicted by the others."""
     loo = CrossValidation.from_record(result.record["loo"])
-    return (Text(_sum(loo)), _rows(result, loo), *_pit(result, loo))
-
-
-def _sum(loo: CrossValidation) -> Markup:
-    return Markup(
+    total = Markup(
         "Sum of the log densities with which every row is predicted by all others: elpd {} ± {} (standard "
         "error from the spread between {} rows). Only differences between models for the same readings mean "
         "something, and those below {:g} or below two of their own standard errors do not distinguish them. "
         "The fit uses {} effective parameters."
     ).format(rounded(loo.elpd, 0.1), rounded(loo.se, 0.1), len(loo.rows), INDISTINCT,
              rounded(loo.effective_parameters, 0.1))  # fmt: skip
+    return (Text(total), _rows(result, loo), *_pit(result, loo))
 
 
 def _rows(result: Result, loo: CrossValidation) -> Table:
