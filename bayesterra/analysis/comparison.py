@@ -94,10 +94,9 @@ class Comparison(AnalysisResult):
         first = _moments(self.names[0], self)
         rows: list[dict[str, object]] = []
         for quantity, row in _moments(name, self).items():
-            base = first.get(quantity)
-            base = base if base and base["sd"] > 0 else None
-            shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
-            width = row["sd"] / base["sd"] if base else np.nan
+            shift = width = np.nan
+            if (base := first.get(quantity)) and base["sd"] > 0:
+                shift, width = (row["mean"] - base["mean"]) / base["sd"], row["sd"] / base["sd"]
             unit = (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
             head = {"result": name, "quantity": quantity, "unit": unit}
             rows.append({**head, **row, "shift": shift, "width": width})
@@ -134,12 +133,13 @@ class Comparison(AnalysisResult):
 
     def _left_out(self, first: str, name: str) -> dict[str, object]:
         """Cross-validation of one result, and its difference from the first."""
-        loo, elpd_difference = self.loo.get(name), self.left_out(first, name)
+        nothing = Difference(np.nan, np.nan)
+        loo, change = self.loo.get(name, nothing), self.left_out(first, name) or nothing
         return {
-            "elpd": np.nan if loo is None else loo.elpd,
-            "elpd_se": np.nan if loo is None else loo.se,
-            "elpd_difference": np.nan if elpd_difference is None else elpd_difference.elpd,
-            "elpd_difference_se": np.nan if elpd_difference is None else elpd_difference.se,
+            "elpd": loo.elpd,
+            "elpd_se": loo.se,
+            "elpd_difference": change.elpd,
+            "elpd_difference_se": change.se,
             "elpd_word": "" if name == first else self.left_out_word(first, name),
         }
 
@@ -192,10 +192,6 @@ def check_count(results: Sized) -> None:
     """ResultError unless there are two to six results."""
     if not 2 <= len(results) <= MOST:
         raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
-
-
-def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
-    return chosen_wheel(result.study, called if called in result.study.wheels else None)
 
 
 def log_evidence(result: Result) -> Evidence:
@@ -260,7 +256,8 @@ def compare(
     grid = np.linspace(driven[0], driven[-1], GRID)
     curves = {}
     for name, result in named.items():
-        called, dimensions = common or _own_wheel(result, next(iter(first.study.wheels)))
+        own = next(iter(first.study.wheels))
+        called, dimensions = common or chosen_wheel(result.study, own if own in result.study.wheels else None)
         curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=dimensions, name=called)
     return Comparison(
         named,

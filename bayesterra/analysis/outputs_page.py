@@ -247,8 +247,7 @@ def _residuals(result: Result) -> Gallery:
     beside = f"; marks beside them: {marks}, hollow at the edge where they are farther out" if marks else ""
     caption = (
         "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
-        "are "
-        f"their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
+        f"are their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
     )
     return Gallery("small", pictures, caption)
 

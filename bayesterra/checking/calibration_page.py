@@ -202,10 +202,8 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 def _power_section(calibration: Calibration) -> Blocks:
     free = len(calibration.study.prior.names)
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
-    rows = tuple(
-        (row["error"], percent(row["one"]), percent(row["all"]))
-        for row in calibration.power.to_dict("records")
-    )
+    power = calibration.power.to_dict("records")
+    rows = tuple((row["error"], percent(row["one"]), percent(row["all"])) for row in power)
     caption = Markup(
         "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
         "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
@@ -223,10 +221,8 @@ def _replications_section(calibration: Calibration) -> Blocks:
         ("R-hat: largest, median", _pair(table["r_hat"], "max", 4)),
         ("processor seconds: most, median", _pair(table["seconds"], "max")),
     ]
-    failed = table[table["status"] == FAILED].head(5)
-    rows += [
-        (f"failed: number {task}", note) for task, note in zip(failed["task"], failed["note"], strict=True)
-    ]
+    failed = table[table["status"] == FAILED].head(5).to_dict("records")
+    rows += [(f"failed: number {row['task']}", row["note"]) for row in failed]
     caption = Markup(
         "Each replication draws true values from the prior cut to the physical support, readings from them "
         "under the study’s conditions and noise, and samples the posterior of these with the sampler of "
@@ -263,8 +259,8 @@ def _settings(settings: Mapping[str, Any]) -> str:
     """All settings in one line, tables by their names."""
     entries = []
     for name, value in settings.items():
-        inner = f" ({_settings(value)})" if isinstance(value, Mapping) else f" {value}"
-        entries.append(f"{name.replace('_', ' ')}{inner}")
+        inner = f"({_settings(value)})" if isinstance(value, Mapping) else value
+        entries.append(f"{name.replace('_', ' ')} {inner}")
     return ", ".join(entries)
 
 
