@@ -27,7 +27,7 @@ from bayesterra.checking.validation_page import (
     misfit_warning,
     missed_sections,
 )
-from bayesterra.identifiability.determined_page import finding, identifiability_section, marginal
+from bayesterra.identifiability.evidence_page import finding, identifiability_section, marginal
 from bayesterra.identifiability.information import ALL
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support

@@ -21,14 +21,14 @@ from bayesterra.analysis.result import read_result
 from bayesterra.analysis.run import load_result
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
-from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
-from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
+from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.sampling.sampler import ThinnedDraws
 from bayesterra.study.canonical import write_study
 from bayesterra.study.groups import law_sd
