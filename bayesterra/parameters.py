@@ -70,19 +70,14 @@ _SOIL = (
     Parameter("c3", "c3", r"c_3", "-", 1.0, "", "leaving angle, θ2/θ1", "P_III"),
 )
 
-_LOAD_EFFECT = (
-    Parameter(
-        "cP1", "c_P1", r"c_\mathrm{P1}", "-", 1.0, "", "correction of the pull at zero slip", "load effect"
-    ),
-    Parameter(
-        "cP2", "c_P2", r"c_\mathrm{P2}", "-", 1.0, "", "growth of that correction with slip", "load effect"
-    ),
-    Parameter(
-        "cDP", "c_DP", r"c_\mathrm{DP}", "-", 1.0, "", "load effect on the drawbar pull", "load effect"
-    ),
-    Parameter(
-        "cM", "c_M", r"c_\mathrm{M}", "-", 1.0, "", "load effect on the resistance moment", "load effect"
-    ),
+_LOAD_EFFECT = tuple(
+    Parameter(f"c{index}", f"c_{index}", rf"c_\mathrm{{{index}}}", "-", 1.0, "", description, "load effect")
+    for index, description in (
+        ("P1", "correction of the pull at zero slip"),
+        ("P2", "growth of that correction with slip"),
+        ("DP", "load effect on the drawbar pull"),
+        ("M", "load effect on the resistance moment"),
+    )
 )
 """Coefficients of Ding et al. 2015, (42), which the model M2L alone has."""
 
@@ -130,15 +125,9 @@ _SIZES = {
 
 def _size(prefix: str, channel: Channel) -> Parameter:
     letter, latex, description = _SIZES[prefix]
-    return Parameter(
-        prefix + channel.name,
-        f"{letter}({channel.symbol})",
-        rf"{latex}_{{{channel.latex}}}",
-        channel.unit,
-        channel.scale,
-        channel.dimension,
-        description.format(channel.description),
-    )
+    symbol, tex = f"{letter}({channel.symbol})", rf"{latex}_{{{channel.latex}}}"
+    name, words = prefix + channel.name, description.format(channel.description)
+    return Parameter(name, symbol, tex, channel.unit, channel.scale, channel.dimension, words)
 
 
 PARAMETERS: dict[str, Parameter] = {

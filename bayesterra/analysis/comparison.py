@@ -16,7 +16,6 @@ from bayesterra.analysis.result import read_result
 from bayesterra.checking.loo import CrossValidation, Difference, difference
 from bayesterra.errors import ResultError, StudyError, checked_path
 from bayesterra.likelihood.forward import reference_load
-from bayesterra.models import Wheel
 from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
@@ -250,7 +249,8 @@ def compare(
     named = _named(results)
     check_count(named)
     first = next(iter(named.values()))
-    common = None if wheel is None else _common_wheel(named, str(wheel))
+    knowing = [result for result in named.values() if str(wheel) in result.study.wheels]
+    common = None if wheel is None else chosen_wheel((knowing or [first])[0].study, str(wheel))
     load = reference_load(first.study) if load is None else load
     driven = np.unique(np.concatenate([result.study.observations.used().slip for result in named.values()]))
     grid = np.linspace(driven[0], driven[-1], GRID)
@@ -283,11 +283,6 @@ def _named(results: object) -> Mapping[str, Result]:
         raise StudyError(f"bt.compare needs a list of result folders, or results by name (got {got})")
     what = "a result folder in its list (results themselves go by name: {'a': result})"
     return load_results([checked_path("bt.compare", folder, what) for folder in results])
-
-
-def _common_wheel(results: Mapping[str, Result], name: str) -> tuple[str, Wheel]:
-    knows = (result for result in results.values() if name in result.study.wheels)
-    return chosen_wheel(next(knows, next(iter(results.values()))).study, name)
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:

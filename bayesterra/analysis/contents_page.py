@@ -16,7 +16,6 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import INDISTINCT
 from bayesterra.checking.validation import fit_checks
 from bayesterra.likelihood.page import noise_text, stated_law
-from bayesterra.models import Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
@@ -200,13 +199,12 @@ def _options(result: Result) -> str:
 
 
 def _wheels(result: Result) -> str:
-    return "; ".join(f"{name}: {_wheel(wheel)}" for name, wheel in result.study.wheels.items())
-
-
-def _wheel(wheel: Wheel) -> str:
-    sizes = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
-    r, b, h, rs = (given(round(1e3 * size, 2)) for size in sizes)
-    return f"r {r}, b {b}, h {h}, r_s {rs} mm, {wheel.lug_count} lugs"
+    texts = []
+    for name, wheel in result.study.wheels.items():
+        sizes = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
+        r, b, h, rs = (given(round(1e3 * size, 2)) for size in sizes)
+        texts.append(f"{name}: r {r}, b {b}, h {h}, r_s {rs} mm, {wheel.lug_count} lugs")
+    return "; ".join(texts)
 
 
 _ASPECTS: dict[str, Callable[[Result], Cell]] = {

@@ -304,24 +304,20 @@ def driven_slips(result: Result, wheel: str) -> FloatArray:
     return np.unique(rows.slip[mine] if mine.any() else rows.slip)
 
 
-def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:
-    """5, 50 and 95 % of the modelled value at a slip, field units."""
-    curves = result.draws["curves"].sel(wheel=wheel)
-    bands = field_values(channel, curves["modelled"].sel(outcome=channel).to_numpy())
-    return np.array([np.interp(slip, curves["slip"].to_numpy(), band) for band in bands[[0, 2, 4]]])
-
-
 def _at_slips(
     result: Result, wheel: str, channels: tuple[str, ...], slips: FloatArray
 ) -> tuple[tuple[Cell, ...], tuple[tuple[Cell, ...], ...]]:
     """Head and rows of a table of modelled values at slips, of those channels that the drive gives."""
-    outcomes = [name for name in channels if name in result.draws["curves"]["outcome"]]
+    curves = result.draws["curves"].sel(wheel=wheel)
+    outcomes = [name for name in channels if name in curves["outcome"]]
+    drawn = {name: field_values(name, curves["modelled"].sel(outcome=name).to_numpy()) for name in outcomes}
     heads = [head for name in outcomes for head in (with_unit(name), "90 %")]
     rows = []
     for slip in slips:
         cells: list[Cell] = [f"{slip:.3g}"]
         for name in outcomes:
-            low, middle, high = _quantiles(result, wheel, name, float(slip))
+            bands = drawn[name][[0, 2, 4]]
+            low, middle, high = (np.interp(slip, curves["slip"].to_numpy(), band) for band in bands)
             cells += estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
