@@ -249,8 +249,10 @@ def compare(
     named = _named(results)
     check_count(named)
     first = next(iter(named.values()))
-    knowing = [result for result in named.values() if str(wheel) in result.study.wheels]
-    common = None if wheel is None else chosen_wheel((knowing or [first])[0].study, str(wheel))
+    common = None
+    if wheel is not None:
+        knowing = (result for result in named.values() if str(wheel) in result.study.wheels)
+        common = chosen_wheel(next(knowing, first).study, str(wheel))
     load = reference_load(first.study) if load is None else load
     driven = np.unique(np.concatenate([result.study.observations.used().slip for result in named.values()]))
     grid = np.linspace(driven[0], driven[-1], GRID)

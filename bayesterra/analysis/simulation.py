@@ -56,16 +56,18 @@ def true_values(study: Study, assigned: Mapping[str, float | str] | None = None)
     tied = [n for n in names if n in study.prior.ties]
     names = tuple(n for n in names if n not in tied)
     open_names = [n for n in names if not any(n in values for values in sources.values())]
-    sources["prior median"] = {}
-    if open_names:
-        density = posterior(study)
-        draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
-        sources["prior median"] = dict(zip(density.names, np.median(draws, axis=0).tolist(), strict=True))
+    sources["prior median"] = _cut_prior_medians(study) if open_names else {}
     origins = {n: next(o for o, values in sources.items() if n in values) for n in names}
     values = {n: sources[origin][n] for n, origin in origins.items()}
     for n in tied:
         values[n], origins[n] = values[study.prior.root(n)], f"tied to {study.prior.ties[n]}"
     return Truth(values, origins)
+
+
+def _cut_prior_medians(study: Study) -> dict[str, float]:
+    density = posterior(study)
+    draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
+    return dict(zip(density.names, np.median(draws, axis=0).tolist(), strict=True))
 
 
 def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed: int = 1) -> pd.DataFrame:

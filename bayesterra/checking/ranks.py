@@ -308,14 +308,12 @@ class Calibration(AnalysisResult):
                 "p_value_per_quantity": self.threshold,
                 "share_not_converged": UNSETTLED,
             },
-            "tests": [_known(row) for row in self.tests.to_dict("records")],
+            "tests": [
+                {str(name): value for name, value in row.items() if not pd.isna(value)}
+                for row in self.tests.to_dict("records")
+            ],
             "power": self.power.to_dict("records"),
         }
-
-
-def _known(row: dict[Any, Any]) -> dict[str, Any]:
-    """A row without its gaps."""
-    return {str(name): value for name, value in row.items() if not pd.isna(value)}
 
 
 CONVERGED, UNCONVERGED, FAILED = "converged", "not converged", "failed"
