@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,7 +17,7 @@ import typer
 from bayesterra.errors import printable
 
 if TYPE_CHECKING:
-    from bayesterra.study.result import AnalysisResult, Result
+    from bayesterra.study.result import AnalysisResult
 
 
 app = typer.Typer(
@@ -35,6 +35,11 @@ def option(metavar: str, text: str, *names: str) -> Any:
     return typer.Option(*names, metavar=metavar, help=text)
 
 
+def argument(metavar: str, text: str) -> Any:
+    """An argument that must be given."""
+    return typer.Argument(metavar=metavar, help=text)
+
+
 def flag(name: str, text: str) -> Any:
     """An option that is given or not."""
     return typer.Option(name, help=text)
@@ -45,9 +50,7 @@ def quieting(text: str) -> Any:
     return typer.Option("--quiet", callback=hushed, help=text)
 
 
-StudyPath = Annotated[
-    Path, typer.Argument(metavar="STUDY", help="A study file, or a folder that holds study.toml.")
-]
+StudyPath = Annotated[Path, argument("STUDY", "A study file, or a folder that holds study.toml.")]
 Workers = Annotated[
     int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
 ]
@@ -58,9 +61,7 @@ Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random 
 
 Wheels = Annotated[
     list[str] | None,
-    typer.Option(
-        "--wheel", metavar="NAME|FILE", help="A wheel of the study, or a file of one; may be repeated."
-    ),
+    option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel"),
 ]
 
 
@@ -175,8 +176,7 @@ def simulate(
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-simulated.")] = None,
     seed: Seed = 1,
     set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help='A true value, e.g. phi="30 deg"; may be repeated.'),
+        list[str] | None, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")
     ] = None,
 ) -> None:
     """Make measurements with known parameters, under the conditions and noise of a study."""
@@ -191,9 +191,7 @@ def simulate(
 
 
 @app.command()
-def init(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The study file to write, e.g. study.toml.")],
-) -> None:
+def init(file: Annotated[Path, argument("FILE", "The study file to write, e.g. study.toml.")]) -> None:
     """Write a commented template of a study file."""
     from bayesterra.runtime.folders import write_new
     from bayesterra.runtime.reading import MEGABYTE, read_text
@@ -214,7 +212,7 @@ def _assignment(text: str) -> tuple[str, str]:
 
 @app.command(short_help="Predict forces for new slips, loads and wheels, or a rover.")
 def predict(
-    result: Annotated[Path, typer.Argument(metavar="DIR", help="A result folder that 'run' wrote.")],
+    result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
     slip: Annotated[
         list[str] | None, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")
     ] = None,
@@ -240,46 +238,21 @@ def predict(
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
-    from bayesterra.prediction import forecast
+    from bayesterra.prediction import forecast, outlook
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
-    loaded = load_result(result)
-    if rover is not None:
-        _drive(loaded, group, rover, slope or (), tow or (), out or _default(result, "rover"), overwrite)
-        return
-    cases = forecast.forecast(
-        loaded,
-        slips=forecast.slips_of(slip or ()),
-        loads=load or (),
-        wheels=wheel or (),
-        slip_reference=slip_reference,
-        group=group,
-    )
-    folder = out or _default(result, "prediction")
-    cases.save(folder, overwrite=overwrite)
-    show(cases, folder)
-
-
-def _default(result: Path, what: str) -> Path:
-    return Path(f"{result.resolve().name.removesuffix('-result')}-{what}")
-
-
-def _drive(
-    loaded: Result,
-    group: str | None,
-    rover: Path,
-    slope: Sequence[str],
-    tow: Sequence[str],
-    folder: Path,
-    overwrite: bool,
-) -> None:
-    """Drive a rover and write what comes of it."""
-    from bayesterra.prediction import outlook
-
-    slopes, tows = outlook.slopes_of(slope), outlook.tows_of(tow)
-    sheet = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
-    sheet.save(folder, overwrite=overwrite)
-    show(sheet, folder)
+    loaded, name = load_result(result), result.resolve().name.removesuffix("-result")
+    if rover is None:
+        slips, loads, wheels = forecast.slips_of(slip or ()), load or (), wheel or ()
+        made: AnalysisResult = forecast.forecast(
+            loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group
+        )
+    else:
+        slopes, tows = outlook.slopes_of(slope or ()), outlook.tows_of(tow or ())
+        made = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
+    folder = out or Path(f"{name}-{'prediction' if rover is None else 'rover'}")
+    made.save(folder, overwrite=overwrite)
+    show(made, folder)
 
 
 def check_options(
@@ -299,7 +272,7 @@ def check_options(
 
 @app.command()
 def compare(
-    results: Annotated[list[Path], typer.Argument(metavar="DIR DIR...", help="Two to six result folders.")],
+    results: Annotated[list[Path], argument("DIR DIR...", "Two to six result folders.")],
     out: Annotated[Path, option("FOLDER", "New folder for the page and its tables.")] = Path("comparison"),
     load: Annotated[str | None, option("W", "Load that all predict; by default the first result's.")] = None,
     wheel: Annotated[
@@ -316,10 +289,7 @@ def compare(
 @app.command(short_help="Check the posteriors of a study against simulated truths.")
 def calibrate(
     study: StudyPath,
-    number: Annotated[
-        int,
-        typer.Option("-n", "--number", metavar="N", help="Replications; 200 or more are worth their time."),
-    ],
+    number: Annotated[int, option("N", "Replications; 200 or more are worth their time.", "-n", "--number")],
     out: Annotated[Path | None, option("DIR", "New folder; by default <study folder>-calibration.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -349,9 +319,7 @@ def calibrate(
 
 @app.command(short_help="Say what data determine, and what only repeats its prior.")
 def identify(
-    what: Annotated[
-        Path, typer.Argument(metavar="STUDY|DIR", help="A study, which is sampled first, or a result folder.")
-    ],
+    what: Annotated[Path, argument("STUDY|DIR", "A study, which is sampled first, or a result folder.")],
     out: Annotated[Path | None, option("DIR", "New folder; by default <name>-identifiability.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -391,8 +359,7 @@ def identify(
 @app.command(short_help="Rank drives that could come next by what they would tell.")
 def design(
     study_or_result: Annotated[
-        Path,
-        typer.Argument(metavar="STUDY|DIR", help="A result folder, whose posterior is built on, or a study."),
+        Path, argument("STUDY|DIR", "A result folder, whose posterior is built on, or a study.")
     ],
     about: Annotated[
         list[str] | None, option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free.")
@@ -408,9 +375,7 @@ def design(
     channel: Annotated[
         list[str] | None, option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".')
     ] = None,
-    number: Annotated[
-        int, typer.Option("-n", "--number", metavar="N", help="Drives to choose together.")
-    ] = 1,
+    number: Annotated[int, option("N", "Drives to choose together.", "-n", "--number")] = 1,
     by: Annotated[
         str, option("WHAT", "information (about all of them together) or sd (of each).")
     ] = "information",
@@ -451,9 +416,7 @@ def design(
 
 @app.command(short_help="Predict rows that the fit has not seen, level by level.")
 def holdout(
-    what: Annotated[
-        Path, typer.Argument(metavar="STUDY|DIR", help="A study, or a result folder with its study.")
-    ],
+    what: Annotated[Path, argument("STUDY|DIR", "A study, or a result folder with its study.")],
     by: Annotated[
         str, option("WHAT", "What is left out at a time: a level of slip, a wheel, a row.")
     ] = "slip",
@@ -479,9 +442,7 @@ def holdout(
 
 @app.command(short_help="Posterior of plate or shear tests beside least squares.")
 def soiltest(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A soil-test file, or a folder that holds soiltest.toml.")
-    ],
+    file: Annotated[Path, argument("FILE", "A soil-test file, or a folder that holds soiltest.toml.")],
     out: Annotated[Path | None, option("DIR", "New folder; by default <name>-result.")] = None,
     seed: Seed = 1,
     overwrite: Annotated[bool, flag("--overwrite", "Replace an older result of that name.")] = False,
@@ -501,9 +462,9 @@ def soiltest(
 def follow(
     what: Annotated[
         Path,
-        typer.Argument(
-            metavar="STUDY|DIR",
-            help="A study (its own measurements are not used), a result folder to go on from, or a stream.",
+        argument(
+            "STUDY|DIR",
+            "A study (its own measurements are not used), a result folder to go on from, or a stream.",
         ),
     ],
     data: Annotated[Path, option("FILE", "CSV of rows, read one by one; - is standard input.")],
@@ -512,9 +473,8 @@ def follow(
     particles: Annotated[int | None, option("N", "Parameter sets that stand for the posterior.")] = None,
     false_alarms: Annotated[
         float | None,
-        typer.Option(
-            metavar="P",
-            help="False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001.",
+        option(
+            "P", "False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001."
         ),
     ] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,

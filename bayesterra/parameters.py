@@ -70,19 +70,14 @@ _SOIL = (
     Parameter("c3", "c3", r"c_3", "-", 1.0, "", "leaving angle, θ2/θ1", "P_III"),
 )
 
-_LOAD_EFFECT = (
-    Parameter(
-        "cP1", "c_P1", r"c_\mathrm{P1}", "-", 1.0, "", "correction of the pull at zero slip", "load effect"
-    ),
-    Parameter(
-        "cP2", "c_P2", r"c_\mathrm{P2}", "-", 1.0, "", "growth of that correction with slip", "load effect"
-    ),
-    Parameter(
-        "cDP", "c_DP", r"c_\mathrm{DP}", "-", 1.0, "", "load effect on the drawbar pull", "load effect"
-    ),
-    Parameter(
-        "cM", "c_M", r"c_\mathrm{M}", "-", 1.0, "", "load effect on the resistance moment", "load effect"
-    ),
+_LOAD_EFFECT = tuple(
+    Parameter(f"c{index}", f"c_{index}", rf"c_\mathrm{{{index}}}", "-", 1.0, "", description, "load effect")
+    for index, description in (
+        ("P1", "correction of the pull at zero slip"),
+        ("P2", "growth of that correction with slip"),
+        ("DP", "load effect on the drawbar pull"),
+        ("M", "load effect on the resistance moment"),
+    )
 )
 """Coefficients of Ding et al. 2015, (42), which the model M2L alone has."""
 
@@ -110,6 +105,7 @@ MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 """Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
 SLIP_ERROR = "slip_error"
+OFFSET = "sinkage_offset"
 SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
 """Beginnings of the names of estimated standard deviations: for ``str.startswith``."""
 
@@ -118,10 +114,6 @@ _MODULI = (
     Parameter("kphi", "k_φ", r"k_\varphi", "kPa/m^N", 1e3, "Pa", "frictional modulus, K_s = k_c/b + k_φ"),
 )
 """Bekker's moduli, which stand in place of K_s: eq. (4) with K_s = k_c/b + k_φ for a wheel of width b."""
-
-_OFFSET = Parameter(
-    "sinkage_offset", "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"
-)
 
 _SIZES = {
     NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
@@ -133,20 +125,10 @@ _SIZES = {
 
 def _size(prefix: str, channel: Channel) -> Parameter:
     letter, latex, description = _SIZES[prefix]
-    return Parameter(
-        prefix + channel.name,
-        f"{letter}({channel.symbol})",
-        rf"{latex}_{{{channel.latex}}}",
-        channel.unit,
-        channel.scale,
-        channel.dimension,
-        description.format(channel.description),
-    )
+    symbol, tex = f"{letter}({channel.symbol})", rf"{latex}_{{{channel.latex}}}"
+    name, words = prefix + channel.name, description.format(channel.description)
+    return Parameter(name, symbol, tex, channel.unit, channel.scale, channel.dimension, words)
 
-
-_SLIP_ERROR = Parameter(
-    SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"
-)
 
 PARAMETERS: dict[str, Parameter] = {
     parameter.name: parameter
@@ -156,14 +138,13 @@ PARAMETERS: dict[str, Parameter] = {
         *_SOIL[1:],
         *_LOAD_EFFECT,
         *(_size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES),
-        _SLIP_ERROR,
-        _OFFSET,
+        Parameter(SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"),
+        Parameter(OFFSET, "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"),
     )
 }
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
-OFFSET = "sinkage_offset"
 
 
 class SoilColumns(IntEnum):

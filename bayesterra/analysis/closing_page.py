@@ -77,10 +77,19 @@ def _standing(result: Result) -> Table:
     channels = [name for name in CHANNELS if name in judged]
     standings, fits = result.record["standings"], result.record["fits"]
     whole = ("mode", *complete(result))
-    rows = [
-        _standing_row(name, standings[name], fits.get(name), channels, judged=name in whole)
-        for name in ("mode", *estimates(result))
-    ]
+    rows = []
+    for name in ("mode", *estimates(result)):
+        standing, fit = standings[name], fits.get(name)
+        level, word = NOTHING, Markup("not judged: only some of the parameters")
+        if name in whole:
+            outside = standing["log_density"] is None
+            level = NOTHING if outside else share(standing["credible_level"])
+            word = _standing_word(standing)
+        own = [NOTHING] * (2 + len(channels))
+        if fit is not None:
+            misfits = (plain(fit["errors_percent"].get(channel), 2) for channel in channels)
+            own = ["yes" if fit["converged"] else "no", str(fit["passes"]), *misfits]
+        rows.append((MARKS[name].label if name in MARKS else "posterior mode", level, word, *own))
     heads = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
     caption = (
         "Where each estimate stands: the share of draws of higher density (small: a typical good fit; near "
@@ -90,24 +99,6 @@ def _standing(result: Result) -> Table:
     )
     header = ("estimate", "denser draws", "standing", "converged", "passes", *heads)
     return Table(caption, "lrllr" + "r" * len(channels), header, tuple(rows))
-
-
-def _standing_row(
-    name: str,
-    standing: Mapping[str, Any],
-    fit: Mapping[str, Any] | None,
-    channels: list[str],
-    *,
-    judged: bool,
-) -> tuple[Cell, ...]:
-    label = MARKS[name].label if name in MARKS else "posterior mode"
-    outside = standing["log_density"] is None
-    level = share(standing["credible_level"]) if judged and not outside else NOTHING
-    word = _standing_word(standing) if judged else Markup("not judged: only some of the parameters")
-    if fit is None:
-        return label, level, word, NOTHING, NOTHING, *(NOTHING for _ in channels)
-    errors = (plain(fit["errors_percent"].get(channel), 2) for channel in channels)
-    return label, level, word, "yes" if fit["converged"] else "no", str(fit["passes"]), *errors
 
 
 def _standing_word(standing: Mapping[str, Any]) -> Markup:

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayesterra.analysis.run import load_single
+from bayesterra.analysis.result import read_result
 from bayesterra.checking.loo import CrossValidation, Difference, difference
 from bayesterra.errors import ResultError, StudyError, checked_path
 from bayesterra.likelihood.forward import reference_load
-from bayesterra.models import Wheel
 from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
@@ -94,14 +93,12 @@ class Comparison(AnalysisResult):
         first = _moments(self.names[0], self)
         rows: list[dict[str, object]] = []
         for quantity, row in _moments(name, self).items():
-            base = first.get(quantity)
-            base = base if base and base["sd"] > 0 else None
-            shift = (row["mean"] - base["mean"]) / base["sd"] if base else np.nan
-            width = row["sd"] / base["sd"] if base else np.nan
-            rows.append(
-                {"result": name, "quantity": quantity, "unit": _unit(quantity)}
-                | {**row, "shift": shift, "width": width}
-            )
+            shift = width = np.nan
+            if (base := first.get(quantity)) and base["sd"] > 0:
+                shift, width = (row["mean"] - base["mean"]) / base["sd"], row["sd"] / base["sd"]
+            unit = (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
+            head = {"result": name, "quantity": quantity, "unit": unit}
+            rows.append({**head, **row, "shift": shift, "width": width})
         return rows
 
     @property
@@ -135,12 +132,13 @@ class Comparison(AnalysisResult):
 
     def _left_out(self, first: str, name: str) -> dict[str, object]:
         """Cross-validation of one result, and its difference from the first."""
-        loo, elpd_difference = self.loo.get(name), self.left_out(first, name)
+        nothing = Difference(np.nan, np.nan)
+        loo, change = self.loo.get(name, nothing), self.left_out(first, name) or nothing
         return {
-            "elpd": np.nan if loo is None else loo.elpd,
-            "elpd_se": np.nan if loo is None else loo.se,
-            "elpd_difference": np.nan if elpd_difference is None else elpd_difference.elpd,
-            "elpd_difference_se": np.nan if elpd_difference is None else elpd_difference.se,
+            "elpd": loo.elpd,
+            "elpd_se": loo.se,
+            "elpd_difference": change.elpd,
+            "elpd_difference_se": change.se,
             "elpd_word": "" if name == first else self.left_out_word(first, name),
         }
 
@@ -195,10 +193,6 @@ def check_count(results: Sized) -> None:
         raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
 
 
-def _own_wheel(result: Result, called: str) -> tuple[str, Wheel]:
-    return chosen_wheel(result.study, called if called in result.study.wheels else None)
-
-
 def log_evidence(result: Result) -> Evidence:
     """Log evidence of a result under its cut prior: the share of the stated one in it is divided out."""
     entry = result.record.get("evidence")
@@ -232,10 +226,6 @@ def _moments(name: str, comparison: Comparison) -> dict[str, dict[str, float]]:
     return rows
 
 
-def _unit(quantity: str) -> str:
-    return (PARAMETERS.get(quantity) or DERIVED[quantity]).unit
-
-
 def compare(
     results: Mapping[str, Result] | Sequence[str | Path],
     *,
@@ -259,13 +249,17 @@ def compare(
     named = _named(results)
     check_count(named)
     first = next(iter(named.values()))
-    common = None if wheel is None else _common_wheel(named, str(wheel))
+    common = None
+    if wheel is not None:
+        knowing = (result for result in named.values() if str(wheel) in result.study.wheels)
+        common = chosen_wheel(next(knowing, first).study, str(wheel))
     load = reference_load(first.study) if load is None else load
     driven = np.unique(np.concatenate([result.study.observations.used().slip for result in named.values()]))
     grid = np.linspace(driven[0], driven[-1], GRID)
     curves = {}
     for name, result in named.items():
-        called, dimensions = common or _own_wheel(result, next(iter(first.study.wheels)))
+        own = next(iter(first.study.wheels))
+        called, dimensions = common or chosen_wheel(result.study, own if own in result.study.wheels else None)
         curves[name] = predict(result, np.union1d(grid, driven), load=load, wheel=dimensions, name=called)
     return Comparison(
         named,
@@ -293,18 +287,13 @@ def _named(results: object) -> Mapping[str, Result]:
     return load_results([checked_path("bt.compare", folder, what) for folder in results])
 
 
-def _common_wheel(results: Mapping[str, Result], name: str) -> tuple[str, Wheel]:
-    knows = (result for result in results.values() if name in result.study.wheels)
-    return chosen_wheel(next(knows, next(iter(results.values()))).study, name)
-
-
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     """Read result folders, by the names of the folders, made different where they are the same."""
     results: dict[str, Result] = {}
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
         same = sum(earlier.partition(" (")[0] == name for earlier in results)
-        results[f"{name} ({same + 1})" if same else name] = load_single(folder)
+        results[f"{name} ({same + 1})" if same else name] = read_result(folder)
     return results
 
 

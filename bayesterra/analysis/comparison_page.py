@@ -58,17 +58,12 @@ def _readings(comparison: Comparison) -> Verdict:
     first, *others = comparison.names
     apart = [name for name in others if not comparison.comparable(first, name)]
     if apart:
-        explanations = (_explains(name, comparison.results[name].study) for name in (first, *apart))
-        sentence = Markup(
-            "{}. Parameters and predictions compare; evidence does only for the same readings."
-        ).format(listed(explanations))
-        return Verdict("Readings explained", "not the same", "fair", sentence)
+        studies = ((name, comparison.results[name].study) for name in (first, *apart))
+        explained = listed(Markup("{}: {}").format(name, _counted(study)) for name, study in studies)
+        sentence = Markup("{}. Parameters and predictions compare; evidence does only for the same readings.")
+        return Verdict("Readings explained", "not the same", "fair", sentence.format(explained))
     sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
     return Verdict("Readings explained", "the same", "good", sentence)
-
-
-def _explains(name: str, study: Study) -> Markup:
-    return Markup("{}: {}").format(name, _counted(study))
 
 
 def _counted(study: Study) -> Markup:
@@ -78,36 +73,29 @@ def _counted(study: Study) -> Markup:
 
 
 def _evidence(comparison: Comparison) -> Verdict:
-    names = _alike(comparison)
-    values = listed(
-        Markup("{} {} ± {}").format(name, *with_error(*_value(comparison, name))) for name in names
-    )
+    names, evidence = _alike(comparison), comparison.evidence
     if len(names) < 2:
-        return Verdict(
-            "Evidence", "not comparable", "fair", Markup("No two results have comparable evidence.")
-        )
-    best, second = sorted(names, key=lambda name: -comparison.evidence[name].value)[:2]
-    word = comparison.word(second, best)
-    difference = rounded(comparison.difference(second, best)[0], 0.1)
+        sentence = Markup("No two results have comparable evidence.")
+        return Verdict("Evidence", "not comparable", "fair", sentence)
+    errors = {name: with_error(evidence[name].value, evidence[name].error) for name in names}
+    values = listed(Markup("{} {} ± {}").format(name, *pair) for name, pair in errors.items())
+    best, second = sorted(names, key=lambda name: -evidence[name].value)[:2]
+    word, grade = comparison.word(second, best), "fair"
     if word.startswith("not known"):
-        text = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
-        return Verdict("Evidence", "not known", "fair", text + _left_out(comparison, second, best))
-    if word == "not distinguishable":
-        text = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
-        return Verdict(
-            "Evidence", word, "fair", text.format(values, BARE) + _left_out(comparison, second, best)
+        sentence = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
+        word = "not known"
+    elif word == "not distinguishable":
+        sentence = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
+        sentence = sentence.format(values, BARE)
+    else:
+        difference = rounded(comparison.difference(second, best)[0], 0.1)
+        sentence = Markup("Log evidence {}: {} over {} by {}, {} by Kass and Raftery's words.").format(
+            values, best, second, difference, word.partition(" evidence")[0]
         )
-    sentence = Markup("Log evidence {}: {} over {} by {}, {}.").format(
-        values, best, second, difference, word.partition(" evidence")[0] + " by Kass and Raftery's words"
-    )
-    return Verdict("Evidence", f"{best} favoured", "good", sentence + _left_out(comparison, second, best))
-
-
-def _left_out(comparison: Comparison, first: str, second: str) -> Markup:
-    """Sentence that cross-validation adds."""
-    if comparison.left_out(first, second) is None:
-        return Markup("")
-    return Markup(" Leaving rows out: {}.").format(comparison.left_out_word(first, second))
+        word, grade = f"{best} favoured", "good"
+    if comparison.left_out(second, best) is not None:
+        sentence += Markup(" Leaving rows out: {}.").format(comparison.left_out_word(second, best))
+    return Verdict("Evidence", word, grade, sentence)
 
 
 def _alike(comparison: Comparison) -> list[str]:
@@ -117,10 +105,6 @@ def _alike(comparison: Comparison) -> list[str]:
         if np.isfinite(evidence.value):
             groups.setdefault(evidence.outcomes, []).append(name)
     return max(groups.values(), key=len, default=[])
-
-
-def _value(comparison: Comparison, name: str) -> tuple[float, float]:
-    return comparison.evidence[name].value, comparison.evidence[name].error
 
 
 def _moves(comparison: Comparison) -> Verdict:

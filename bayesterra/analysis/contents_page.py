@@ -16,15 +16,14 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import INDISTINCT
 from bayesterra.checking.validation import fit_checks
 from bayesterra.likelihood.page import noise_text, stated_law
-from bayesterra.models import Wheel
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
 from bayesterra.report.style import DATA, INK
-from bayesterra.report.symbols import QUANTITIES, angles, symbol, unit
+from bayesterra.report.symbols import QUANTITIES, angles, symbol, with_unit
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 
@@ -54,7 +53,8 @@ def signed(value: float) -> str:
 
 def parameters_section(comparison: Comparison) -> Blocks:
     """Densities, intervals and shifts of parameters and derived quantities."""
-    rows = [_row(comparison, name) for name in _free(comparison)]
+    free = {name for result in comparison.results.values() for name in result.names}
+    rows = [_row(comparison, name) for name in PARAMETERS if name in free]
     derived = [_row(comparison, name) for name in DERIVED if _cells(comparison, name)]
     header = ("", "", "median, 90 % HDI", "shift", "width")
     caption = Markup(
@@ -68,11 +68,6 @@ def parameters_section(comparison: Comparison) -> Blocks:
     ).format(given(round(curve.load, 1)), driven_by(comparison))
     blocks = [Table(caption, "lllrr", header, tuple(rows)), Table(other, "lllrr", header, tuple(derived))]
     return tuple(block for block in blocks if block.rows)
-
-
-def _free(comparison: Comparison) -> list[str]:
-    names = {name for result in comparison.results.values() for name in result.names}
-    return [name for name in PARAMETERS if name in names]
 
 
 def _cells(comparison: Comparison, name: str) -> list[tuple[Markup, str, str]]:
@@ -101,10 +96,7 @@ def _row(comparison: Comparison, name: str) -> tuple[Cell, ...]:
     )
     cells = _cells(comparison, name) + list(_fixed(comparison, name))
     columns = (Markup("<br>").join(column) for column in zip(*cells, strict=True))
-    label = Markup("{} {}<small>{}</small>").format(
-        symbol(name), Markup("[{}]").format(unit(name)) if unit(name) else "", angles(described)
-    )
-    return (label, image, *columns)
+    return (Markup("{}<small>{}</small>").format(with_unit(name), angles(described)), image, *columns)
 
 
 def _fixed(comparison: Comparison, name: str) -> Iterator[tuple[Markup, str, str]]:
@@ -144,10 +136,7 @@ def _predicted(comparison: Comparison) -> Table:
         at = table[table["slip"] == slip]
         columns = (_bands(comparison, at, name) for name in PREDICTED)
         rows.append((f"{slip:.3g}", *columns, _unanswered(at)))
-    heads = (
-        Markup("{} {}").format(symbol(n), Markup("[{}]").format(unit(n)) if unit(n) else "")
-        for n in PREDICTED
-    )
+    heads = map(with_unit, PREDICTED)
     caption = "The same at driven slips: median (equal-tailed 90 % interval); draws without an answer."
     return Table(caption, "l" * (len(PREDICTED) + 2), (symbol("slip"), *heads, "no answer"), tuple(rows))
 
@@ -173,10 +162,10 @@ def compared_section(comparison: Comparison) -> Blocks:
     """Entries that the studies have in common, and those in which they differ."""
     rows = []
     for what, described in _ASPECTS.items():
-        cells = [described(result) for result in comparison.results.values()]
-        rows.append((what, *_same(cells)))
+        rows.append((what, *_same([described(result) for result in comparison.results.values()])))
     for name in PARAMETERS:
-        cells = [_prior(result, name) for result in comparison.results.values()]
+        entries = [result.study.prior.entries.get(name) for result in comparison.results.values()]
+        cells = ["" if entry is None else stated_law(name, entry) for entry in entries]
         if any(cells):
             rows.append((Markup("prior of {}").format(symbol(name)), *_same(cells)))
     rows.sort(key=lambda row: row[-1] == "same")
@@ -210,18 +199,12 @@ def _options(result: Result) -> str:
 
 
 def _wheels(result: Result) -> str:
-    return "; ".join(f"{name}: {_wheel(wheel)}" for name, wheel in result.study.wheels.items())
-
-
-def _wheel(wheel: Wheel) -> str:
-    sizes = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
-    r, b, h, rs = (given(round(1e3 * size, 2)) for size in sizes)
-    return f"r {r}, b {b}, h {h}, r_s {rs} mm, {wheel.lug_count} lugs"
-
-
-def _prior(result: Result, name: str) -> Cell:
-    entry = result.study.prior.entries.get(name)
-    return "" if entry is None else stated_law(name, entry)
+    texts = []
+    for name, wheel in result.study.wheels.items():
+        sizes = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))
+        r, b, h, rs = (given(round(1e3 * size, 2)) for size in sizes)
+        texts.append(f"{name}: r {r}, b {b}, h {h}, r_s {rs} mm, {wheel.lug_count} lugs")
+    return "; ".join(texts)
 
 
 _ASPECTS: dict[str, Callable[[Result], Cell]] = {
@@ -255,11 +238,10 @@ def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, 
     name = str(row["result"])
     result = comparison.results[name]
     verdict = result.record["verdict"]
+    evidence = " ± ".join(with_error(float(row["log_evidence"]), float(row["error"])))
     return (
         coloured(comparison, name, name),
-        Markup("{} ± {}{}").format(
-            *with_error(float(row["log_evidence"]), float(row["error"])), "" if row["reliable"] else "*"
-        ),
+        evidence if row["reliable"] else f"{evidence}*",
         _difference(comparison, name, row["difference"], row["difference_error"]),
         str(row["word"]),
         "yes" if result.converged else Markup("<b>no</b>"),
@@ -283,15 +265,11 @@ def _left_out(comparison: Comparison) -> tuple[Table, ...]:
     """Cross-validation of the results: how well they predict rows that they have not seen."""
     if not comparison.loo:
         return ()
-    rows = [
-        (
-            coloured(comparison, str(row["result"]), str(row["result"])),
-            Markup("{} ± {}").format(*with_error(float(row["elpd"]), float(row["elpd_se"]))),
-            _difference(comparison, str(row["result"]), row["elpd_difference"], row["elpd_difference_se"]),
-            str(row["elpd_word"]),
-        )
-        for row in comparison.evidences.to_dict("records")
-    ]
+    rows = []
+    for row in comparison.evidences.to_dict("records"):
+        name, elpd = str(row["result"]), " ± ".join(with_error(float(row["elpd"]), float(row["elpd_se"])))
+        change = _difference(comparison, name, row["elpd_difference"], row["elpd_difference_se"])
+        rows.append((coloured(comparison, name, name), elpd, change, str(row["elpd_word"])))
     caption = Markup(
         "Leave-one-out cross-validation by row: log density of every row’s readings, predicted from the "
         "others (elpd ± standard error). Not distinguishable below {:.0f}, or two standard errors, of "
@@ -342,18 +320,15 @@ def contrast(comparison: Comparison, name: str, ax: Axes | None = None) -> Axes:
     ax = own_axes(ax, 6.0, 0.52 + 0.1 * len(comparison.names))
     free = {n: result for n, result in comparison.results.items() if name in result.names}
     along = _common([axis(result, name) for result in free.values()])
-    grid = along.grid(200)
     for lane, (result_name, result) in enumerate(comparison.results.items()):
         colour = COLOURS[lane]
-        if result_name not in free:
-            _fixed_axis(ax, result, name, along, colour)
-            continue
-        prior, drawn = (field_values(name, _column(result, group, name)) for group in ("prior", "posterior"))
-        ax.plot(grid, 0.5 * density(prior, along), color=colour, linewidth=0.8, dashes=(3, 2), alpha=0.7)
-        ax.fill_between(grid, density(drawn, along), color=colour, alpha=0.28, linewidth=0)
-        ax.plot(grid, density(drawn, along), color=colour, linewidth=1.0)
-        row = summary_rows(result)[name]
-        _bar(ax, lane, row.hdi, row.median, colour)
+        if result_name in free:
+            prior, row = density(result.column(name, "prior"), along), summary_rows(result)[name]
+            ax.plot(along.grid(200), 0.5 * prior, color=colour, linewidth=0.8, dashes=(3, 2), alpha=0.7)
+            _lane(ax, along, lane, result.column(name), row.hdi, row.median)
+        elif name in result.study.prior.fixed:
+            fixed = result.study.prior.fixed[name] / PARAMETERS[name].scale
+            ax.axvline(fixed, color=colour, linewidth=1.2)
     _frame(ax, along, len(comparison.names))
     return ax
 
@@ -368,20 +343,13 @@ def contrast_derived(comparison: Comparison, name: str, ax: Axes | None = None) 
     table = comparison.parameters
     table = table[table["quantity"] == name].set_index("result")
     draws = {result_name: comparison.curves[result_name].derived[name] for result_name in table.index}
-    finite = {
-        result_name: values[np.isfinite(values)] / DERIVED[name].scale
-        for result_name, values in draws.items()
-    }
+    finite = {n: values[np.isfinite(values)] / DERIVED[name].scale for n, values in draws.items()}
     ends = np.concatenate([np.quantile(values, [0.002, 0.998]) for values in finite.values()])
     margin = 0.03 * float(np.ptp(ends)) or 0.01
     along = Axis(float(ends.min() - margin), float(ends.max() + margin), False, (-np.inf, np.inf))
     for result_name, values in finite.items():
-        lane = comparison.names.index(result_name)
-        height = density(values, along)
-        ax.fill_between(along.grid(200), height, color=COLOURS[lane], alpha=0.28, linewidth=0)
-        ax.plot(along.grid(200), height, color=COLOURS[lane], linewidth=1.0)
-        row = table.loc[result_name]
-        _bar(ax, lane, (row["hdi90_lo"], row["hdi90_hi"]), row["median"], COLOURS[lane])
+        row, lane = table.loc[result_name], comparison.names.index(result_name)
+        _lane(ax, along, lane, values, (row["hdi90_lo"], row["hdi90_hi"]), row["median"])
     _frame(ax, along, len(comparison.names))
     return ax
 
@@ -419,10 +387,6 @@ def _readings(ax: Axes, comparison: Comparison, quantity: str) -> None:
         shown.add(outcomes_of(result))
 
 
-def _column(result: Result, group: str, name: str) -> FloatArray:
-    return result.values(group)[:, result.names.index(name)]
-
-
 def _common(axes: list[Axis]) -> Axis:
     """The range that holds all ranges; logarithmic where all are."""
     return Axis(
@@ -433,17 +397,15 @@ def _common(axes: list[Axis]) -> Axis:
     )
 
 
-def _bar(ax: Axes, lane: int, ends: tuple[float, float], median: float, colour: str) -> None:
-    height = -_LANE * (lane + 1)
+def _lane(
+    ax: Axes, along: Axis, lane: int, values: FloatArray, ends: tuple[float, float], median: float
+) -> None:
+    """Density of values (n,), and under it their interval and median, in the colour of a lane."""
+    colour, heights, height = COLOURS[lane], density(values, along), -_LANE * (lane + 1)
+    ax.fill_between(along.grid(200), heights, color=colour, alpha=0.28, linewidth=0)
+    ax.plot(along.grid(200), heights, color=colour, linewidth=1.0)
     ax.plot(ends, [height, height], color=colour, linewidth=3.5, solid_capstyle="butt")
     ax.plot([median], [height], "o", color="white", markeredgecolor=colour, markersize=4.5, zorder=5)
-
-
-def _fixed_axis(ax: Axes, result: Result, name: str, along: Axis, colour: str) -> None:
-    """A line at the value that a result holds the parameter at."""
-    value = result.study.prior.fixed.get(name)
-    if value is not None:
-        ax.axvline(float(field_values(name, np.array(value))), color=colour, linewidth=1.2)
 
 
 def _frame(ax: Axes, along: Axis, lanes: int) -> None:

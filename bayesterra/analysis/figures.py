@@ -177,11 +177,10 @@ def _bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
     """Steps, and 5, 50 and 95 % over the walkers of every ensemble at each, (ensembles, 3, steps)."""
     sampled = result.draws["sample_stats"]
     steps = np.unique(sampled["step"].to_numpy())
-    values = (
-        sampled["lp"].to_numpy()
-        if name == "lp"
-        else field_values(name, result.draws["posterior"][name].to_numpy())
-    )
+    if name == "lp":
+        values = sampled["lp"].to_numpy()
+    else:
+        values = field_values(name, result.draws["posterior"][name].to_numpy())
     walkers = values.reshape(len(values), -1, len(steps))
     return steps, np.quantile(walkers, [0.05, 0.5, 0.95], axis=1).swapaxes(0, 1)
 

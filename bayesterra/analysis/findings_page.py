@@ -173,13 +173,9 @@ def _estimate(name: str) -> str:
 
 def _far(result: Result, names: list[str]) -> Iterator[Markup]:
     if names:
-        levels = [result.record["standings"][name]["credible_level"] for name in names]
-        yield Markup("{}: improbable, {} of the draws are denser.").format(_titles(names), _levels(levels))
-
-
-def _levels(levels: list[float]) -> str:
-    low, high = share(min(levels)), share(max(levels))
-    return low if low == high else f"{low} to {high}"
+        levels = sorted(result.record["standings"][name]["credible_level"] for name in names)
+        ends = " to ".join(dict.fromkeys((share(levels[0]), share(levels[-1]))))
+        yield Markup("{}: improbable, {} of the draws are denser.").format(_titles(names), ends)
 
 
 def _titles(names: list[str]) -> Markup:
@@ -190,10 +186,8 @@ def _titles(names: list[str]) -> Markup:
 def _near(result: Result, names: list[str]) -> Iterator[Markup]:
     for name in names:
         level = result.record["standings"][name]["credible_level"]
-        if level == 0:
-            yield Markup("{} inside, denser than every draw.").format(_estimate(name))
-        else:
-            yield Markup("{} inside: {} of the draws are denser.").format(_estimate(name), share(level))
+        denser = f": {share(level)} of the draws are denser" if level else ", denser than every draw"
+        yield Markup("{} inside{}.").format(_estimate(name), denser)
 
 
 def _at_bounds(result: Result, names: list[str]) -> Iterator[Markup]:

@@ -232,17 +232,17 @@ class Analysis:
             self.failures.attempt("curves", curves, lambda: None),
         )  # fmt: skip
 
-    def points(self) -> dict[str, dict[str, float]]:
-        """Point estimates by method: the mode, every least-squares fit, published and true values."""
+    def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
+        """Standing of every point estimate among the draws' log densities (n,).
+
+        The mode, every least-squares fit, published and true values.
+        """
         points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
-        return points | {name: dict(stated.values) for name, stated in self.study.references.items()}
-
-    def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
-        """Standing of every point estimate among the draws' log densities (n,)."""
+        points |= {name: dict(stated.values) for name, stated in self.study.references.items()}
         soils = {
             method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
-            for method, values in self.points().items()
+            for method, values in points.items()
         }
         return locate(self.posterior, self.kept.flat, densities, soils)
 

@@ -62,9 +62,10 @@ def sampling_section(result: Result) -> Blocks:
         drawing(analysis_figures.ranks(result, name), f"Rank histograms of {PARAMETERS[name].description}")
         for name in names
     )
+    spoken = {"lp": "the log density", **{name: PARAMETERS[name].description for name in names}}
     traces = tuple(
-        photograph(analysis_figures.trace(result, name), f"Trace of {_spoken(name)}")
-        for name in ("lp", *names)
+        photograph(analysis_figures.trace(result, name), f"Trace of {words}")
+        for name, words in spoken.items()
     )
     return (
         _checks(result),
@@ -112,10 +113,6 @@ def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
         "sign, so a disagreement does not say who is wrong."
     ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
     return (Text(text),)
-
-
-def _spoken(name: str) -> str:
-    return "the log density" if name == "lp" else PARAMETERS[name].description
 
 
 def _checks(result: Result) -> Table:
@@ -250,8 +247,7 @@ def _residuals(result: Result) -> Gallery:
     beside = f"; marks beside them: {marks}, hollow at the edge where they are farther out" if marks else ""
     caption = (
         "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
-        "are "
-        f"their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
+        f"are their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
     )
     return Gallery("small", pictures, caption)
 
@@ -283,14 +279,18 @@ class Driving:
 
 def driving(result: Result) -> Driving:
     """Derived quantities, and pull and sinkage at a few of the driven slips."""
-    wheel = next(iter(result.study.wheels))
+    wheel, summary = next(iter(result.study.wheels)), summary_rows(result)
     slips = driven_slips(result, wheel)
     few = slips[np.unique(np.linspace(0, len(slips) - 1, FEW).round().astype(int))]
     header, rows = _at_slips(result, wheel, ("drawbar_pull", "sinkage"), few)
     load = reference_load(result.study)
+    derived: list[tuple[Cell, ...]] = []
+    for name in (name for name in DERIVED if name in summary):
+        middle, ends = estimate(summary[name].median, *summary[name].hdi)
+        derived.append((DERIVED[name].description, amount(name, middle), ends))
     return Driving(
         f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
-        tuple(_derived_row(result, name) for name in DERIVED if name in summary_rows(result)),
+        tuple(derived),
         header,
         rows,
         _remark(result, slips),
@@ -304,30 +304,20 @@ def driven_slips(result: Result, wheel: str) -> FloatArray:
     return np.unique(rows.slip[mine] if mine.any() else rows.slip)
 
 
-def _derived_row(result: Result, name: str) -> tuple[Cell, ...]:
-    row = summary_rows(result)[name]
-    middle, ends = estimate(row.median, *row.hdi)
-    return DERIVED[name].description, amount(name, middle), ends
-
-
-def _quantiles(result: Result, wheel: str, channel: str, slip: float) -> FloatArray:
-    """5, 50 and 95 % of the modelled value at a slip, field units."""
-    curves = result.draws["curves"].sel(wheel=wheel)
-    bands = field_values(channel, curves["modelled"].sel(outcome=channel).to_numpy())
-    return np.array([np.interp(slip, curves["slip"].to_numpy(), band) for band in bands[[0, 2, 4]]])
-
-
 def _at_slips(
     result: Result, wheel: str, channels: tuple[str, ...], slips: FloatArray
 ) -> tuple[tuple[Cell, ...], tuple[tuple[Cell, ...], ...]]:
     """Head and rows of a table of modelled values at slips, of those channels that the drive gives."""
-    outcomes = [name for name in channels if name in result.draws["curves"]["outcome"]]
+    curves = result.draws["curves"].sel(wheel=wheel)
+    outcomes = [name for name in channels if name in curves["outcome"]]
+    drawn = {name: field_values(name, curves["modelled"].sel(outcome=name).to_numpy()) for name in outcomes}
     heads = [head for name in outcomes for head in (with_unit(name), "90 %")]
     rows = []
     for slip in slips:
         cells: list[Cell] = [f"{slip:.3g}"]
         for name in outcomes:
-            low, middle, high = _quantiles(result, wheel, name, float(slip))
+            bands = drawn[name][[0, 2, 4]]
+            low, middle, high = (np.interp(slip, curves["slip"].to_numpy(), band) for band in bands)
             cells += estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup
 
@@ -244,17 +243,15 @@ def run_overview(result: Result) -> Overview:
 def _parameters(result: Result) -> Table:
     """Parameters and their verdicts, then derived quantities."""
     words = {name: _verdict(row) for name, row in identifiability_rows(result).items()}
-    rows = [(*_cells(row), words.get(row["parameter"], "")) for row in result.summary.to_dict("records")]
+    rows = []
+    for row in result.summary.to_dict("records"):
+        ends = (row["hdi90_lo"], row["hdi90_hi"])
+        step = resolution(*ends)
+        figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(*ends))
+        name = row["parameter"]
+        rows.append((QUANTITIES[name].symbol, row["unit"], *figures, words.get(name, "")))
     header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
     return Table(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
-
-
-def _cells(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
-    """A row of the summary, to the precision that its interval supports."""
-    low, high = row["hdi90_lo"], row["hdi90_hi"]
-    step = resolution(low, high)
-    figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(low, high))
-    return (QUANTITIES[row["parameter"]].symbol, row["unit"], *figures)
 
 
 def _verdict(row: IdentifiabilityRow) -> str:

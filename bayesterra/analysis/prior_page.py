@@ -210,7 +210,7 @@ BINS = 40
 def prior_density(result: PriorResult, name: str, ax: Axes | None = None) -> Axes:
     """Draw one parameter's prior: grey what physics leaves of it, line the law as stated."""
     ax = own_axes(ax, 2.6, 1.7)
-    values = field_values(name, result.draws["prior"][name].to_numpy().ravel())
+    values = result.column(name)
     ax.hist(values, bins=BINS, density=True, color=PRIOR, alpha=0.55, linewidth=0)
     grid = np.linspace(values.min(), values.max(), 200)
     scale = PARAMETERS[name].scale

@@ -259,7 +259,8 @@ def read_result(folder: Path) -> RunResult:
 
     Raises
     ------
-    ResultError : the folder is missing, incomplete or damaged, of another kind, or of another format.
+    ResultError : the folder is missing, incomplete or damaged, of another kind, as a joint posterior of
+        several groups is, or of another format.
     """
     if not folder.is_dir():
         raise ResultError(f"'{folder}' is not a result folder: there is no such folder")

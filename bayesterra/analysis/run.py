@@ -10,7 +10,7 @@ from typing import Any
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.inference import run_prior
-from bayesterra.analysis.result import PriorResult, RunResult, is_pooled, is_prior, read_pooled, read_result
+from bayesterra.analysis.result import PriorResult, is_pooled, is_prior, read_pooled, read_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
@@ -60,16 +60,6 @@ def load_result(folder: str | Path) -> Result:
     """
     path = checked_path("bt.load_result", folder, "a result folder")
     return read_pooled(path) if is_pooled(path) else read_result(path)
-
-
-def load_single(folder: str | Path) -> RunResult:
-    """Read a saved result folder of a study without groups.
-
-    Raises
-    ------
-    ResultError : the folder is missing, incomplete or damaged, or holds a joint posterior of several groups.
-    """
-    return read_result(Path(folder))
 
 
 def run_study(
@@ -181,7 +171,7 @@ def opened(path: Path) -> Study | Result:
     BayesterraError : it is neither, or something in it is wrong.
     """
     if is_result(path):
-        return load_single(path)
+        return read_result(path)
     if path.is_file() or (path / "study.toml").is_file():
         return load_study(path)
     missing = "neither run.json nor study.toml in it" if path.is_dir() else "no such file or folder"
@@ -191,7 +181,7 @@ def opened(path: Path) -> Study | Result:
 def opened_for_design(path: Path) -> Study | Result:
     """The result in a folder that ``run`` wrote, else the study, with or without readings."""
     if is_result(path) and not is_prior(path):
-        return load_single(path)
+        return read_result(path)
     check_sums(path, STUDY_FILE, "measurements.csv")
     return load_study(path, prior_only=True)
 

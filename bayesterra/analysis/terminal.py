@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.analysis.simulation import Truth
-from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -48,12 +47,12 @@ def print_overview(study: Study, console: Console | None = None) -> None:
         console.print(f"Note: {note}")
 
 
-def print_truth(truth: Truth, console: Console | None = None) -> None:
+def print_truth(truth: Truth) -> None:
     """Print the values that data were simulated with, and where each comes from."""
     table = Table("parameter", "value", "from", title="Simulated with")
     for name, value in truth.values.items():
         table.add_row(name, PARAMETERS[name].field_text(value), truth.origins[name])
-    (console or PlainConsole()).print(table)
+    PlainConsole().print(table)
 
 
 def _general(study: Study) -> Table:
@@ -98,7 +97,7 @@ def _measurements(study: Study) -> Table:
     from bayesterra.likelihood.page import noise_text
 
     rows = study.observations
-    columns = _columns(study)
+    columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     table = Table(title=f"{len(rows)} rows, {int(rows.use.sum())} in use; slip on r_s, sinkage from the rim")
     for header in ("row", *(["wheel"] if len(study.wheels) > 1 else []), "slip"):
         table.add_column(header, justify="right")
@@ -107,7 +106,8 @@ def _measurements(study: Study) -> Table:
     for i, row in enumerate(rows.rows):
         wheel = [rows.wheel[i]] if len(study.wheels) > 1 else []
         cells = [
-            rows.marks(name)[i] + _cell(column[i] / CHANNELS[name].scale) for name, column in columns.items()
+            rows.marks(name)[i] + ("" if np.isnan(column[i]) else f"{column[i] / CHANNELS[name].scale:.5g}")
+            for name, column in columns.items()
         ]
         mark, style = (f"{row}", None) if rows.use[i] else (f"({row})", "dim")
         table.add_row(mark, *wheel, f"{rows.slip[i]:.4g}", *cells, style=style)
@@ -115,16 +115,6 @@ def _measurements(study: Study) -> Table:
     empty = [""] * (len(table.columns) - 1 - len(columns))
     table.add_row("noise", *empty, *(noise_text(study.noise.get(name)) for name in columns))
     return table
-
-
-def _columns(study: Study) -> dict[str, FloatArray]:
-    """Columns of the table: what the drive conditions on, then the measured outcomes; SI."""
-    rows = study.observations
-    return {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
-
-
-def _cell(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.5g}"
 
 
 def _priors(study: Study) -> Table:

@@ -23,13 +23,13 @@ from bayesterra.checking.ranks import (
     UNSETTLED,
     Calibration,
 )
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parameter
-from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Picture, Table, Text, drawing
+from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import INK, POSTERIOR, PRIOR
-from bayesterra.report.symbols import listed, symbol, whole_and_part
+from bayesterra.report.symbols import QUANTITIES, listed, symbol, whole_and_part
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
@@ -71,15 +71,12 @@ def named(quantity: str) -> Markup:
 def _warning(calibration: Calibration) -> Markup:
     if not calibration.failing:
         return Markup("")
+    tests = calibration.tests
+    worst = tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4)
     return Markup(
         "True values are <b>not distributed like draws</b> of their posteriors: {}. Intervals of this "
         "configuration do not hold what they promise."
-    ).format(listed(tendency(row) for row in _failing_rows(calibration)))
-
-
-def _failing_rows(calibration: Calibration) -> list[dict[Any, Any]]:
-    tests = calibration.tests
-    return tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4).to_dict("records")
+    ).format(listed(tendency(row) for row in worst.to_dict("records")))
 
 
 def tendency(row: Mapping[Any, Any]) -> Markup:
@@ -101,12 +98,8 @@ def _posterior(calibration: Calibration) -> Verdict:
     figures_ = Markup("smallest p {}, threshold {}: {} % for all together").format(
         p_text(smallest), p_text(calibration.threshold), f"{100 * LEVEL:g}"
     )
-    if failing:
-        sentence = Markup("Ranks of {} of {} quantities are not uniform ({}).").format(
-            len(failing), tested, figures_
-        )
-    else:
-        sentence = Markup("Ranks of all {} quantities are uniform ({}).").format(tested, figures_)
+    which = f"{len(failing)} of {tested} quantities are not" if failing else f"all {tested} quantities are"
+    sentence = Markup("Ranks of {} uniform ({}).").format(which, figures_)
     grade = {CALIBRATED: "good", MISCALIBRATED: "poor"}.get(calibration.verdict, "fair")
     return Verdict("Posterior", calibration.verdict, grade, sentence)
 
@@ -122,30 +115,23 @@ def p_text(p: float) -> str:
 
 def _sampling(calibration: Calibration) -> Verdict:
     n = len(calibration.table)
-    settled = n - calibration.unsettled
-    allowed = calibration.unsettled <= UNSETTLED * n
+    unsettled, failed = calibration.unsettled, n - calibration.ranked
+    but = f", but for {failed} that failed" if failed else ""
     sentence = Markup(
         "{} of {} replications did not converge; at most {} % may. They are ranked too{}."
-    ).format(calibration.unsettled, n, f"{100 * UNSETTLED:g}", _failures(calibration))
-    grade = "good" if not calibration.unsettled else "fair" if allowed else "poor"
-    return Verdict("Sampling", f"{settled} of {n} converged", grade, sentence)
-
-
-def _failures(calibration: Calibration) -> str:
-    failed = len(calibration.table) - calibration.ranked
-    return f", but for {failed} that failed" if failed else ""
+    ).format(unsettled, n, f"{100 * UNSETTLED:g}", but)
+    grade = "good" if not unsettled else "fair" if unsettled <= UNSETTLED * n else "poor"
+    return Verdict("Sampling", f"{n - unsettled} of {n} converged", grade, sentence)
 
 
 def _power(calibration: Calibration) -> Verdict:
-    chances = dict(zip(calibration.power["error"], calibration.power["one"], strict=True))
     small = calibration.power["one"].iloc[1]
     word, grade = ("high", "good") if small >= HIGH_POWER else ("moderate", "fair")
     word, grade = (word, grade) if small >= SOME_POWER else ("low", "poor")
-    phrases = (f"{name}: {percent(value)}" for name, value in chances.items())
-    sentence = Markup("Chance that so many replications notice, in one parameter alone, a {}.").format(
-        listed(phrases)
-    )
-    return Verdict("Power", word, grade, sentence)
+    rows = calibration.power.to_dict("records")
+    sentence = Markup("Chance that so many replications notice, in one parameter alone, a {}.")
+    phrases = listed(f"{row['error']}: {percent(row['one'])}" for row in rows)
+    return Verdict("Power", word, grade, sentence.format(phrases))
 
 
 def percent(share: float) -> str:
@@ -158,7 +144,10 @@ def percent(share: float) -> str:
 
 
 def _ranks_section(calibration: Calibration) -> Blocks:
-    pictures = tuple(_picture(calibration, name) for name in calibration.tested)
+    pictures = tuple(
+        drawing(rank_ecdf(calibration, name), f"Distribution of the ranks of {name}, less the uniform one")
+        for name in calibration.tested
+    )
     caption = Markup(
         "For each quantity the share of true values below each rank among {} draws, less the uniform share. "
         "Dark grey holds the whole curve of a right posterior with probability 0.95; pale grey is the "
@@ -174,11 +163,6 @@ def _ranks_section(calibration: Calibration) -> Blocks:
         "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
     ).format(p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
     return (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
-
-
-def _picture(calibration: Calibration, name: str) -> Picture:
-    alt = f"Distribution of the ranks of {name}, less the uniform one"
-    return drawing(rank_ecdf(calibration, name), alt)
 
 
 def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -218,10 +202,8 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 def _power_section(calibration: Calibration) -> Blocks:
     free = len(calibration.parameters)
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
-    rows = tuple(
-        (row["error"], percent(row["one"]), percent(row["all"]))
-        for row in calibration.power.to_dict("records")
-    )
+    power = calibration.power.to_dict("records")
+    rows = tuple((row["error"], percent(row["one"]), percent(row["all"])) for row in power)
     caption = Markup(
         "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
         "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
@@ -239,10 +221,8 @@ def _replications_section(calibration: Calibration) -> Blocks:
         ("R-hat: largest, median", _pair(table["r_hat"], "max", 4)),
         ("processor seconds: most, median", _pair(table["seconds"], "max")),
     ]
-    failed = table[table["status"] == FAILED].head(5)
-    rows += [
-        (f"failed: number {task}", note) for task, note in zip(failed["task"], failed["note"], strict=True)
-    ]
+    failed = table[table["status"] == FAILED].head(5).to_dict("records")
+    rows += [(f"failed: number {row['task']}", row["note"]) for row in failed]
     caption = Markup(
         "Each replication draws true values from the prior cut to the physical support, readings from them "
         "under the study’s conditions and noise, and samples the posterior of these with the sampler of "
@@ -279,8 +259,8 @@ def _settings(settings: Mapping[str, Any]) -> str:
     """All settings in one line, tables by their names."""
     entries = []
     for name, value in settings.items():
-        inner = f" ({_settings(value)})" if isinstance(value, Mapping) else f" {value}"
-        entries.append(f"{name.replace('_', ' ')}{inner}")
+        inner = f"({_settings(value)})" if isinstance(value, Mapping) else value
+        entries.append(f"{name.replace('_', ' ')} {inner}")
     return ", ".join(entries)
 
 
@@ -316,8 +296,7 @@ def _name(quantity: str) -> str:
         return quantity.replace("_", " ")
     quantity, part = whole_and_part(quantity)
     ending = " at the largest slip" if quantity.endswith(AT_SLIP) else ""
-    quantities: Mapping[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
-    return f"${quantities[quantity.removesuffix(AT_SLIP)].latex}${part}{ending}"
+    return f"${QUANTITIES[quantity.removesuffix(AT_SLIP)].latex}${part}{ending}"
 
 
 def calibration_overview(calibration: Calibration) -> Overview:

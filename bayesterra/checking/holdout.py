@@ -144,13 +144,7 @@ def _held_out(
     for number, outcome in completed(task, range(n), engine or in_process()):
         done[number] = outcome
         report(len(done), n, (time.perf_counter() - started) / len(done) * (n - len(done)))
-    outcomes = tuple(done[number] for number in range(n))
-    return Holdout(study, folds, outcomes, _record(study, by, tolerance, seed, fit))
-
-
-def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
-    """Origin of the outcomes: all that they depend on."""
-    return {
+    origin = {
         "kind": "holdout",
         "by": by if isinstance(by, str) else "groups given",
         **({"tolerance": tolerance} if by == "slip" else {}),
@@ -162,6 +156,7 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
         "settings": {"draws": DRAWS, **settings_of(fit)},
         "versions": versions(),
     }
+    return Holdout(study, folds, tuple(done[number] for number in range(n)), origin)
 
 
 def leave_out(

@@ -63,16 +63,11 @@ def _warning(holdout: Holdout) -> Markup:
     )
 
 
-def _own(holdout: Holdout) -> list[dict[Any, Any]]:
-    """The model's scores by channel, all rows."""
-    table = holdout.summary
-    return table[(table["predictor"] == holdout.model) & (table["part"] == "all")].to_dict("records")
-
-
 def _coverage(holdout: Holdout) -> Verdict:
     """Verdict on whether nine in ten readings lie where nine in ten should."""
-    counts, low, high = [], False, False
-    for row in _own(holdout):
+    table, counts, low, high = holdout.summary, [], False, False
+    own = table[(table["predictor"] == holdout.model) & (table["part"] == "all")]
+    for row in own.to_dict("records"):
         share, rows = row["covered90"], row["rows"]
         error = max(np.nan_to_num(row["covered90_se"]), float(np.sqrt(0.09 / rows)))
         low, high = low or share < 0.9 - WIDE * error, high or share > 0.9 + WIDE * error

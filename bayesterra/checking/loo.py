@@ -278,13 +278,6 @@ class Difference:
         """True where it is at least ``INDISTINCT`` and at least two standard errors."""
         return bool(abs(self.elpd) >= INDISTINCT and abs(self.elpd) >= 2 * self.se)
 
-    @property
-    def word(self) -> str:
-        """The answer in words."""
-        if not self.distinguishable:
-            return "not distinguishable"
-        return f"the {'first' if self.elpd > 0 else 'second'} predicts better"
-
 
 def difference(first: CrossValidation, second: CrossValidation) -> Difference:
     """Compare two models by the rows that both leave out.

@@ -61,8 +61,7 @@ def predict_rows(
     are made ``before`` the readings; so are discrepancy, ripple and slip errors, given the rows in the fit.
     """
     likelihood = likelihood_of(study, study.observations)
-    noise = posterior.noise_values(draws)
-    soil = posterior.prior.soil_values(draws)
+    noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
     outcomes = likelihood.imagined(soil, noise, rng) if before else likelihood.explained(soil, noise, rng)
     return RowPredictions(
         likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)

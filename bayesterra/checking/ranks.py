@@ -100,9 +100,9 @@ class RankTest:
         low, high = inside.argmax(axis=1), self.n - inside[:, ::-1].argmax(axis=1)
         return low / self.n, high / self.n
 
-    def power(self, shares: FloatArray, level: float, simulations: int = 2000) -> float:
+    def power(self, shares: FloatArray, level: float) -> float:
         """Probability that the test at ``level`` notices ranks with these shares (100,) in the intervals."""
-        statistics = self._simulated(shares, simulations, default_rng(1))
+        statistics = self._simulated(shares, 2000, default_rng(1))
         return float((statistics <= self.critical(level)).mean())
 
 
@@ -315,14 +315,12 @@ class Calibration(AnalysisResult):
                 "p_value_per_quantity": self.threshold,
                 "share_not_converged": UNSETTLED,
             },
-            "tests": [_known(row) for row in self.tests.to_dict("records")],
+            "tests": [
+                {str(name): value for name, value in row.items() if not pd.isna(value)}
+                for row in self.tests.to_dict("records")
+            ],
             "power": self.power.to_dict("records"),
         }
-
-
-def _known(row: dict[Any, Any]) -> dict[str, Any]:
-    """A row without its gaps."""
-    return {str(name): value for name, value in row.items() if not pd.isna(value)}
 
 
 CONVERGED, UNCONVERGED, FAILED = "converged", "not converged", "failed"

@@ -75,13 +75,13 @@ def misfit_text(words: str, check: str = "units, loads and priors") -> str:
     return f"warning: the model does not fit these readings: {words}; check {check} before you use any figure"
 
 
-def alarming(checks: PredictiveChecks, most: int = 3) -> tuple[Check, ...]:
-    """The strangest statistic of each channel that has a strange one, ``most`` channels at most."""
+def alarming(checks: PredictiveChecks) -> tuple[Check, ...]:
+    """The strangest statistic of each channel that has a strange one, three channels at most."""
     strangest: dict[str, Check] = {}
     for check in checks.checks:
         if check.calibrated < ALARM or not strangest:
             strangest.setdefault(check.channel, check)
-    return tuple(strangest.values())[:most]
+    return tuple(strangest.values())[:3]
 
 
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:
@@ -148,18 +148,14 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
 def cross_validation_section(result: Result) -> Blocks:
     """Every row predicted by the others."""
     loo = CrossValidation.from_record(result.record["loo"])
-    blocks: list[Block] = [Text(_sum(loo)), _rows(result, loo)]
-    return (*blocks, *_pit(result, loo))
-
-
-def _sum(loo: CrossValidation) -> Markup:
-    return Markup(
+    total = Markup(
         "Sum of the log densities with which every row is predicted by all others: elpd {} ± {} (standard "
         "error from the spread between {} rows). Only differences between models for the same readings mean "
         "something, and those below {:g} or below two of their own standard errors do not distinguish them. "
         "The fit uses {} effective parameters."
     ).format(rounded(loo.elpd, 0.1), rounded(loo.se, 0.1), len(loo.rows), INDISTINCT,
              rounded(loo.effective_parameters, 0.1))  # fmt: skip
+    return (Text(total), _rows(result, loo), *_pit(result, loo))
 
 
 def _rows(result: Result, loo: CrossValidation) -> Table:
@@ -186,9 +182,7 @@ def _pit(result: Result, loo: CrossValidation) -> Blocks:
         drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit
     )
     outside = [name for name, values in loo.pit.items() if not calibrated(values)]
-    sentence = (
-        Markup("{} leaves the band.").format(symbols(outside)) if outside else "No channel leaves the band."
-    )
+    sentence = Markup("{} leaves the band.").format(symbols(outside) or "No channel")
     caption = Markup(
         "LOO-PIT: where each reading lies in what the other rows predict for it. Drawn is the share of "
         "values below, less the uniform one; grey: simultaneous 95 % band. An arch means an offset, an S "
@@ -294,7 +288,8 @@ def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     z = validation.residuals(result)[:, :, column]
     methods = {name: values[:, column] for name, values in validation.method_residuals(result).items()}
     low, high = np.quantile(z, [0.05, 0.95], axis=0)
-    reach = _reach([low, high, *methods.values()])
+    farthest = np.nanmax(np.abs([low, high, *methods.values()]))
+    reach = float(np.clip(farthest + 0.3, 3.2, 8.0))  # all up to eight standard deviations
     ax.axhspan(-2, 2, color=PRIOR, alpha=0.15, linewidth=0)
     ax.axhline(0, color=INK, linewidth=0.7)
     ax.vlines(slip, low, high, color=POSTERIOR, linewidth=4, alpha=0.45)
@@ -305,11 +300,6 @@ def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=f"residual of ${CHANNELS[channel].latex}$ [sd]")
     ax.set_ylim(-1.06 * reach, 1.06 * reach)
     return ax
-
-
-def _reach(values: list[FloatArray]) -> float:
-    """Half-height of the plot: everything up to eight standard deviations."""
-    return float(np.clip(np.nanmax(np.abs(values)) + 0.3, 3.2, 8.0))
 
 
 def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float) -> None:
@@ -338,7 +328,11 @@ def missed_sections(result: Result) -> tuple[Section, ...]:
         "less model without discrepancy, at its median. Dots can lie beside the band where <i>δ</i> and the "
         "parameters trade off."
     ).format(f", wheels {', '.join(dict.fromkeys(curve.wheel for curve in curves))}" if several else "")
-    blocks += [Gallery("small", pictures, caption), *_trades(curves, several=several), _use(result)]
+    use = Markup(
+        "Curves, predictions and checks of {} hold the discrepancy; of another wheel its prior alone is "
+        "known. Derived quantities (greatest pull and the like) are those of the model alone."
+    ).format(listed(result.study.wheels))
+    blocks += [Gallery("small", pictures, caption), *_trades(curves, several=several), Text(use)]
     return (Section("missed", "What the model misses", tuple(blocks)),)
 
 
@@ -353,8 +347,7 @@ def _sentence(result: Result, curve: Missed, *, several: bool) -> Markup:
             "everywhere, and reaches {} at most."
         )
         return text.format(head, amount(curve.channel, most))
-    stretches = listed(_part(curve, stretch) for stretch in curve.stretches)
-    return Markup("{} is {}.").format(head, stretches)
+    return Markup("{} is {}.").format(head, listed(_part(curve, stretch) for stretch in curve.stretches))
 
 
 def _part(curve: Missed, stretch: Stretch) -> Markup:
@@ -392,15 +385,6 @@ def _trades(curves: list[Missed], *, several: bool) -> tuple[Text, ...]:
         "parameters rest on the prior of the discrepancy."
     )
     return (Text(text.format(listed(shares)), "poor"),)
-
-
-def _use(result: Result) -> Text:
-    wheels = listed(result.study.wheels)
-    text = Markup(
-        "Curves, predictions and checks of {} hold the discrepancy; of another wheel its prior alone is "
-        "known. Derived quantities (greatest pull and the like) are those of the model alone."
-    )
-    return Text(text.format(wheels))
 
 
 @styled

@@ -26,7 +26,7 @@ To leave one out can only lower R.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -96,13 +96,7 @@ class Candidates:
 
     def take(self, chosen: IntArray | BoolArray) -> Candidates:
         """Some of the candidates."""
-        return Candidates(
-            self.since[chosen],
-            self.log_factors[chosen],
-            self.log_sober[chosen],
-            self.means[chosen],
-            self.covariances[chosen],
-        )
+        return Candidates(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
     def joined(self, row: int, mean: FloatArray, covariance: FloatArray) -> Candidates:
         """One candidate more, with B = 1."""

@@ -181,11 +181,6 @@ class Rejuvenation:
     limit: float
     temperature: float
 
-    @property
-    def moved(self) -> bool:
-        """True where the particles have forgotten where they came from."""
-        return self.correlation <= self.limit
-
 
 @dataclass(frozen=True)
 class Levels:

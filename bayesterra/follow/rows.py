@@ -20,14 +20,6 @@ from bayesterra.study.units import quantity
 FIRST_CAPACITY = 64
 
 
-@dataclass(frozen=True)
-class References:
-    """References that slips and sinkages are counted from; see :class:`bayesterra.study.study.Study`."""
-
-    slip: str = "shearing"
-    sinkage: str = "rim"
-
-
 def table_of(values: Mapping[str, object]) -> pd.DataFrame:
     """A table of one row from values by column: SI numbers or text with a unit.
 
@@ -50,7 +42,7 @@ def table_of(values: Mapping[str, object]) -> pd.DataFrame:
     return pd.DataFrame({name: [value] for name, value in cells.items()})
 
 
-def read_row(study: Study, table: pd.DataFrame, number: int, references: References) -> Observations:
+def read_row(study: Study, table: pd.DataFrame, number: int, references: Mapping[str, str]) -> Observations:
     """Check a table of one row and bring it to the form of the study's rows.
 
     Parameters
@@ -58,6 +50,7 @@ def read_row(study: Study, table: pd.DataFrame, number: int, references: Referen
     study : gives wheels, drive and noise.
     table : one row, columns as in the measurement files.
     number : of the row in the stream; messages name it.
+    references : ``slip_reference`` and ``sinkage_reference``; see :class:`bayesterra.study.study.Study`.
 
     Raises
     ------
@@ -66,9 +59,7 @@ def read_row(study: Study, table: pd.DataFrame, number: int, references: Referen
     if len(table) != 1:
         raise StudyError(f"one row is added at a time (got {len(table)} rows)")
     try:
-        row = observations(
-            table, study.wheels, slip_reference=references.slip, sinkage_reference=references.sinkage
-        )
+        row = observations(table, study.wheels, **references)
         row, _ = assembly.conditioned(row, study.drive)
         if not len(row) or not row.use[0]:
             raise StudyError("'use' must be 1 in a row that is added (got 0, row 1)")

@@ -215,18 +215,14 @@ def rows_of(data: Path | TextIO, stack: ExitStack) -> Iterator[pd.DataFrame]:
         except OSError as error:
             raise StudyError(f"{data}: cannot be read ({error.strerror})") from error
     with errors_in(name):
-        yield from _one_by_one(rows_of_cells(data))
-
-
-def _one_by_one(lines: Iterator[list[str]]) -> Iterator[pd.DataFrame]:
-    header = next(lines, None)
-    for number, line in enumerate(lines, start=1):
-        if header is None or len(line) != len(header):
-            expected = len(header or ())
-            raise StudyError(f"every row must have {expected} cells (got {len(line)}, row {number})")
-        cell = dict(zip((name.strip() for name in header), line, strict=True))
-        if cell.get("use", "1").strip() not in ("0", "0.0"):
-            yield pd.DataFrame([line], columns=pd.Index(header), dtype=str)
+        lines = rows_of_cells(data)
+        header = next(lines, [])
+        for number, line in enumerate(lines, start=1):
+            if len(line) != len(header):
+                raise StudyError(f"every row must have {len(header)} cells (got {len(line)}, row {number})")
+            cell = dict(zip((name.strip() for name in header), line, strict=True))
+            if cell.get("use", "1").strip() not in ("0", "0.0"):
+                yield pd.DataFrame([line], columns=pd.Index(header), dtype=str)
 
 
 def _named(data: Path | TextIO) -> str:

@@ -18,7 +18,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError, StudyError, SupportError, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
 from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
-from bayesterra.follow.rows import References, Rows, read_row, table_of
+from bayesterra.follow.rows import Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
@@ -91,7 +91,7 @@ class Stream(AnalysisResult):
             raise StudyError(f"'false_alarms' must lie between 0 and 1 (got {false_alarms:g})")
         self.study, self.seed, self.particles = study, seed, particles
         self.false_alarms = None if study.drive.latent_load else false_alarms
-        self.references = References(slip_reference, sinkage_reference)
+        self.references = {"slip_reference": slip_reference, "sinkage_reference": sinkage_reference}
         self.offset = 0
         self.rows = Rows.of(study)
         self.watch = ChangeDetector(self.false_alarms, len(study.prior.names), self._posterior_of)
@@ -109,13 +109,8 @@ class Stream(AnalysisResult):
     @property
     def _settings(self) -> dict[str, Any]:
         """Keywords that this stream was begun with."""
-        return {
-            "seed": self.seed,
-            "particles": self.particles,
-            "false_alarms": self.false_alarms,
-            "slip_reference": self.references.slip,
-            "sinkage_reference": self.references.sinkage,
-        }
+        own = {"seed": self.seed, "particles": self.particles, "false_alarms": self.false_alarms}
+        return {**own, **self.references}
 
     def __len__(self) -> int:
         return len(self.rows)

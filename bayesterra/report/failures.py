@@ -59,7 +59,9 @@ class Failure:
     def of(cls, part: str, error: Exception) -> Failure:
         """The failure that an exception stands for."""
         frames = traceback.extract_tb(error.__traceback__)[1:]
-        trace = tuple(f"{_place(frame.filename)}:{frame.lineno} {frame.name}" for frame in frames)
+        # the last two parts of every path: a record holds no personal ones
+        places = ("/".join(Path(frame.filename).parts[-2:]) for frame in frames)
+        trace = tuple(f"{place}:{at.lineno} {at.name}" for place, at in zip(places, frames, strict=True))
         return cls(part, type(error).__name__, in_short(printable(str(error))), trace)
 
     @property
@@ -72,11 +74,6 @@ class Failure:
         """Sentence on what is missing and why, in one line."""
         why = f"{self.error}: {self.message}" if self.message else self.error
         return f"{self.title} could not be computed ({why.rstrip('.')})"
-
-
-def _place(filename: str) -> str:
-    """The last two parts of a path: a record holds no personal paths."""
-    return "/".join(Path(filename).parts[-2:])
 
 
 class Failures:

@@ -80,7 +80,8 @@ def own_axes(ax: Axes | None, width: float = 3.6, height: float = 2.5) -> Axes:
 def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     """Symbol and field unit as an axis label."""
     symbol = f"${quantity.latex}$"
-    return symbol if not unit or quantity.unit == "-" else f"{symbol} [{unit_text(quantity.unit)}]"
+    text = quantity.unit.replace("m^N", "m$^N$")
+    return symbol if not unit or text == "-" else f"{symbol} [{text}]"
 
 
 def fan(ax: Axes, x: FloatArray, bands: FloatArray, colour: str, alphas: tuple[float, float]) -> None:
@@ -101,11 +102,6 @@ def name_cells(ax: Axes, names: Sequence[str]) -> None:
 def literal(text: str) -> str:
     """A name as it is: its dollars begin no formula, and no underscore hides it from a legend."""
     return f" {text}".replace("$", r"\$") if text.startswith("_") else text.replace("$", r"\$")
-
-
-def unit_text(unit: str) -> str:
-    """A field unit for matplotlib."""
-    return unit.replace("m^N", "m$^N$")
 
 
 Drawn: TypeAlias = Axes | NDArray[Any]

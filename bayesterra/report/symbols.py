@@ -44,12 +44,9 @@ def symbol(name: str) -> Markup:
 
 def _symbol(name: str) -> Markup:
     if name in DERIVED:
-        return Markup("").join(_part(part) for part in re.split(r"(\bF_DP\b)", DERIVED[name].symbol))
+        before, pull, after = DERIVED[name].symbol.partition("F_DP")
+        return Markup("{}{}{}").format(before, letters(pull) if pull else "", after)
     return letters(QUANTITIES[name].symbol)
-
-
-def _part(text: str) -> Markup:
-    return letters(text) if text == "F_DP" else Markup("{}").format(text)
 
 
 def letters(text: str) -> Markup:

@@ -23,12 +23,11 @@ import numpy as np
 import xarray as xr
 
 from bayesterra.analysis import result as run_results
-from bayesterra.analysis.result import check_draws, read_pooled
-from bayesterra.analysis.run import load_single
+from bayesterra.analysis.result import check_draws, read_pooled, read_result
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
-from bayesterra.follow.rows import References, read_row
+from bayesterra.follow.rows import read_row
 from bayesterra.follow.session import rows_of
 from bayesterra.follow.stream import State, load_stream
 from bayesterra.prediction.prediction import predict
@@ -55,6 +54,7 @@ RESULT_FILES = (
     "run.json", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv", "study.toml",
     "measurements.csv",
 )  # fmt: skip
+REFERENCES = {"slip_reference": "shearing", "sinkage_reference": "rim"}
 STORE_FILES = ("begun.json", "state.segment", "task-1.segment", "tasks", "stream.json", "updates.csv")
 
 
@@ -150,7 +150,7 @@ def table(data: bytes) -> None:
                 if number > 50:
                     break
                 with allowed():
-                    read_row(base().study, row, number, References())
+                    read_row(base().study, row, number, REFERENCES)
 
 
 def soiltest(data: bytes) -> None:
@@ -203,7 +203,7 @@ def result(data: bytes) -> None:
         (inner / name).unlink()
         (inner / name).write_bytes(data[1:])
         with allowed():
-            loaded = load_single(inner)
+            loaded = read_result(inner)
             predict(loaded, [0.1, 0.3])
             str(loaded.validation)
         with allowed():

@@ -220,7 +220,7 @@ def test_targets_notice(base: targets.Base, target: str, monkeypatch: pytest.Mon
     """A reader that lets an error of another library through, or writes beside its folder, is noticed."""
     doors = {
         "study": "load_study", "table": "read_table", "soiltest": "load_soil_test", "rover": "read_rover",
-        "result": "load_single", "draws": "read_tree", "store": "read_tasks",
+        "result": "read_result", "draws": "read_tree", "store": "read_tasks",
     }  # fmt: skip
 
     def broken(*args: object, **options: object) -> None:

@@ -17,7 +17,8 @@ import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis import run as analysis_run
 from bayesterra.analysis.inference import run_prior
-from bayesterra.analysis.run import load_result, load_single
+from bayesterra.analysis.result import read_result
+from bayesterra.analysis.run import load_result
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
@@ -121,7 +122,7 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
     np.testing.assert_allclose(frame["K[Wh32]"], result.to_dataframe()["K[Wh32]"])
     assert found.groups == ("Wh11", "Wh32")
     with pytest.raises(ResultError, match=r"holds a joint posterior of several groups \(\[pooling\]\)"):
-        load_single(tmp_path / "out")
+        read_result(tmp_path / "out")
 
 
 @pytest.mark.parametrize(
