@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, errors_after
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.parameters import (
     CHANNELS,
@@ -118,11 +118,9 @@ def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Po
     other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
     other |= {OFFSET, *idle}  # a zero error is that of its own test
     names = tuple(name for name in PRIOR_PARAMETERS if name not in other)
-    try:
-        tied = {name for pair in stated.correlation for name in pair.split(", ")}
+    tied = {name for pair in stated.correlation for name in pair.split(", ")}
+    with errors_after("[priors.from] "):
         return tuple(taken(source, names, tied) for source in stated.sources)
-    except StudyError as error:
-        raise StudyError(f"[priors.from] {error}") from error
 
 
 def _add(into: dict[str, Any], additions: Mapping[str, Any], rule: str, label: str) -> None:
@@ -169,10 +167,8 @@ def wheel_soil_model(
             mean = _mean_load(rows)
             notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
         arguments["mean_load"] = mean
-    try:
+    with errors_after("[model_options] "):
         return MODELS[name](**arguments), notes
-    except ValueError as error:
-        raise StudyError(f"[model_options] {error}") from error
 
 
 def _mean_load(rows: Observations) -> float:
@@ -203,10 +199,8 @@ def full_prior(
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
-    try:
+    with errors_after("[priors] "):
         return Prior(entries, width, soil.correlation, soil.mixtures)
-    except StudyError as error:
-        raise StudyError(f"[priors] {error}") from error
 
 
 def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], chosen: str | None) -> None:
@@ -219,10 +213,8 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
                 f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
                 f" (got {shown(value)})"
             )
-    try:
+    with errors_after("[priors] "):
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
-    except ValueError as error:
-        raise StudyError(f"[priors] {error}") from error
 
 
 def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
@@ -234,11 +226,9 @@ def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[
     at = phi.median if isinstance(phi, Law) else float(phi)
     wheels, notes = {}, []
     for name, table in tables.items():
-        try:
+        with errors_after(f"[wheels.{name}] "):
             wheel = Wheel(**asdict(table))
-            wheels[name] = _with_coefficient(wheel, at)
-        except ValueError as error:
-            raise StudyError(f"[wheels.{name}] {error}") from error
+            wheels[name] = with_coefficient(wheel, at)
         if wheels[name] != wheel:
             value = wheels[name].shearing_radius_coefficient
             notes.append(
@@ -247,7 +237,8 @@ def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[
     return wheels, notes
 
 
-def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+def with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+    """The same wheel with its shearing-radius coefficient, by (2) at ``phi`` (rad) where none is given."""
     if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
         return wheel
     coefficient = (float(wheel.shearing_radius(phi)) - wheel.radius) / wheel.lug_height

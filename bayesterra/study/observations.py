@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import StudyError, checked_name, did_you_mean
+from bayesterra.errors import StudyError, checked_name, did_you_mean, errors_after
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
@@ -272,10 +272,8 @@ def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> fl
     pure = unit in (None, "", "-")
     if pure and channel.dimension:
         raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
-    try:
+    with errors_after(f"column '{header}': "):
         return factor(unit or "", channel.dimension) if not pure else 1.0
-    except StudyError as error:
-        raise StudyError(f"column '{header}': {error}") from error
 
 
 def _known_columns() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -439,20 +439,17 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
     }
 
 
-def _parameter(name: str) -> str:
-    if name not in PARAMETERS:
-        raise ValueError("must be a parameter")
-    return name
+def _one_of(names: Collection[str], what: str) -> AfterValidator:
+    def checked(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"must be {what}")
+        return name
+
+    return AfterValidator(checked)
 
 
-def _channel(name: str) -> str:
-    if name not in CHANNELS:
-        raise ValueError("must be a channel")
-    return name
-
-
-ParameterName = Annotated[str, AfterValidator(_parameter)]
-ChannelName = Annotated[str, AfterValidator(_channel)]
+ParameterName = Annotated[str, _one_of(PARAMETERS, "a parameter")]
+ChannelName = Annotated[str, _one_of(CHANNELS, "a channel")]
 Some = Number | None
 """A number; what is not finite stands as null."""
 
