@@ -120,15 +120,15 @@ class JointPosterior:
         return np.column_stack([np.empty((len(shared), 0)), *scores])
 
     def _own_scores(self, shared: FloatArray, own: FloatArray) -> FloatArray:
-        scores = []
-        for name in self.tied_local:
-            values = own[:, self.local.index(name)]
-            if name in self.populations:
-                limits = self.laws[name].range
-                scores.append(population_score(values, *self.population(name, shared), limits))
-            else:
-                scores.append(self.laws[name].score(values))
+        scores = [self._score(name, shared, own) for name in self.tied_local]
         return np.column_stack([np.empty((len(own), 0)), *scores])
+
+    def _score(self, name: str, shared: FloatArray, own: FloatArray) -> FloatArray:
+        """Normal score (n,) of a local under its population or, where it has none, its own law."""
+        values, law = own[:, self.local.index(name)], self.laws[name]
+        if name not in self.populations:
+            return law.score(values)
+        return population_score(values, *self.population(name, shared), law.range)
 
     def score_before(self, i: int, shared: FloatArray, own: FloatArray) -> tuple[FloatArray, float]:
         """Mean (n,) and standard deviation of a hierarchical value's normal score under its population.
@@ -139,11 +139,7 @@ class JointPosterior:
         if self.copula is None or name not in self.tied_local:
             return np.zeros(len(shared)), 1.0
         before = [other for other in self.populations[:i] if other in self.tied_local]
-        scores = [self._shared_scores(shared)]
-        for other in before:
-            values = own[:, self.local.index(other)]
-            limits = self.laws[other].range
-            scores.append(population_score(values, *self.population(other, shared), limits))
+        scores = [self._shared_scores(shared), *(self._score(other, shared, own) for other in before)]
         at = [*range(k), *(k + self.tied_local.index(other) for other in before)]
         middle, width = self.copula.conditional(k + self.tied_local.index(name), at)
         return np.asarray(np.column_stack(scores) @ middle), width

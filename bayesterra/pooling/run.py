@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import known
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import (
@@ -364,9 +363,8 @@ def group_result(result: PooledResult, group: str | None = None, *, seed: int = 
     ------
     StudyError : there is no such group.
     """
-    groups, by = result.groups, _by(result)
-    if group is not None and group not in groups:
-        raise StudyError(f"unknown group '{group}'{did_you_mean(group, groups)}")
+    if group is not None:
+        known("group", group, result.groups)
     joint, rng = joint_posterior(result.study), default_rng(seed)
     trees = {}
     for name in ("posterior", "prior"):
@@ -376,7 +374,7 @@ def group_result(result: PooledResult, group: str | None = None, *, seed: int = 
         x = joint.of_group(shared, own)
         chains = x.reshape(data.sizes["chain"], data.sizes["draw"], -1)
         trees[name] = parameter_dataset(joint.first.names, chains)
-    study = _alone(result.study, by, group)
+    study = _alone(result.study, joint.pooling.by, group)
     kept = ("parameter", "unit")
     summary = result.summary[[column for column in kept if column in result.summary]].iloc[:0]
     return Result(study=study, draws=xr.DataTree.from_dict(trees), summary=summary, record=result.record)
@@ -392,13 +390,7 @@ def basis(result: PooledResult, group: str | None) -> str:
     known = [PARAMETERS[name].symbol for name in joint.populations]
     drawn = [f"{', '.join(known)} drawn from the population of {names}"] if known else []
     drawn += [f"{', '.join(separate)} from the prior, as {names} tell nothing of another"] if separate else []
-    return f"this {_by(result)} was not tested: {'; '.join(drawn)}"
-
-
-def _by(result: PooledResult) -> str:
-    """The column that says which group a row belongs to."""
-    assert result.study.pooling is not None  # noqa: S101 - a result with groups has them
-    return result.study.pooling.by
+    return f"this {joint.pooling.by} was not tested: {'; '.join(drawn)}"
 
 
 def _stacked(data: xr.Dataset, names: tuple[str, ...]) -> FloatArray:
@@ -420,12 +412,9 @@ def _new_values(joint: JointPosterior, shared: FloatArray, rng: Generator) -> Fl
 
 def _alone(study: Study, by: str, group: str | None) -> Study:
     """The study without groups, of the rows of one of them or of all."""
-    alone = copy(study)
-    object.__setattr__(alone, "pooling", None)
     if group is None:
-        return alone
+        return study.having(pooling=None)
     mine = np.array([label == group for label in study.observations.label(by)])
     rows = study.observations.take(mine)
     wheels = {name: wheel for name, wheel in study.wheels.items() if name in rows.wheel}
-    object.__setattr__(alone, "wheels", wheels)
-    return alone.with_rows(replace(rows, notes=()))
+    return study.having(pooling=None, wheels=wheels, observations=replace(rows, notes=()))

@@ -73,9 +73,7 @@ def _with_texts(table: pd.DataFrame, change: Callable[[str], str]) -> pd.DataFra
 def read_csv(path: Path) -> pd.DataFrame:
     """Read a table that :func:`csv_text` wrote; numbers become numbers.
 
-    Raises
-    ------
-    OSError, ValueError : it cannot be read, or is no such table.
+    OSError or ValueError where it cannot be read, or is no such table.
     """
     text = read_text(path, MOST_TABLE)
     try:
@@ -152,9 +150,7 @@ Count = Annotated[int, Field(ge=0, lt=10**15)]
 class Record(BaseModel):
     """The content of a JSON file; entries that it does not name may be there, and stay as they are.
 
-    Attributes
-    ----------
-    FORMAT : number of the form in which the file is written; one without a number has form 1.
+    ``FORMAT`` is the number of the form in which the file is written; one without a number has form 1.
     """
 
     model_config = ConfigDict(strict=True, extra="allow")

@@ -174,9 +174,7 @@ def against_nested(
 ) -> CrossCheck:
     """Sample a posterior by nested sampling at every number of live points and compare with our draws.
 
-    Raises
-    ------
-    StudyError : dynesty is not installed.
+    StudyError where dynesty is not installed.
     """
     samplers = [ours]
     for points, stream in zip(live, seed.spawn(len(live)), strict=True):

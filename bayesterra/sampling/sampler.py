@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
-from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
+from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
 from bayesterra.runtime.status import Status
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import Coordinates, coordinates
@@ -207,15 +207,8 @@ def sample_target(
     checkpoint_store: CheckpointStore | None = None,
 ) -> Samples:
     """Sample any density in coordinates of its own; see :func:`sample`."""
-    watch = Steps(report)
-    task = _Task(
-        target,
-        options,
-        adaptation or AdaptationOptions(),
-        checkpoint_store or NoCheckpointStore(),
-        Clock(),
-        watch,
-    )
+    plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
+    task = _Task(target, options, plan, store, clock, Steps(report))
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
@@ -225,18 +218,9 @@ def sample_target(
         adapting = max(initialised.seconds for initialised in begun)
         chains, diagnosis = task.produce(walks, adapting, pool, report)
     acceptance = np.array([walk.ensemble.acceptance for walk in walks])
-    seconds = {"adaptation": adapting, "production": task.clock.elapsed() - adapting}
-    adaptations = tuple(walk.adaptation for walk in walks)
-    return Samples(
-        target.posterior.names,
-        chains,
-        acceptance,
-        diagnosis,
-        adaptations,
-        target.coordinates,
-        seconds,
-        task.clock.earlier,
-    )
+    seconds = {"adaptation": adapting, "production": clock.elapsed() - adapting}
+    made = (tuple(walk.adaptation for walk in walks), target.coordinates, seconds, clock.earlier)
+    return Samples(target.posterior.names, chains, acceptance, diagnosis, *made)
 
 
 class Steps:

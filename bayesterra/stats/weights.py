@@ -69,11 +69,9 @@ def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
 def largest_power(
     log_factors: FloatArray, most: float, wanted: float, log_weights: FloatArray | float = 0.0
 ) -> float:
-    """Largest power, at most ``most``, of factors that leaves weights an effective number ``wanted``.
+    """Largest power, at most ``most``, of factors (n,) that leaves weights an effective number ``wanted``.
 
-    Parameters
-    ----------
-    log_factors, log_weights : (n,), finite.
+    Logs of both are finite.
     """
 
     def excess(power: float) -> float:

@@ -174,12 +174,7 @@ def check_groups(errors: ModelErrors, by: str) -> None:
 
 
 def discrepancies(value: object, *, bare: bool) -> dict[str, Discrepancy]:
-    """Read the [discrepancy] table.
-
-    Raises
-    ------
-    StudyError : an unknown channel or key, or a size, length or kernel that cannot be.
-    """
+    """Read the [discrepancy] table; StudyError for an unknown channel or key, or a number that cannot be."""
     return _by_channel(value, "discrepancy", _discrepancy, Discrepancy, bare=bare)
 
 

@@ -111,12 +111,7 @@ class Observations:
         return replace(self, values=values, limits={})
 
     def label(self, by: str) -> tuple[str, ...]:
-        """Group of every row: its wheel, or what a column of ``LABELS`` says.
-
-        Raises
-        ------
-        StudyError : the table has no such column.
-        """
+        """Group of every row: its wheel, or what a column of ``LABELS`` says; StudyError without it."""
         if by == "wheel":
             return self.wheel
         if by not in self.labels:
@@ -368,10 +363,7 @@ def _referenced(
 def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:
     """Refuse rows in use that have a problem; leave unused ones out, with one note.
 
-    Parameters
-    ----------
-    observations : m rows.
-    problems : what is wrong with each row, None where nothing is.
+    ``problems`` say what is wrong with each row (m,), None where nothing is.
     """
     for problem, used in zip(problems, observations.use, strict=True):
         if problem and used:

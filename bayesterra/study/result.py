@@ -219,12 +219,7 @@ class Result(DrawnResult):
 
 
 def check_single(call: str, value: object, *kinds: type) -> None:
-    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups.
-
-    Raises
-    ------
-    StudyError : naming the call, what it needs and what was got.
-    """
+    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups."""
     check_kind(call, value, *kinds)
     if isinstance(value, Result) and value.study.pooling is not None:
         raise StudyError(f"{call} needs a result without groups (got a joint posterior of several)")
@@ -394,13 +389,7 @@ PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-base", "arv
 def run_record(
     study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]
 ) -> dict[str, Any]:
-    """Put together the content of ``run.json``.
-
-    Parameters
-    ----------
-    findings : verdicts and figures of the analysis.
-    seconds : wall time by stage.
-    """
+    """Put together the content of ``run.json``: ``findings`` of the analysis, and ``seconds`` by stage."""
     return {**_origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
 
 

@@ -141,9 +141,7 @@ class Study:
             if name not in self.observations.values or np.shape(column) != (len(self.observations),):
                 raise ValueError(f"'{name}' must be a measured channel of {len(self.observations)} rows")
         merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
-        other = copy(self)
-        object.__setattr__(other, "observations", replace(self.observations, values=merged))
-        return other
+        return self.with_rows(replace(self.observations, values=merged))
 
     def with_use(self, use: BoolArray) -> Study:
         """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
@@ -151,8 +149,13 @@ class Study:
 
     def with_rows(self, rows: Observations) -> Study:
         """The same study with other rows, which hold what its drive conditions on and the same channels."""
+        return self.having(observations=rows)
+
+    def having(self, **attributes: Any) -> Study:
+        """The same study with other attributes, which are taken as they are."""
         other = copy(self)
-        object.__setattr__(other, "observations", rows)
+        for name, value in attributes.items():
+            object.__setattr__(other, name, value)
         return other
 
     @property
