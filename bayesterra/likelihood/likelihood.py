@@ -193,12 +193,9 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class LatentLoad(Likelihood):
-    """Likelihood of rows whose load is known by its readings only.
+    """Likelihood of rows whose load is known by its readings only; the loads of ``forward`` are not used.
 
-    Parameters
-    ----------
-    forward : the model at the rows, drive ``both``; its loads are not used.
-    load_range : lower and upper end of the flat prior of every load, N.
+    ``load_range`` are the ends of the flat prior of every load, N.
     """
 
     load_range: tuple[float, float] = (0.0, np.inf)

@@ -67,12 +67,9 @@ SURE = 0.1
 
 @dataclass(frozen=True)
 class Level:
-    """Log evidence under the prior cut to the physical support and renormalised.
+    """Log evidence under the prior cut to the physical support and renormalised, and its Monte Carlo error.
 
-    Attributes
-    ----------
-    log_z, error : natural units; Monte Carlo standard error. NaN where no draw says anything.
-    reliable : whether the error can be relied on.
+    In natural units; NaN where no draw says anything. ``reliable`` says whether the error can be relied on.
     """
 
     log_z: float

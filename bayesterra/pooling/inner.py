@@ -181,10 +181,7 @@ def fit_chain(
 class InnerLaw:
     """Law of a group's locals given shared values, to integrate them out.
 
-    Attributes
-    ----------
-    fitted : of all locals together.
-    chain : the other half of the draws; None where nothing has a population.
+    One is fitted to all locals together; a chain makes half of the draws where anything has a population.
     """
 
     fitted: ConditionalLaw

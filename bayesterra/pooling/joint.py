@@ -279,12 +279,7 @@ class JointPosterior:
 
 
 def joint_posterior(study: Study) -> JointPosterior:
-    """Build the joint posterior of a study that has a [pooling] table.
-
-    Raises
-    ------
-    StudyError : there is no such table, or the rows in use belong to one group only.
-    """
+    """Joint posterior of a study; StudyError without [pooling], or where rows in use are of one group."""
     if study.pooling is None:
         raise StudyError("the study needs a [pooling] table")
     used = study.observations.used()

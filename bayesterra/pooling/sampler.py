@@ -49,13 +49,7 @@ LONE_ESS, LONE_STEPS = 4000, 4000
 
 @dataclass(frozen=True)
 class PoolingOptions:
-    """Size of the adaptation.
-
-    Attributes
-    ----------
-    warm_ups : sweeps of each warm-up, after which all laws are fitted anew.
-    lone : adaptation of each group's own sampler.
-    """
+    """Sweeps of each warm-up, after which all laws are fitted anew, and adaptation of each group alone."""
 
     warm_ups: tuple[int, ...] = (30, 60, 120, 240)
     lone: AdaptationOptions = field(default_factory=AdaptationOptions)

@@ -71,12 +71,7 @@ class Engine(Executor):
 
 
 def packed(task: object, engine: Engine) -> bytes:
-    """A task to be handed over many times, pickled once.
-
-    Raises
-    ------
-    EngineError : it cannot be pickled.
-    """
+    """A task to be handed over many times, pickled once; EngineError where it cannot be pickled."""
     try:
         return engine.dumps(task)
     except (pickle.PicklingError, AttributeError, TypeError) as error:

@@ -85,12 +85,7 @@ def read_csv(path: Path) -> pd.DataFrame:
 
 
 def read_cells(path: Path) -> list[list[str]]:
-    """Lines of a CSV file as texts; blank lines do not count.
-
-    Raises
-    ------
-    StudyError : no such file, not UTF-8 text, or too large.
-    """
+    """Lines of a CSV file as texts, none of them blank; StudyError without one, or where it is too large."""
     try:
         return list(_lines(StringIO(read_text(path, MOST_TABLE), newline="")))
     except FileNotFoundError as error:
@@ -122,9 +117,7 @@ def _lines(text: Iterable[str], most: int | None = MOST_ROWS) -> Iterator[list[s
 def rows_of_cells(text: TextIO) -> Iterator[list[str]]:
     """Lines of a CSV that comes in bit by bit, however long it goes on; blank lines do not count.
 
-    Raises
-    ------
-    StudyError : it is no CSV, no UTF-8, or a line is too long.
+    StudyError where it is no CSV, no UTF-8, or a line is too long.
     """
     try:
         yield from _lines(_bounded(text), most=None)

@@ -152,9 +152,7 @@ def wheel_soil_model(
 ) -> tuple[WheelSoilModel, list[str]]:
     """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
 
-    Raises
-    ------
-    StudyError : a mean load that the model does not know, or none known; an option outside its range.
+    StudyError for a mean load that the model does not know, or none known, and options outside their ranges.
     """
     arguments, notes = asdict(options), []
     mean = arguments.pop("mean_load")
@@ -164,20 +162,16 @@ def wheel_soil_model(
         )
     if name == LOAD_EFFECT_MODEL:
         if mean is None:
-            mean = _mean_load(rows)
+            if np.isnan(rows.carried).all():
+                raise StudyError(
+                    f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no"
+                    " row has a load"
+                )
+            mean = float(np.nanmean(rows.carried))
             notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
         arguments["mean_load"] = mean
     with errors_after("[model_options] "):
         return MODELS[name](**arguments), notes
-
-
-def _mean_load(rows: Observations) -> float:
-    if np.isnan(rows.carried).all():
-        raise StudyError(
-            f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no row"
-            " has a load"
-        )
-    return float(np.nanmean(rows.carried))
 
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
@@ -302,9 +296,7 @@ def load_range(
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
 
-    Raises
-    ------
-    StudyError : no range is given and no normal force measured.
+    StudyError where no range is given and no normal force measured.
     """
     if not drive.latent_load:
         idle = [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
@@ -366,9 +358,7 @@ def errors_of_outcomes(
 ) -> tuple[ModelErrors, list[str]]:
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
 
-    Raises
-    ------
-    StudyError : beside a latent load or Student-t noise.
+    StudyError beside a latent load or Student-t noise.
     """
     if not errors:
         return errors, []
@@ -394,9 +384,7 @@ def check_limits(
 ) -> tuple[Observations, list[str]]:
     """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
 
-    Raises
-    ------
-    StudyError : such a reading is conditioned on, its load is latent, or its rows hang together.
+    StudyError where such a reading is conditioned on, its load is latent, or its rows hang together.
     """
     notes = []
     for name in rows.limits:

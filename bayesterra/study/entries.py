@@ -65,15 +65,12 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     if isinstance(value, Mapping):
         return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
     if isinstance(value, str) and _NAME.fullmatch(value.strip()):
-        return _tie(name, value.strip())
+        to = value.strip()
+        if to not in PRIOR_PARAMETERS:
+            hint = did_you_mean(to, PRIOR_PARAMETERS)
+            raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
+        return Tie(to)
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
-
-
-def _tie(name: str, to: str) -> Tie:
-    if to not in PRIOR_PARAMETERS:
-        hint = did_you_mean(to, PRIOR_PARAMETERS)
-        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
-    return Tie(to)
 
 
 def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:

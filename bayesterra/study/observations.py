@@ -136,16 +136,11 @@ class Observations:
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
-    """Read a CSV file as text cells; blank lines do not count as rows.
+    """A CSV file as text cells; StudyError where it is none, or a row is of another length than the header.
 
-    Raises
-    ------
-    StudyError : no such file, not UTF-8 text, no rows, too many, or a row of another length than the header.
+    Blank lines do not count as rows.
     """
-    return _framed(read_cells(Path(path)))
-
-
-def _framed(lines: list[list[str]]) -> pd.DataFrame:
+    lines = read_cells(Path(path))
     if len(lines) < 2:
         raise StudyError("must hold a header and at least one row of measurements (the table is empty)")
     header, *rows = lines
