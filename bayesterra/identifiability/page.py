@@ -13,13 +13,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.determined_page import signed
 from bayesterra.identifiability.evidence_page import (
     coupling_section,
     further_section,
     information_section,
     local_section,
     method_section,
+    signed,
 )
 from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
 from bayesterra.identifiability.information import ALL

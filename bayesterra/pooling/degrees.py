@@ -31,6 +31,7 @@ from numpy.random import Generator
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.pooling.evidence import (
     PriorShares,
     Weighed,
@@ -39,12 +40,11 @@ from bayesterra.pooling.evidence import (
     weigh_joint,
     weigh_plain,
 )
-from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
-from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import PooledEnsemble, Walkers
-from bayesterra.pooling.sampler import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
+from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.importance import Evidence, summed
+from bayesterra.sampling.joint import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
+from bayesterra.sampling.moves import PooledEnsemble, Walkers
 from bayesterra.sampling.sampler import Samples
 from bayesterra.stats.weights import log_mean
 from bayesterra.study.groups import Population

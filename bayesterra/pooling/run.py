@@ -15,6 +15,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import known
+from bayesterra.likelihood.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import (
@@ -31,13 +32,12 @@ from bayesterra.pooling.degrees import (
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
-from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
+from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import parameter_rows
 from bayesterra.stats.diagnostics import hdi

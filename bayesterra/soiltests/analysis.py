@@ -18,7 +18,7 @@ from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_kind, check_seed
-from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
+from bayesterra.identifiability.verdicts import STRUCTURAL, Identifiability, identifiability, undetermined
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior
 from bayesterra.parameters import Parameter
 from bayesterra.report.failures import Failures, with_failures
@@ -41,13 +41,13 @@ from bayesterra.sampling.sampler import (
 from bayesterra.sampling.summary import parameter_rows, summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
-from bayesterra.soiltests.schema import QUANTITIES
+from bayesterra.soiltests.schema import LEVELS, PATHS, QUANTITIES, STRESSES
 from bayesterra.soiltests.study import SoilTest, load_soil_test, write_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
 from bayesterra.stats.diagnostics import array_ess, array_r_hat
+from bayesterra.study.result import CURVE_QUANTILES as QUANTILES
 from bayesterra.study.result import DrawnResult, OriginRecord, labelled_dataset, origin, parameter_dataset
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 BAND_DRAWS = 1000
 GRID = 60
 SI_UNITS = {"phi": "rad", "kc": "Pa m/m^n", "kphi": "Pa/m^n"}
@@ -193,8 +193,8 @@ class _Parts:
             summary=summary,
             least_squares=self._least_squares(),
             identifiability=table,
-            left_out=_in_field_units(self.left_out.table),
-            bands=_in_field_units(bands),
+            left_out=_in_field_units(self.left_out.table, self.test.kind),
+            bands=_in_field_units(bands, self.test.kind),
             record=with_failures(record, self.failures),
         )
 
@@ -249,12 +249,9 @@ class _Parts:
 
         chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
         sizes = array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)
-        unit, scale = ("mm", 1e-3) if kind == "plate" else ("kPa", 1e3)
-        where = f"{1e3 * path:.3g} mm; {level / scale:g} {unit}"
-        symbol = "p" if kind == "plate" else "τ"
-        quantity = Parameter(
-            f"{symbol}({where})", f"{symbol}({where})", symbol, "kPa", 1e3, "Pa", "mean stress"
-        )
+        of, symbol = LEVELS[kind], STRESSES[kind].symbol
+        name = f"{symbol}({1e3 * path:.3g} mm; {level / of.scale:g} {of.unit})"
+        quantity = Parameter(name, name, symbol, "kPa", 1e3, "Pa", "mean stress")
         return summary_row(quantity, chains, stress(self.prior.x), float(stress(mode[None])[0]), sizes)
 
     def _mode(self) -> FloatArray:
@@ -306,12 +303,12 @@ class _Parts:
             # quantiles of a mixture of normal laws, by fixed scores in every draw
             scores = norm.ppf((np.arange(20) + rng.random()) / 20)
             new = curve[:, None] + marginal_sd(grid, spread)[:, None] * scores[:, None]
-            scaled = {"level": np.full(GRID, level), "path": 1e3 * grid}
+            scaled = dict(zip(_columns(readings.kind), (np.full(GRID, level), 1e3 * grid), strict=True))
             for name, values in (("curve", curve), ("test", new.reshape(-1, GRID))):
                 bands = np.exp(np.quantile(values, QUANTILES, axis=0)) / 1e3
                 scaled |= {f"{name}_q{100 * q:02.0f}": row for q, row in zip(QUANTILES, bands, strict=True)}
             tables.append(pd.DataFrame(scaled))
-        return pd.concat(tables, ignore_index=True).rename(columns=_columns(readings.kind))
+        return pd.concat(tables, ignore_index=True)
 
     def _draws(self) -> xr.DataTree:
         readings, kept = self.test.readings, self.kept
@@ -319,27 +316,23 @@ class _Parts:
         tests = self.posterior.log_likelihoods(flat)
         density = self.posterior.prior.log_density(flat) + tests.sum(axis=1)
         two, names = ("chain", "draw"), self.posterior.names
-        path, level = _columns(readings.kind)["path"].split(" ")[0], _columns(readings.kind)["level"]
-        stress = "pressure" if readings.kind == "plate" else "shear_stress"
+        path, level, stress = (names[readings.kind].name for names in (PATHS, LEVELS, STRESSES))
+
+        def of_readings(columns: dict[str, Any]) -> xr.Dataset:
+            return labelled_dataset({name: (("reading",), values) for name, values in columns.items()})
+
         groups = {
             "posterior": parameter_dataset(names, kept.chains, QUANTITIES, SI_UNITS),
             "prior": parameter_dataset(names, self.prior.x[None], QUANTITIES, SI_UNITS),
             "sample_stats": labelled_dataset(
-                {
-                    "lp": (two, density.reshape(shape)),
-                    **{name: (two, each) for name, each in kept.labels.items()},
-                }
+                {name: (two, each) for name, each in {"lp": density.reshape(shape), **kept.labels}.items()}
             ),
             "log_likelihood": labelled_dataset(
-                {"test": (("chain", "draw", "name"), tests.reshape(*shape, -1))}
+                {"test": ((*two, "name"), tests.reshape(*shape, -1))}
             ).assign_coords(name=list(readings.tests)),
-            "observed_data": labelled_dataset({stress: (("reading",), readings.stress)}),
-            "constant_data": labelled_dataset(
-                {
-                    path: (("reading",), readings.path),
-                    level: (("reading",), readings.level),
-                    "number": (("reading",), readings.test),
-                }
+            "observed_data": of_readings({stress: readings.stress}),
+            "constant_data": of_readings(
+                {path: readings.path, level: readings.level, "number": readings.test}
             ),
         }
         return labelled_tree(groups)
@@ -356,46 +349,39 @@ class _Parts:
         }
 
 
+NONE_ALONE = "No soil parameter is determined on its own."
+ONE_LEVEL = {
+    "plate": "Plates of one radius: only k_c/b + k_φ is determined, at b = ",
+    "shear": "One normal stress: only c + σ tan φ is determined, at σ = ",
+}
+
+
 def finding(test: SoilTest, table: pd.DataFrame) -> str:
     """Sentence on what the tests determine: one radius or one stress leaves a sum only."""
     words = dict(zip(table["parameter"], table["verdict"], strict=True))
-    levels = np.unique(test.readings.levels)
-    lost = [name for name in test.soil if words.get(name) == "structurally not determined"]
-    determined = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "determined"]
-    coupled = [QUANTITIES[name].symbol for name in test.soil if words.get(name) == "coupled"]
-    sentences = [
-        f"Determined: {', '.join(determined)}."
-        if determined
-        else "No soil parameter is determined on its own."
-    ]
-    if lost and test.kind == "plate":
-        sentences.append(
-            f"Plates of one radius: only k_c/b + k_φ is determined, at b = {1e3 * levels[0]:g} mm."
-        )
-    elif lost:
-        sentences.append(
-            f"One normal stress: only c + σ tan φ is determined, at σ = {1e-3 * levels[0]:g} kPa."
-        )
-    if coupled:
-        sentences.append(f"Coupled: {', '.join(coupled)}.")
-    return " ".join(sentences)
+    of = {
+        verdict: ", ".join(QUANTITIES[name].symbol for name in test.soil if words.get(name) == verdict)
+        for verdict in ("determined", STRUCTURAL, "coupled")
+    }
+    alone = f"Determined: {of['determined']}." if of["determined"] else NONE_ALONE
+    coupled = f"Coupled: {of['coupled']}." if of["coupled"] else ""
+    least, level = float(test.readings.levels.min()), LEVELS[test.kind]
+    lost = f"{ONE_LEVEL[test.kind]}{least / level.scale:g} {level.unit}." if of[STRUCTURAL] else ""
+    return " ".join(filter(None, (alone, lost, coupled)))
 
 
-def _columns(kind: str) -> dict[str, str]:
-    if kind == "plate":
-        return {"level": "plate_radius", "path": "sinkage [mm]"}
-    return {"level": "normal_stress", "path": "displacement [mm]"}
+def _columns(kind: str) -> tuple[str, str]:
+    """Columns of the bands that say where, SI and field units."""
+    return LEVELS[kind].name, f"{PATHS[kind].name} [mm]"
 
 
 def _no_bands(kind: str) -> pd.DataFrame:
     quantiles = [f"{name}_q{100 * q:02.0f}" for name in ("curve", "test") for q in QUANTILES]
-    return pd.DataFrame(columns=[*_columns(kind).values(), *quantiles], dtype=float)
+    return pd.DataFrame(columns=[*_columns(kind), *quantiles], dtype=float)
 
 
-def _in_field_units(table: pd.DataFrame) -> pd.DataFrame:
-    name, unit, scale = (
-        ("plate_radius", "mm", 1e-3) if "plate_radius" in table else ("normal_stress", "kPa", 1e3)
-    )
+def _in_field_units(table: pd.DataFrame, kind: str) -> pd.DataFrame:
+    name, unit, scale = LEVELS[kind].name, LEVELS[kind].unit, LEVELS[kind].scale
     return table.assign(**{name: table[name] / scale}).rename(columns={name: f"{name} [{unit}]"})
 
 

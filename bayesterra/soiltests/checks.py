@@ -29,8 +29,8 @@ from scipy.stats import chi2, kstest
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Target, sample_target
-from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, log_curve
-from bayesterra.soiltests.schema import COLUMNS, KINDS, QUANTITIES
+from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, log_curve, marginal_sd
+from bayesterra.soiltests.schema import COLUMNS, KINDS, LEVELS, QUANTITIES
 from bayesterra.soiltests.study import Readings
 from bayesterra.stats.weights import pareto_limit, pareto_smoothed, weighted_log_mean
 from bayesterra.study.schema import SamplingOptions
@@ -215,8 +215,7 @@ def none_left_out(kind: str) -> LeftOut:
 
 
 def _table(rows: list[dict[str, Any]], kind: str) -> pd.DataFrame:
-    columns = {"level": "plate_radius" if kind == "plate" else "normal_stress"}
-    return pd.DataFrame(rows, columns=list(LEFT_OUT_COLUMNS)).rename(columns=columns)
+    return pd.DataFrame(rows, columns=list(LEFT_OUT_COLUMNS)).rename(columns={"level": LEVELS[kind].name})
 
 
 def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatArray:
@@ -247,8 +246,7 @@ def _predicted(
     mean = log_curve(readings.kind, soil, spread.true_path(path), readings.level[chosen])
     residual = np.log(readings.stress[chosen]) - mean
     law = covariance(path, spread)
-    sd = np.sqrt(np.einsum("nii->ni", law))
-    inside = ndtr(residual / sd).mean(axis=0)
+    inside = ndtr(residual / marginal_sd(path, spread)).mean(axis=0)
     covered = {
         f"covered_{100 * band:.0f}": float((np.abs(inside - 0.5) <= band / 2).mean()) for band in BANDS
     }

@@ -1,22 +1,38 @@
-"""Soil test as a page and a terminal table."""
+"""Soil test as a page, figures and a terminal table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
-from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
+from bayesterra.report.blocks import (
+    Blocks,
+    Cell,
+    Gallery,
+    Overview,
+    Record,
+    Table,
+    Text,
+    drawing,
+    photograph,
+    records,
+)
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import TAIL, Axis
-from bayesterra.report.numbers import estimate, interval, plain, probability, resolution, rounded
+from bayesterra.report.figures import TAIL, Axis, figure_of, label, new_figure, own_axes, styled
+from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
 from bayesterra.report.sections import (
     Section,
     Verdict,
@@ -27,12 +43,12 @@ from bayesterra.report.sections import (
     unknown_verdict,
     verdict,
 )
+from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
-from bayesterra.soiltests import figures as soiltests_figures
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
-from bayesterra.soiltests.schema import QUANTITIES
+from bayesterra.soiltests.schema import LEVELS, QUANTITIES
 from bayesterra.study.page import StripRow, axis_of, keys, sampling_verdict, strip_row, unconverged
 from bayesterra.study.result import shown, summary_rows
 
@@ -63,12 +79,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     """Put the page together."""
     record, test, failures = result.record, result.test, Failures()
     kinds = {"plate": "plate sinkage", "shear": "annular shear"}
-    facts = (
-        kinds[test.kind],
-        test.content.soil,
-        f"{record['tests']} tests",
-        f"{record['readings']} readings",
-    )
+    counts = (f"{record['tests']} tests", f"{record['readings']} readings")
 
     def made(anchor: str, title: str, make: Callable[[SoilTestResult], Blocks], part: str = "") -> Section:
         return section(failures, anchor, title, lambda: make(result), failed(record, part))
@@ -95,7 +106,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
-        facts=tuple(fact for fact in facts if fact),
+        facts=tuple(filter(None, (kinds[test.kind], test.content.soil, *counts))),
         warning=Markup(" ").join(filter(None, warning)),
         verdicts=verdicts,
         strip=rows,
@@ -143,12 +154,8 @@ def _row(result: SoilTestResult, name: str) -> StripRow:
     quantity, along, row = QUANTITIES[name], _axis(result, name), summary_rows(result)[name]
     column = result.names.index(name)
     prior, posterior = (result.values(group)[:, column] / quantity.scale for group in ("prior", "posterior"))
-    table = result.least_squares
-    points = {
-        str(method): float(value)
-        for method, parameter, value in zip(table["method"], table["parameter"], table["value"], strict=True)
-        if parameter == name
-    }
+    fits = records(result.least_squares)
+    points = {str(fit["method"]): float(fit["value"]) for fit in fits if fit["parameter"] == name}
     return strip_row(quantity, along, row, (prior, posterior), points, _words(result, name))
 
 
@@ -181,27 +188,15 @@ def _readings(result: SoilTestResult) -> Blocks:
         f"{data} readings that are used (black, one line for each test), the mean curve (line: posterior "
         f"median), and what new tests would read (bands: 50 and 90 %, test-to-test scatter included).{scale}"
     )
-    picture = drawing(
-        soiltests_figures.readings(result), "Readings of every test with the bands of new tests"
-    )
+    picture = drawing(readings(result), "Readings of every test with the bands of new tests")
     notes = tuple(Text(f"{note}.") for note in (*result.test.notes, *result.record["fits"]["notes"]))
     return (Text(LAWS[kind]), Gallery("whole", (picture,), caption), *notes)
 
 
 def _tests(result: SoilTestResult) -> Blocks:
-    table = result.left_out
-    level = str(table.columns[1])
-    header: tuple[Cell, ...] = (
-        "test",
-        level.replace("_", " "),
-        "readings",
-        "level",
-        "slope",
-        "in 50 %",
-        "in 90 %",
-        "k̂",
-    )
-    rows = tuple(_test_row(row) for row in table.to_dict("records"))
+    level = str(result.left_out.columns[1])
+    header = ("test", level.replace("_", " "), "readings", "level", "slope", "in 50 %", "in 90 %", "k̂")
+    rows = tuple(_test_row(row, level) for row in records(result.left_out))
     share = Markup(
         "Each test predicted from all others. Level and slope: share of the prediction below what was read "
         "(level: mean log residual; slope: further half less nearer half). In 50 %, in 90 %: share of the "
@@ -210,44 +205,28 @@ def _tests(result: SoilTestResult) -> Blocks:
     )
     checks = result.record["checks"]
     lines = tuple((name, probability(p)) for name, p in checks.items())
-    said = Markup("p values of the checks; {} is an alarm, as there are {} of them.").format(
-        f"one below {ALARM / max(len(checks), 1):.3g}", len(checks)
-    )
-    picture = drawing(
-        soiltests_figures.left_out(result), "Level and slope of every test within its prediction"
-    )
+    limit = f"one below {ALARM / max(len(checks), 1):.3g}"
+    said = f"p values of the checks; {limit} is an alarm, as there are {len(checks)} of them."
+    picture = drawing(left_out(result), "Level and slope of every test within its prediction")
     caption = (
         "Where each test lies in its prediction from the others. Right predictions scatter evenly over the "
         "height; grey: the middle 90 and 50 %. Intervals that are too narrow drive the marks to both ends."
     )
-    blocks = (
-        Gallery("half", (picture,), caption),
-        Table(said, "lr", ("check", "p"), lines),
-        Table(share, "lrrrrrrr", header, rows),
-    )
-    return blocks if checks else (blocks[0], blocks[2])
+    p_values = (Table(said, "lr", ("check", "p"), lines),) if checks else ()
+    return (Gallery("half", (picture,), caption), *p_values, Table(share, "lrrrrrrr", header, rows))
 
 
-def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
-    level = next(value for key, value in row.items() if "[" in str(key))
-    shares = (probability(row["level_pit"]), probability(row["slope_pit"]))
+def _test_row(row: Record, level: str) -> tuple[Cell, ...]:
+    shares = (probability(row[name]) for name in ("level_pit", "slope_pit"))
     inside = (f"{100 * row[name]:.0f} %" for name in ("covered_50", "covered_90"))
-    return (
-        str(row["test"]),
-        f"{level:g}",
-        str(row["readings"]),
-        *shares,
-        *inside,
-        f"{row['k_hat']:.2f}{'*' if row['anew'] else ''}",
-    )
+    reliability = f"{row['k_hat']:.2f}{'*' if row['anew'] else ''}"
+    return (str(row["test"]), f"{row[level]:g}", str(row["readings"]), *shares, *inside, reliability)
 
 
 def _parameters(result: SoilTestResult) -> Blocks:
     pairs = combinations([name for name in result.test.soil if name in result.names], 2)
     pictures = tuple(
-        photograph(
-            soiltests_figures.pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}"
-        )
+        photograph(pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}")
         for a, b in pairs
     )
     caption = (
@@ -259,22 +238,13 @@ def _parameters(result: SoilTestResult) -> Blocks:
 
 
 def _posterior_table(result: SoilTestResult) -> Table:
-    header: tuple[Cell, ...] = ("", "unit", "median", "90 % HDI", "mode", "effective draws", "R-hat")
-    rows = []
-    for row in result.summary.to_dict("records"):
-        step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-        quantity = QUANTITIES.get(row["parameter"])
-        rows.append(
-            (
-                letters(quantity.symbol) if quantity else row["parameter"],
-                row["unit"],
-                rounded(row["median"], step),
-                interval(row["hdi90_lo"], row["hdi90_hi"]),
-                rounded(row["mode"], step),
-                plain(row["ess_bulk"]),
-                f"{row['r_hat']:.4f}",
-            )
-        )
+    header = ("", "unit", "median", "90 % HDI", "mode", "effective draws", "R-hat")
+    rows: list[tuple[Cell, ...]] = []
+    for row in records(result.summary):
+        quantity, ends = QUANTITIES.get(row["parameter"]), (row["hdi90_lo"], row["hdi90_hi"])
+        name = letters(quantity.symbol) if quantity else row["parameter"]
+        figures = (*estimate(row["median"], *ends), rounded(row["mode"], resolution(*ends)))
+        rows.append((name, row["unit"], *figures, plain(row["ess_bulk"]), f"{row['r_hat']:.4f}"))
     said = (
         "Posterior. The last rows are mean stresses at the middle of the readings (sinkage or displacement; "
         "plate radius or normal stress), what such tests measure directly. The unit of moduli hangs on n: "
@@ -285,12 +255,8 @@ def _posterior_table(result: SoilTestResult) -> Table:
 
 def _words_table(result: SoilTestResult) -> Table:
     rows = tuple(
-        (
-            letters(QUANTITIES[str(row["parameter"])].symbol),
-            row["verdict"],
-            f"{max(row['contraction'], 0):.2f}",
-        )
-        for row in result.identifiability.to_dict("records")
+        (letters(QUANTITIES[row["parameter"]].symbol), row["verdict"], f"{max(row['contraction'], 0):.2f}")
+        for row in records(result.identifiability)
     )
     at = ", of moduli at the sinkage where their laws are stated" if result.test.reference != 1.0 else ""
     said = f"What the data say; contraction: share of the prior's variance that they took away{at}."
@@ -301,7 +267,7 @@ def _squares(result: SoilTestResult) -> Blocks:
     rows = tuple(
         (METHODS[row["method"]], letters(QUANTITIES[row["parameter"]].symbol), row["unit"],
          plain(row["value"], 4), plain(row["published"], 4), plain(row["posterior_share"], 2))
-        for row in result.least_squares.to_dict("records")
+        for row in records(result.least_squares)
     )  # fmt: skip
     header = ("method", "", "unit", "value", "published or true", "posterior below")
     caption = (
@@ -327,18 +293,15 @@ def _assumptions(result: SoilTestResult) -> Blocks:
             "Readings are independent of each other, as [noise] says: where they are not, intervals are far "
             "too narrow."
         ]
-    text = Markup("").join(Markup("{}<br>").format(row) for row in rows)
+    text, line = Markup("").join(Markup("{}<br>").format(row) for row in rows), Markup("{}: {}<br>")
     prior = Markup("").join(
-        Markup("{}: {}<br>").format(
-            letters(QUANTITIES[name].symbol), entry if isinstance(entry, float) else f"{entry} (SI)"
-        )
+        line.format(letters(QUANTITIES[name].symbol), entry if isinstance(entry, float) else f"{entry} (SI)")
         for name, entry in result.test.entries.items()
     )
     if result.test.reference != 1.0:
-        where = (
+        prior += Markup(
             "Laws of k_c and k_φ are stated for k_c zⁿ and k_φ zⁿ, the parts of the pressure, at z = {:g} mm."
-        )
-        prior += Markup("{}").format(where.format(1e3 * result.test.reference))
+        ).format(1e3 * result.test.reference)
     return (Text(text), Text(prior))
 
 
@@ -346,25 +309,123 @@ def _reproduce(result: SoilTestResult) -> Blocks:
     record = result.record
     integral = record.get("evidence")
     evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
+    settings = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items())
     rows = (
         ("command", Markup("<code>bayesterra soiltest FILE --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
         ("source", record["source"] or "not given"),
         ("log evidence", evidence),
-        (
-            "settings",
-            ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items()),
-        ),
+        ("settings", settings),
         *origin_rows(record),
     )
     return (Table("", "ll", ("", ""), rows),)
+
+
+AXES = {
+    "plate": ("sinkage $z$ [mm]", "pressure $p$ [kPa]"),
+    "shear": ("displacement $j$ [mm]", r"shear stress $\tau$ [kPa]"),
+}
+DRAWS = 1500
+LINE: dict[str, Any] = {"color": DATA, "linewidth": 0.6, "marker": ".", "markersize": 2}
+"""Look of the readings of one test."""
+
+
+@styled
+def readings(result: SoilTestResult) -> FloatArray:
+    """Draw the readings of every plate or normal stress; returns the array of axes (levels,).
+
+    Thin lines: readings of one test each. Line: median of the mean curve. Bands: 50 and 90 % of new tests.
+    Plates have logarithmic axes, on which Bekker's law is a straight line.
+    """
+    test = result.test.readings
+    levels, column = np.unique(test.levels), result.bands.columns[0]
+    of = LEVELS[test.kind]
+    figure = new_figure(2.9 * max(len(levels), 2) + 0.3, 2.9)
+    axes = np.atleast_1d(np.asarray(figure.subplots(1, len(levels), sharey=True, sharex=True)))
+    for ax, level in zip(axes, levels, strict=True):
+        bands = result.bands[np.isclose(result.bands[column], level / of.scale)]
+        path = bands.iloc[:, 1].to_numpy()
+        for low, high, alpha in (("q05", "q95", 0.18), ("q25", "q75", 0.3)):
+            ax.fill_between(
+                path, bands[f"test_{low}"], bands[f"test_{high}"], color=POSTERIOR, alpha=alpha, linewidth=0
+            )
+        ax.plot(path, bands["curve_q50"], color=POSTERIOR)
+        for number in np.flatnonzero(test.levels == level):
+            own = test.test == number
+            ax.plot(1e3 * test.path[own], test.stress[own] / 1e3, **LINE)
+        where = f"${of.latex}$ = {level / of.scale:g} {of.unit}"
+        ax.set_title(f"{where}, {int((test.levels == level).sum())} tests")
+        ax.set_xlabel(AXES[test.kind][0])
+        if test.kind == "plate":
+            ax.set(xscale="log", yscale="log")
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.set_minor_formatter(NullFormatter())
+    axes[0].set_ylabel(AXES[test.kind][1])
+    figure.legend(
+        handles=[
+            Line2D([], [], color=POSTERIOR, label="mean curve, median"),
+            Patch(color=POSTERIOR, alpha=0.45, label="new test, 50 %"),
+            Patch(color=POSTERIOR, alpha=0.18, label="new test, 90 %"),
+            Line2D([], [], label="readings of one test", **LINE),
+        ],
+        loc="outside lower center",
+        ncols=4,
+    )
+    return axes
+
+
+@styled
+def left_out(result: SoilTestResult, ax: Axes | None = None) -> Axes:
+    """Draw where every test lies in its prediction from the others: level (dots) and slope (crosses).
+
+    Right predictions scatter evenly between 0 and 1; intervals that are too narrow drive them to the ends.
+    """
+    ax = own_axes(ax, 4.6, 2.9)
+    table = result.left_out
+    place = np.arange(len(table))
+    ax.axhspan(0.05, 0.95, color=GRID, alpha=0.45, linewidth=0)
+    ax.axhspan(0.25, 0.75, color=GRID, alpha=0.6, linewidth=0)
+    ax.plot(place, table["level_pit"], "o", color=POSTERIOR, markersize=5, label="level")
+    ax.plot(place, table["slope_pit"], "x", color=DATA, markersize=5, label="slope")
+    levels = table.iloc[:, 1].to_numpy()
+    for edge in np.flatnonzero(np.diff(levels)) + 0.5:
+        ax.axvline(edge, color=DATA, linewidth=0.5)
+    ax.set(ylim=(-0.03, 1.03), ylabel="share of the prediction below")
+    ax.set(xticks=[], xlabel="tests, by plate or stress")
+    figure_of(ax).legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return ax
+
+
+@styled
+def pair(result: SoilTestResult, first: str, second: str, ax: Axes | None = None) -> Axes:
+    """Draw two parameters against each other: prior (grey), posterior (blue), least squares (marks)."""
+    ax = own_axes(ax, 3.4, 2.9)
+    names = result.names
+    for group, colour, size in (("prior", PRIOR, 1.2), ("posterior", POSTERIOR, 1.6)):
+        draws = result.values(group)
+        draws = draws[:: max(1, len(draws) // DRAWS)]
+        x, y = (draws[:, names.index(name)] / QUANTITIES[name].scale for name in (first, second))
+        ax.plot(x, y, ".", color=colour, markersize=size, alpha=0.5, rasterized=True)
+    table = result.least_squares
+    for method in table["method"].unique():
+        own = table[table["method"] == method].set_index("parameter")["value"]
+        if {first, second} <= set(own.index):
+            mark = MARKS[str(method)]
+            ax.plot(own[first], own[second], mark.marker, color=mark.colour, label=mark.label, markersize=6)
+    ax.set(xlabel=label(QUANTITIES[first]), ylabel=label(QUANTITIES[second]))
+    handles, labels = ax.get_legend_handles_labels()
+    if handles:
+        figure_of(ax).legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return ax
 
 
 def soil_test_overview(result: SoilTestResult) -> Overview:
     """Parameters of a soil test with their verdicts, and what is against the model."""
     words = result.identifiability.set_index("parameter")["verdict"].map(shown).to_dict()
     rows = []
-    for row in result.summary.to_dict("records"):
+    for row in records(result.summary):
         quantity = QUANTITIES.get(row["parameter"])
         figures = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         name = quantity.symbol if quantity else row["parameter"]

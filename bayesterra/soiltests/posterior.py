@@ -115,31 +115,21 @@ class Scatter:
     def log_likelihoods(self, residuals: FloatArray, spread: Spread) -> FloatArray:
         """Log density (n, t) of the residuals (n, m) of every test; a density of log stresses."""
         none = np.zeros(len(spread.scatter))
-        memory = none if spread.memory is None else spread.memory
-        shift = none if spread.shift is None else spread.shift
-        offset = none if spread.offset is None else spread.offset
+        memory, shift, offset = (
+            none if values is None else values for values in (spread.memory, spread.shift, spread.offset)
+        )
         ends = np.append(self.readings.starts, len(self.readings))
         densities: FloatArray = log_densities(
-            np.ascontiguousarray(residuals),
-            spread.scatter,
-            memory,
-            shift,
-            self._gaps,
-            self.readings.path,
-            offset,
-            ends,
-        )
+            np.ascontiguousarray(residuals), spread.scatter, memory, shift, self._gaps, self.readings.path,
+            offset, ends,
+        )  # fmt: skip
         return densities
-
-    def _kept(self, spread: Spread) -> FloatArray:
-        """Correlation (n, m) with the reading before."""
-        if spread.memory is None:
-            return np.zeros((len(spread.scatter), len(self.readings)))
-        return np.exp(-self._gaps / spread.memory[:, None])
 
     def deviations(self, spread: Spread, rng: Generator) -> FloatArray:
         """Draw residuals (n, m) of new tests with the paths of these."""
-        kept = self._kept(spread)
+        kept = np.zeros((len(spread.scatter), len(self.readings)))  # correlation with the reading before
+        if spread.memory is not None:
+            kept = np.exp(-self._gaps / spread.memory[:, None])
         noise = spread.scatter[:, None] * np.sqrt(1.0 - kept**2) * rng.standard_normal(kept.shape)
         for i in np.flatnonzero(~self._first):
             noise[:, i] += kept[:, i] * noise[:, i - 1]
@@ -153,10 +143,7 @@ def covariance(path: FloatArray, spread: Spread) -> FloatArray:
     """Covariance (n, m, m) of the log readings of one test at sinkages or displacements ``path`` (m,)."""
     along = np.log(path)
     distance = np.abs(along[:, None] - along)
-    if spread.memory is None:
-        kept = np.broadcast_to(np.eye(len(path)), (len(spread.scatter), len(path), len(path)))
-    else:
-        kept = np.exp(-distance / spread.memory[:, None, None])
+    kept = np.eye(len(path)) if spread.memory is None else np.exp(-distance / spread.memory[:, None, None])
     result = spread.scatter[:, None, None] ** 2 * kept
     if spread.shift is not None:
         seat = spread.shift[:, None] / spread.true_path(path)
@@ -166,7 +153,7 @@ def covariance(path: FloatArray, spread: Spread) -> FloatArray:
 
 def marginal_sd(path: FloatArray, spread: Spread) -> FloatArray:
     """Standard deviation (n, m) of log readings of a new test."""
-    variance = np.broadcast_to(spread.scatter[:, None] ** 2, (len(spread.scatter), len(path)))
+    variance = np.tile(spread.scatter[:, None] ** 2, len(path))
     if spread.shift is not None:
         variance = variance + (spread.shift[:, None] / spread.true_path(path)) ** 2
     return np.sqrt(variance)
@@ -285,11 +272,11 @@ class Laws:
         terms = [law.log_density(stated[:, i]) for i, law in enumerate(self.laws.values())]
         return np.asarray(np.sum(terms, axis=0) + stretch.sum(axis=1))
 
-    def column(self, x: FloatArray, name: str) -> FloatArray | None:
-        """Values (n,) of a parameter, free or fixed; None where there is none of that name."""
-        if name in self.laws:
-            return x[:, self.names.index(name)]
-        return np.full(len(x), float(self.entries[name])) if name in self.entries else None  # type: ignore[arg-type]
+    def values(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Values (n,) of every parameter, free or fixed, of parameter sets (n, d)."""
+        fixed = {name: entry for name, entry in self.entries.items() if name not in self.laws}
+        filled = {name: np.full(len(x), value) for name, value in fixed.items()}
+        return {**filled, **dict(zip(self.names, x.T, strict=True))}
 
 
 @dataclass(frozen=True)
@@ -317,39 +304,34 @@ class TestPosterior:
 
     def soil(self, x: FloatArray) -> FloatArray:
         """Soil parameters (n, 3) of parameter sets (n, d)."""
-        columns = [self.prior.column(x, name) for name in KINDS[self.readings.kind]]
-        return np.column_stack([column for column in columns if column is not None])
+        values = self.prior.values(x)
+        return np.column_stack([values[name] for name in KINDS[self.readings.kind]])
 
     def spread(self, x: FloatArray) -> Spread:
         """Values that describe the scatter, of parameter sets (n, d)."""
-        scatter = self.prior.column(x, "scatter")
-        seating = self.prior.column(x, "seating")
-        exponent = self.soil(x)[:, 2]
-        shift = None if seating is None else np.abs(exponent) * seating
-        assert scatter is not None  # noqa: S101 (every soil test has one)
-        return Spread(scatter, self.prior.column(x, "memory"), shift, self.prior.column(x, OFFSET))
+        values = self.prior.values(x)
+        shift = np.abs(values["n"]) * values["seating"] if "seating" in values else None
+        return Spread(values["scatter"], values.get("memory"), shift, values.get(OFFSET))
 
     @cached_property
     def _scatter(self) -> Scatter:
         return Scatter(self.readings)
 
-    @cached_property
-    def _log_stress(self) -> FloatArray:
-        return np.log(self.readings.stress)
-
     def log_likelihoods(self, x: FloatArray) -> FloatArray:
         """Log likelihood (n, t) of every test, at parameter sets (n, d) inside the support."""
+        log_stress, spread = np.log(self.readings.stress), self.spread(x)
+        densities = self._scatter.log_likelihoods(log_stress - self._mean(x, spread), spread)
+        return densities - np.add.reduceat(log_stress, self.readings.starts)
+
+    def _mean(self, x: FloatArray, spread: Spread) -> FloatArray:
+        """Log of the mean stress (n, m) at the true sinkages or displacements of the readings."""
         readings = self.readings
-        spread = self.spread(x)
-        mean = log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
-        densities = self._scatter.log_likelihoods(self._log_stress - mean, spread)
-        return densities - np.add.reduceat(self._log_stress, readings.starts)
+        return log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
 
     def simulate(self, x: FloatArray, rng: Generator) -> FloatArray:
         """Draw stresses (n, m) of new tests at the same sinkages or displacements; ``x`` (n, d)."""
-        readings, spread = self.readings, self.spread(x)
-        mean = log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
-        return np.exp(mean + self._scatter.deviations(spread, rng))
+        spread = self.spread(x)
+        return np.exp(self._mean(x, spread) + self._scatter.deviations(spread, rng))
 
     def reasons(self, x: FloatArray) -> IntArray:
         """Reason why each parameter set (n, d) has no density; see :mod:`bayesterra.likelihood.posterior`."""
@@ -358,9 +340,7 @@ class TestPosterior:
 
     def _physical(self, x: FloatArray) -> BoolArray:
         inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
-        if (offset := self.prior.column(x, OFFSET)) is not None:
-            inside &= offset > -self.readings.path.min()
-        return inside
+        return np.asarray(inside & (self.prior.values(x).get(OFFSET, 0.0) > -self.readings.path.min()))
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""

@@ -59,6 +59,13 @@ COLUMNS: dict[str, Channel] = {
     )
 }
 """Columns that a table of readings may have, beside ``test`` and ``use``."""
+PATHS = {"plate": COLUMNS["sinkage"], "shear": COLUMNS["displacement"]}
+LEVELS = {
+    "plate": Channel("plate_radius", "b", r"b", "mm", 1e-3, "m", "plate radius"),
+    "shear": COLUMNS["normal_stress"],
+}
+STRESSES = {"plate": COLUMNS["pressure"], "shear": COLUMNS["shear_stress"]}
+"""Axis of a curve, what sets tests apart, and the answer of the soil, by kind of test."""
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 _SOIL = tuple(dict.fromkeys(name for names in KINDS.values() for name in names))

@@ -32,7 +32,7 @@ from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
 from bayesterra.report.figures import white_png
 from bayesterra.sampling.sampler import Target, sample, sample_target, thin
-from bayesterra.soiltests import figures
+from bayesterra.soiltests import page
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import PLAN
 from bayesterra.soiltests.posterior import Spread, TestPosterior, coordinates, covariance, structural
@@ -230,7 +230,7 @@ def files() -> None:
     checks = [(name, check, p) for name, one in found.items() for check, p in one.record["checks"].items()]
     save(pd.DataFrame(checks, columns=["file", "check", "p"]), "checks")
     for name, one in found.items():
-        (HERE / f"{name}.png").write_bytes(white_png(figures.readings(one), 110))
+        (HERE / f"{name}.png").write_bytes(white_png(page.readings(one), 110))
 
 
 def naive() -> None:

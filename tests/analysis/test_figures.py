@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
-from bayesterra.identifiability import determined_page
+from bayesterra.identifiability import evidence_page
 from bayesterra.report.figures import Axis, density, png, svg
 from bayesterra.study.result import Result
 
@@ -22,8 +22,8 @@ SINGLE: dict[str, Callable[[Result, Axes | None], Axes]] = {
     "trace": lambda r, ax: analysis_figures.trace(r, "phi", ax),
     "ranks": lambda r, ax: analysis_figures.ranks(r, "K", ax),
     "correlations": analysis_figures.correlations,
-    "contraction": determined_page.contraction,
-    "combinations": determined_page.combinations,
+    "contraction": evidence_page.contraction,
+    "combinations": evidence_page.combinations,
 }
 
 

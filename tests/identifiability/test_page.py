@@ -16,7 +16,7 @@ from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.findings_page import strip
 from bayesterra.analysis.inference import Analysis
 from bayesterra.analysis.run import load_result
-from bayesterra.identifiability import determined_page
+from bayesterra.identifiability import evidence_page
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
@@ -167,7 +167,7 @@ def test_a_run_says_what_its_design_cannot_tell(pair: Result) -> None:
     found = replace(pair, identifiability=table, record=record)
     card = analysis_pages.identifiability_verdict(found)
     assert card.sentence.endswith("no data of this design can determine <i>c</i> and <i>φ</i>.")
-    said = str(determined_page.identifiability_section(found))
+    said = str(evidence_page.identifiability_section(found))
     assert "By the design: Only <i>c</i> + 2 phi is determined &lt;b&gt;." in said
     assert "could tell it, however many and good" in said
 

@@ -18,7 +18,7 @@ from bayesterra.models import Wheel
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
 from bayesterra.soiltests import analysis as soiltests_analysis
-from bayesterra.soiltests import figures as soiltests_figures
+from bayesterra.soiltests import page as soiltests_page
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import LeftOut, none_left_out
 from bayesterra.soiltests.study import load_soil_test, soil_test
@@ -102,7 +102,7 @@ def test_no_check_costs_the_posterior(
     sound = analysed("one plate")
     for name in set(BROKEN.values()):
         monkeypatch.setattr(soiltests_analysis, name, refuse)
-    monkeypatch.setattr(soiltests_figures, "pair", refuse)
+    monkeypatch.setattr(soiltests_page, "pair", refuse)
     found = analyse(plates((0.03,)), seed=1)
     report = found.save(tmp_path / "out")
     np.testing.assert_array_equal(found.values(), sound.values())
