@@ -69,6 +69,15 @@ def errors_in(place: object) -> Iterator[None]:
         raise _LocatedError(f"{place}: {error}") from error
 
 
+@contextmanager
+def errors_after(beginning: str) -> Iterator[None]:
+    """Turn a ValueError into a :class:`StudyError` whose text has a beginning."""
+    try:
+        yield
+    except ValueError as error:
+        raise StudyError(f"{beginning}{error}") from error
+
+
 def suggestion(name: str, names: Iterable[str]) -> str:
     """``" (did you mean 'slip'?)"`` where a known name is close, else nothing."""
     by_lower = {word.lower(): word for word in names}

@@ -53,8 +53,7 @@ def slip_slopes(
     values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
     slip, ends = forward.conditions.slip, []
     for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
-        moved = replace(forward, conditions=replace(forward.conditions, slip=at))
-        shifted = moved(soil, every_row=True).of(channels)
+        shifted = forward.at_slip(at)(soil, every_row=True).of(channels)
         answered = np.isfinite(shifted)
         ends.append((np.where(answered, shifted, values), np.where(answered, at[:, None], slip[:, None])))
     (low, left), (high, right) = ends
@@ -67,9 +66,7 @@ def slip_slopes(
 def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArray) -> str:
     """A sentence on the rows where errors of slip are poorly taken to first order; empty without any.
 
-    Parameters
-    ----------
-    soil, noise_values : parameter sets that are typical, of the prior or of the posterior.
+    ``soil`` and ``noise_values`` are typical parameter sets, of the prior or of the posterior.
     """
     if not isinstance(likelihood, CorrelatedLikelihood) or likelihood.errors.slip is None:
         return ""
@@ -94,9 +91,7 @@ def _rows(numbers: IntArray) -> str:
 class CorrelatedLikelihood(Likelihood):
     """Likelihood of a table whose rows hang together. Rows that are not in use are not conditioned on.
 
-    Parameters
-    ----------
-    errors : discrepancy and ripple of the measured channels, errors of slip.
+    ``errors`` are discrepancy and ripple of the measured channels, and errors of slip.
     """
 
     errors: ModelErrors = field(default_factory=ModelErrors)
@@ -111,7 +106,7 @@ class CorrelatedLikelihood(Likelihood):
         """No: a row's term is given all other rows."""
         return False
 
-    @property
+    @cached_property
     def intervals(self) -> Intervals | None:
         """None: rounding is one more error."""
         return None
@@ -165,11 +160,8 @@ class CorrelatedLikelihood(Likelihood):
 
     def _at_slip(self, soil: FloatArray, shift: float) -> FloatArray:
         """Modelled values (n, m, k) at slips that differ by ``shift``, as far as the model goes."""
-        rows = self.forward.conditions
-        slip = np.clip(rows.slip + shift, 0.0, np.nextafter(1.0, 0.0))
-        return self.predicted(
-            replace(self.forward, conditions=replace(rows, slip=slip))(soil, every_row=True)
-        )
+        slip = np.clip(self.forward.conditions.slip + shift, 0.0, np.nextafter(1.0, 0.0))
+        return self.predicted(self.forward.at_slip(slip)(soil, every_row=True))
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""

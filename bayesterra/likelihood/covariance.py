@@ -113,12 +113,9 @@ class Stack:
 
 @dataclass(frozen=True)
 class Whitening:
-    """Matrices W with W K Wᵀ = 1.
+    """Matrices W (n or 1, B, q, q) with W K Wᵀ = 1.
 
-    Attributes
-    ----------
-    matrix : W (n or 1, B, q, q).
-    level : half the log determinants of K, all blocks together (n or 1,).
+    ``level`` (n or 1,) is half the log determinants of K, all blocks together.
     """
 
     matrix: FloatArray

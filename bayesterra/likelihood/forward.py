@@ -149,6 +149,10 @@ class Forward:
         for width in np.unique(self.conditions.width):
             yield self.conditions.width == width, model_columns(soil_at(soil, float(width)), self.model)
 
+    def at_slip(self, slip: FloatArray) -> Forward:
+        """The same rows at other slips (m,)."""
+        return replace(self, conditions=replace(self.conditions, slip=slip))
+
     def row(self, i: int) -> Forward:
         """The same model at row ``i`` only."""
         chosen = np.arange(len(self.conditions.slip)) == i

@@ -126,15 +126,15 @@ class JointPosterior:
         return np.column_stack([np.empty((len(shared), 0)), *scores])
 
     def _own_scores(self, shared: FloatArray, own: FloatArray) -> FloatArray:
-        scores = []
-        for name in self.tied_local:
-            values = own[:, self.local.index(name)]
-            if name in self.populations:
-                limits = self.laws[name].range
-                scores.append(population_score(values, *self.population(name, shared), limits))
-            else:
-                scores.append(self.laws[name].score(values))
+        scores = [self._score(name, shared, own) for name in self.tied_local]
         return np.column_stack([np.empty((len(own), 0)), *scores])
+
+    def _score(self, name: str, shared: FloatArray, own: FloatArray) -> FloatArray:
+        """Normal score (n,) of a local under its population or, where it has none, its own law."""
+        values, law = own[:, self.local.index(name)], self.laws[name]
+        if name not in self.populations:
+            return law.score(values)
+        return population_score(values, *self.population(name, shared), law.range)
 
     def score_before(self, i: int, shared: FloatArray, own: FloatArray) -> tuple[FloatArray, float]:
         """Mean (n,) and standard deviation of a hierarchical value's normal score under its population.
@@ -145,11 +145,7 @@ class JointPosterior:
         if self.copula is None or name not in self.tied_local:
             return np.zeros(len(shared)), 1.0
         before = [other for other in self.populations[:i] if other in self.tied_local]
-        scores = [self._shared_scores(shared)]
-        for other in before:
-            values = own[:, self.local.index(other)]
-            limits = self.laws[other].range
-            scores.append(population_score(values, *self.population(other, shared), limits))
+        scores = [self._shared_scores(shared), *(self._score(other, shared, own) for other in before)]
         at = [*range(k), *(k + self.tied_local.index(other) for other in before)]
         middle, width = self.copula.conditional(k + self.tied_local.index(name), at)
         return np.asarray(np.column_stack(scores) @ middle), width
@@ -300,12 +296,7 @@ class JointPosterior:
 
 
 def joint_posterior(study: Study) -> JointPosterior:
-    """Build the joint posterior of a study that has a [pooling] table.
-
-    Raises
-    ------
-    StudyError : there is no such table, or the rows in use belong to one group only.
-    """
+    """Joint posterior of a study; StudyError without [pooling], or where rows in use are of one group."""
     if study.pooling is None:
         raise StudyError("the study needs a [pooling] table")
     used = study.observations.used()

@@ -85,27 +85,22 @@ class Likelihood:
         rows = self.log_terms(soil, noise_values).sum(axis=2)
         return np.asarray(rows.sum(axis=1)), np.asarray(rows)
 
-    def explained(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
+    def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""
         return self.forward(soil, every_row=True)
 
-    def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator) -> Outcomes:
+    def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes row by row before any reading; as :meth:`explained` where the load is known."""
         return self.forward(soil, every_row=True)
 
     def beyond(
-        self,
-        soil: FloatArray,
-        noise_values: FloatArray,
-        wheel: str | None,
-        slip: FloatArray,
-        rng: np.random.Generator,
+        self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
     ) -> FloatArray:
         """Addition to the model's outcomes of a wheel at slips (g,), (n, g, channels): nothing here."""
         return np.zeros((len(soil), len(slip), len(self.channels)))
 
     def fresh(
-        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: np.random.Generator
+        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
     ) -> FloatArray:
         """Addition to outcomes and noise of new readings at the rows of ``forward``: nothing here."""
         return np.zeros((len(soil), len(forward.conditions.slip), len(self.channels)))
@@ -120,16 +115,12 @@ class Likelihood:
         none = np.full(len(self.observations), np.nan)
         return {name: self.observations.given_sd.get(name, none) for name in self.channels}
 
-    @property
+    @cached_property
     def intervals(self) -> Intervals | None:
         """What readings stand for that are rounded or known by a limit; None where all are numbers.
 
         None also where rounding is taken for one more error of variance step²/12: see :meth:`Noise.scale`.
         """
-        return self._intervals
-
-    @cached_property
-    def _intervals(self) -> Intervals | None:
         return Intervals.of(self.observations, self.noise, self.measured)
 
     def predicted(self, outcomes: Outcomes) -> FloatArray:
@@ -183,7 +174,7 @@ class Likelihood:
         total = self.pointwise(outcomes, noise_values).sum(axis=(1, 2))
         return np.where(outcomes.status == 0, total, -np.inf)
 
-    def draw(self, outcomes: Outcomes, noise_values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def draw(self, outcomes: Outcomes, noise_values: FloatArray, rng: Generator) -> FloatArray:
         """Draw readings (n, m, channels) with noise, for every row and measured channel."""
         predicted = self.predicted(outcomes)
         standard = rng.standard_normal(predicted.shape)
@@ -202,17 +193,14 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class LatentLoad(Likelihood):
-    """Likelihood of rows whose load is known by its readings only.
+    """Likelihood of rows whose load is known by its readings only; the loads of ``forward`` are not used.
 
-    Parameters
-    ----------
-    forward : the model at the rows, drive ``both``; its loads are not used.
-    load_range : lower and upper end of the flat prior of every load, N.
+    ``load_range`` are the ends of the flat prior of every load, N.
     """
 
     load_range: tuple[float, float] = (0.0, np.inf)
 
-    @property
+    @cached_property
     def intervals(self) -> Intervals | None:
         """None: rounding is one more error."""
         return None

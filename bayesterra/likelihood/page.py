@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import slip_doubts
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import Blocks, Table, Text
+from bayesterra.report.blocks import Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
 from bayesterra.stats.laws import Law
@@ -40,29 +40,20 @@ def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
-    shown = [
-        [f"{mark}{cell}" for mark, cell in zip(rows.marks(name), cells, strict=True)]
-        for name, cells in ((n, column(v / CHANNELS[n].scale)) for n, v in columns.items())
-    ]
-    slips, body = column(rows.slip, 4), []
-    for i, row in enumerate(rows.rows):
-        wheel = (rows.wheel[i],) if many else ()
-        body.append(
-            (f"{row}", *wheel, slips[i], *(cells[i] for cells in shown), "yes" if rows.use[i] else "no")
-        )
-    noise = (noise_text(study.noise.get(name)) for name in columns)
-    body.append(("noise (sd)", *([""] if many else []), "", *noise, ""))
-    header = (
-        "row",
-        *(["wheel"] if many else []),
-        symbol("slip"),
-        *(with_unit(name) for name in columns),
-        "in the fit",
-    )
+    table: dict[Cell, list[str]] = {"row": [*map(str, rows.rows), "noise (sd)"]}
+    if many:
+        table["wheel"] = [*rows.wheel, ""]
+    table[symbol("slip")] = [*column(rows.slip, 4), ""]
+    for name, values in columns.items():
+        cells = zip(rows.marks(name), column(values / CHANNELS[name].scale), strict=True)
+        noise = noise_text(study.noise.get(name))
+        table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise]
+    table["in the fit"] = [*("yes" if use else "no" for use in rows.use), ""]
     caption = Markup(
         "Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}"
     ).format(_origin(study))
-    return Table(caption, "l" + "l" * many + "r" * (len(columns) + 1) + "c", header, tuple(body))
+    align = "l" + "l" * many + "r" * (len(columns) + 1) + "c"
+    return Table(caption, align, tuple(table), tuple(zip(*table.values(), strict=True)))
 
 
 def _origin(study: Study) -> str:
@@ -88,9 +79,7 @@ def _wheels(study: Study) -> Table:
     rows = tuple(
         (
             name,
-            given(wheel.radius * 1e3),
-            given(wheel.width * 1e3),
-            given(wheel.lug_height * 1e3),
+            *(given(length * 1e3) for length in (wheel.radius, wheel.width, wheel.lug_height)),
             str(wheel.lug_count),
             NOTHING
             if wheel.shearing_radius_coefficient is None

@@ -70,13 +70,8 @@ class Sensitivities:
     def of(self, channels: tuple[str, ...]) -> Sensitivities:
         """Only some channels."""
         kept = [self.channels.index(name) for name in channels]
-        return Sensitivities(
-            self.names,
-            channels,
-            self.values[:, :, kept],
-            self.by_parameter[:, :, kept],
-            self.by_load[:, :, kept],
-        )
+        parts = (part[:, :, kept] for part in (self.values, self.by_parameter, self.by_load))
+        return Sensitivities(self.names, channels, *parts)
 
 
 def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
@@ -85,7 +80,7 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     forward, prior = posterior.likelihood.forward, posterior.prior
     soil, inputs = prior.soil_values(x), known_inputs(posterior.likelihood)
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
-    shift = _offset_slopes(prior) if forward.as_read else np.zeros(len(prior.names))
+    shift = _column_slopes(prior)[SoilColumns.sinkage_offset] * forward.as_read
     parameters, shape = forward.model.parameters, (len(x), len(inputs), 3)
     values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
     by_load = np.zeros(shape)
@@ -142,11 +137,6 @@ def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> Float
     if prior.uses_moduli:
         slopes[SoilColumns.Ks] = slopes[SoilColumns.kc] / width + slopes[SoilColumns.kphi]
     return slopes[[SoilColumns[name] for name in parameters]]
-
-
-def _offset_slopes(prior: Prior) -> FloatArray:
-    """Derivative (d,) of the zero error of the sinkage by the free parameters."""
-    return np.asarray(_column_slopes(prior)[SoilColumns.sinkage_offset])
 
 
 def _column_slopes(prior: Prior) -> FloatArray:
@@ -321,11 +311,11 @@ def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray
     if likelihood.errors.slip is None:
         return np.zeros((len(x), *likelihood.measured.shape, x.shape[1]))
     ends = np.maximum(rows.slip - STEP, 0.0), np.where(rows.slip + STEP < 1.0, rows.slip + STEP, rows.slip)
+    moved = (replace(likelihood, forward=likelihood.forward.at_slip(slip)) for slip in ends)
     low, high = (
-        sensitivities(replace(posterior, likelihood=replace(likelihood, forward=replace(
-            likelihood.forward, conditions=replace(rows, slip=at)))), x).of(likelihood.channels).by_parameter
-        for at in ends
-    )  # fmt: skip
+        sensitivities(replace(posterior, likelihood=at), x).of(likelihood.channels).by_parameter
+        for at in moved
+    )
     return np.asarray(np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]))
 
 

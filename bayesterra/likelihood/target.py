@@ -219,7 +219,8 @@ def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
     """The chart of a posterior's free parameters; it reaches as far as the points ``holding`` (n, d) do."""
     prior, names = posterior.prior, posterior.names
     ends = np.array([_ends(name, law) for name, law in prior.laws.items()]).reshape(-1, 2)
-    logs = np.array([_logarithmic(name) for name in names]) & (ends[:, 1] > 0)
+    positive = [name in ("Ks", "K") or name.startswith(NOISE_PREFIX) for name in names]
+    logs = np.array(positive, dtype=np.bool_) & (ends[:, 1] > 0)
     ends[:, 0] = np.where(logs, np.maximum(ends[:, 0], SMALLEST * ends[:, 1]), ends[:, 0])
     if holding is not None:
         ends = np.column_stack(
@@ -241,10 +242,6 @@ def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
             limits.append(float(row @ low) + offset - lowest)
     sizes = np.abs(np.array(rows)).max(axis=1)
     return Chart(logs, ends, low, width, np.array(rows) / sizes[:, None], np.array(limits) / sizes)
-
-
-def _logarithmic(name: str) -> bool:
-    return name in ("Ks", "K") or name.startswith(NOISE_PREFIX)
 
 
 def _ends(name: str, law: Law) -> tuple[float, float]:

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
-from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
@@ -47,6 +46,7 @@ from bayesterra.sampling.importance import Evidence, summed
 from bayesterra.sampling.joint import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
 from bayesterra.sampling.moves import PooledEnsemble, Walkers
 from bayesterra.sampling.sampler import Samples
+from bayesterra.stats.weights import log_mean
 from bayesterra.study.groups import Population
 
 WALKERS, STARTS = 128, 2048
@@ -67,12 +67,9 @@ SURE = 0.1
 
 @dataclass(frozen=True)
 class Level:
-    """Log evidence under the prior cut to the physical support and renormalised.
+    """Log evidence under the prior cut to the physical support and renormalised, and its Monte Carlo error.
 
-    Attributes
-    ----------
-    log_z, error : natural units; Monte Carlo standard error. NaN where no draw says anything.
-    reliable : whether the error can be relied on.
+    In natural units; NaN where no draw says anything. ``reliable`` says whether the error can be relied on.
     """
 
     log_z: float
@@ -99,9 +96,7 @@ def with_roles(
 def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Generator) -> Level:
     """Estimate the evidence of a joint posterior that has something in common and something of each group.
 
-    Parameters
-    ----------
-    chains : draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
+    ``chains`` are draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
     """
     family, count = JointFamily(joint), len(next(iter(chains.values())))
     ensembles: list[PooledEnsemble] = []
@@ -173,7 +168,7 @@ def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) ->
     if np.isfinite(weights).sum() < FEWEST:
         return None
     own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
-    return summed(weights).beside([float(logsumexp(log_weights) - np.log(each)) for log_weights in own])
+    return summed(weights).beside([float(log_mean(log_weights)) for log_weights in own])
 
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"
@@ -230,19 +225,11 @@ def degrees_of(
         weighed = weigh_plain(joint, [name], lone.coordinates, proposals, rng)
         alone.append((weighed, _own(weighed, lone), plain_shares(joint, [name], rng)))
     every = all(lone.diagnosis.converged for lone in samples.lone.values())
+    common = (of_all, _own(of_all, complete), plain_shares(joint, names, rng))
+    stated = (of_joint, of_joint.evidence, joint_shares(joint, rng))
     return (
-        _degree(
-            joint,
-            COMPLETE,
-            complete.diagnosis.converged,
-            (of_all, _own(of_all, complete), plain_shares(joint, names, rng)),
-        ),
-        _degree(
-            joint,
-            PARTIAL,
-            samples.diagnosis.converged,
-            (of_joint, of_joint.evidence, joint_shares(joint, rng)),
-        ),
+        _degree(joint, COMPLETE, complete.diagnosis.converged, common),
+        _degree(joint, PARTIAL, samples.diagnosis.converged, stated),
         _apart(joint, every, alone),
     )
 
@@ -416,14 +403,9 @@ def _key(joint: JointPosterior) -> str:
 
 def judged_alone(evidences: Evidences, names: Sequence[str]) -> Sharing:
     """Judge whether parameters have one value in all groups, all others being each group's own."""
-    populations = {name: evidences.population(name) for name in names}
-    return Sharing(
-        tuple(names),
-        evidences.of(names, {}),
-        evidences.none,
-        evidences.of((), populations),
-        evidences.joint.pooling.by,
-    )
+    common = evidences.of(names, {})
+    population = evidences.of((), {name: evidences.population(name) for name in names})
+    return Sharing(tuple(names), common, evidences.none, population, evidences.joint.pooling.by)
 
 
 def judged_as_stated(evidences: Evidences, name: str) -> Sharing:
@@ -431,10 +413,6 @@ def judged_as_stated(evidences: Evidences, name: str) -> Sharing:
     pooling = evidences.joint.pooling
     shared = [other for other in evidences.joint.shared if other != name]
     populations = {other: population for other, population in pooling.hierarchical.items() if other != name}
-    return Sharing(
-        (name,),
-        evidences.of([*shared, name], populations),
-        evidences.of(shared, populations),
-        evidences.of(shared, {**populations, name: evidences.population(name)}),
-        pooling.by,
-    )
+    common, own = evidences.of([*shared, name], populations), evidences.of(shared, populations)
+    population = evidences.of(shared, {**populations, name: evidences.population(name)})
+    return Sharing((name,), common, own, population, pooling.by)

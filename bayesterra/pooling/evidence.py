@@ -212,12 +212,8 @@ class PriorShares:
 def joint_shares(joint: JointPosterior, rng: Generator, *, outer: int = 4000, inner: int = 16) -> PriorShares:
     """Of a joint prior: shared values from their laws, every group's locals integrated out by draws."""
     D = np.repeat(joint.draw_shared(outer, rng), inner, axis=0)
-    inside = [
-        (posterior.reasons(joint.of_group(D, joint.draw_group(D, rng))) == INSIDE)
-        .reshape(outer, inner)
-        .mean(axis=1)
-        for posterior in joint.groups.values()
-    ]
+    drawn = ((posterior, joint.of_group(D, joint.draw_group(D, rng))) for posterior in joint.groups.values())
+    inside = [(posterior.reasons(x) == INSIDE).reshape(outer, inner).mean(axis=1) for posterior, x in drawn]
     return _shares(np.array(inside))
 
 

@@ -75,10 +75,8 @@ class PopulationChain:
     def sample(self, D: FloatArray, inner: int, rng: Generator) -> FloatArray:
         """``inner`` locals (n inner, d) per row of shared values (n, k); NaN where it has no coordinates."""
         joint, repeated = self.family.joint, np.repeat(D, inner, axis=0)
-        shared, own = (
-            self.family.shared_to_physical(repeated)[0],
-            np.empty((len(repeated), len(joint.local))),
-        )
+        shared, _ = self.family.shared_to_physical(repeated)
+        own = np.empty((len(repeated), len(joint.local)))
         others = repeated[:, : len(joint.shared)]
         for i, (columns, coordinates) in enumerate(self._blocks):
             w = self.fitted[i].sample(others, rng)[0]
@@ -163,9 +161,7 @@ def fit_chain(
 ) -> PopulationChain:
     """Fit the chain of a group to draws of what is shared (n, k) and of its locals (n, d).
 
-    Parameters
-    ----------
-    alone : locals from the group's posterior alone, whose scale is that of its likelihood.
+    ``alone`` are locals from the group's posterior alone, whose scale is that of its likelihood.
     """
     own, others = family.group_to_physical(group, L)[0], shared
     fitted: list[ConditionalLaw | MarginalLaw] = []
@@ -185,10 +181,7 @@ def fit_chain(
 class InnerLaw:
     """Law of a group's locals given shared values, to integrate them out.
 
-    Attributes
-    ----------
-    fitted : of all locals together.
-    chain : the other half of the draws; None where nothing has a population.
+    One is fitted to all locals together; a chain makes half of the draws where anything has a population.
     """
 
     fitted: ConditionalLaw
@@ -285,10 +278,7 @@ def outer_laws(
     Chains are fitted to draws of both the groups alone and all together: so they are right where populations
     are wide as well as where groups draw each other out of their own posteriors.
 
-    Parameters
-    ----------
-    alone : draws of the groups' own posteriors.
-    D, L : draws of shared values (n, k) and of locals (groups, n, d) of all together.
+    ``alone`` are draws of the groups' own posteriors; D (n, k) and L (groups, n, d) those of all together.
     """
     if not family.joint.populations:
         return OuterLaws(laws.drivers, tuple(InnerLaw(law, None) for law in laws.locals))

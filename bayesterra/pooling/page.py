@@ -151,17 +151,8 @@ def _sharing_section(result: PooledResult) -> Blocks:
                 plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
             )
         against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
-        body.append(
-            (
-                _named(row["parameter"]),
-                str(row["role"]),
-                *against,
-                error,
-                str(row["verdict"]),
-                *_as_stated(row),
-                spread,
-            )
-        )
+        name, role, word = _named(row["parameter"]), str(row["role"]), str(row["verdict"])
+        body.append((name, role, *against, error, word, *_as_stated(row), spread))
     by = result.record["pooling"]["by"]
     caption = (
         "Log Bayes factors (natural units) of one value for all groups, all other parameters being each "

@@ -14,7 +14,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import known
 from bayesterra.likelihood.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
@@ -363,8 +363,8 @@ def group_result(result: PooledResult, group: str | None = None, *, seed: int = 
     ------
     StudyError : there is no such group.
     """
-    if group is not None and group not in result.groups:
-        raise StudyError(f"unknown group '{group}'{did_you_mean(group, result.groups)}")
+    if group is not None:
+        known("group", group, result.groups)
     joint, rng = joint_posterior(result.study), default_rng(seed)
     trees = {}
     for name in ("posterior", "prior"):
@@ -390,13 +390,7 @@ def basis(result: PooledResult, group: str | None) -> str:
     known = [PARAMETERS[name].symbol for name in joint.populations]
     drawn = [f"{', '.join(known)} drawn from the population of {names}"] if known else []
     drawn += [f"{', '.join(separate)} from the prior, as {names} tell nothing of another"] if separate else []
-    return f"this {_by(result)} was not tested: {'; '.join(drawn)}"
-
-
-def _by(result: PooledResult) -> str:
-    """The column that says which group a row belongs to."""
-    assert result.study.pooling is not None  # noqa: S101 - a result with groups has them
-    return result.study.pooling.by
+    return f"this {joint.pooling.by} was not tested: {'; '.join(drawn)}"
 
 
 def _stacked(data: xr.Dataset, names: tuple[str, ...]) -> FloatArray:

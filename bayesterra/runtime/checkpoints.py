@@ -17,7 +17,7 @@ from io import BytesIO
 from math import prod
 from pathlib import Path
 from types import NoneType
-from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from weakref import finalize
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
@@ -36,10 +36,31 @@ SHOWN = 40
 
 Identity = Mapping[str, Any]
 """All that work depends on: JSON values by what they are called, ``{}`` where the value stands in it."""
+Segment = Mapping[str, NDArray[Any]]
+"""Arrays by name."""
+T = TypeVar("T")
+
+
+class CheckpointStore:
+    """Segments by name, whose content depends on nothing but the run; used from several threads.
+
+    This one keeps nothing: it is for runs that nobody means to resume.
+    """
+
+    def holds(self, name: str) -> bool:
+        """True where a segment was ever saved, be it damaged by now."""
+        return False
+
+    def load(self, name: str) -> Segment | None:
+        """Segment that was saved under a name; None where there is nothing, or nothing sound."""
+        return None
+
+    def save(self, name: str, segment: Segment) -> None:
+        """Keep a segment; once this returns it survives the process."""
 
 
 @dataclass(frozen=True)
-class Checkpoints:
+class Checkpoints(CheckpointStore):
     """Finished pieces of one work in a folder that no other process writes to.
 
     Attributes
@@ -120,12 +141,7 @@ class Checkpoints:
         return {number: content for number, content in contents.items() if content is not None}
 
     def add(self, finished: Mapping[int, Mapping[str, Any]]) -> None:
-        """Save finished tasks by number, each whole or not at all; they are on the disk when this returns.
-
-        Raises
-        ------
-        ResultError : see :meth:`save`.
-        """
+        """Save finished tasks by number, each whole or not at all, once this returns; see :meth:`save`."""
         self._write({f"{TASK}{number}": json.dumps(content).encode() for number, content in finished.items()})
 
     def _path(self, name: str) -> Path:
@@ -282,40 +298,8 @@ def _shown(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-T = TypeVar("T")
-
-Segment = Mapping[str, NDArray[Any]]
-"""Arrays by name."""
 SAME_DENSITY = 1e-9
 """Relative difference of log densities above which a run cannot go on from what was saved."""
-
-
-class CheckpointStore(Protocol):
-    """Segments by name, whose content depends on nothing but the run; used from several threads."""
-
-    def holds(self, name: str) -> bool:
-        """True where a segment was ever saved, be it damaged by now."""
-
-    def load(self, name: str) -> Segment | None:
-        """Segment that was saved under a name; None where there is nothing, or nothing sound."""
-
-    def save(self, name: str, segment: Segment) -> None:
-        """Keep a segment; once this returns it survives the process."""
-
-
-class NoCheckpointStore:
-    """For runs that nobody means to resume."""
-
-    def holds(self, name: str) -> bool:
-        """See :class:`CheckpointStore`."""
-        return False
-
-    def load(self, name: str) -> Segment | None:
-        """See :class:`CheckpointStore`."""
-        return None
-
-    def save(self, name: str, segment: Segment) -> None:
-        """See :class:`CheckpointStore`."""
 
 
 def load_or_compute(checkpoint_store: CheckpointStore, name: str, kind: type[T], make: Callable[[], T]) -> T:
@@ -337,9 +321,7 @@ def load_or_compute(checkpoint_store: CheckpointStore, name: str, kind: type[T],
 def check_drift(worst: float) -> None:
     """Make sure that saved walkers have the density here that they had where they were saved.
 
-    Parameters
-    ----------
-    worst : largest relative difference of the two log densities.
+    ``worst`` is the largest relative difference of the two log densities.
     """
     if not worst <= SAME_DENSITY:
         raise ResultError(
@@ -351,9 +333,7 @@ def check_drift(worst: float) -> None:
 def pack(value: Any, name: str = "") -> dict[str, NDArray[Any]]:
     """Lay out a value as arrays by name: arrays, numbers, tuples, dataclasses and None within each other.
 
-    Raises
-    ------
-    TypeError : it holds something else.
+    TypeError where it holds something else.
     """
     if isinstance(value, tuple) and not all(isinstance(item, int | float) for item in value):
         arrays: dict[str, NDArray[Any]] = {f"{name}.length": np.array(len(value))}

@@ -71,12 +71,7 @@ class Engine(Executor):
 
 
 def packed(task: object, engine: Engine) -> bytes:
-    """A task to be handed over many times, pickled once.
-
-    Raises
-    ------
-    EngineError : it cannot be pickled.
-    """
+    """A task to be handed over many times, pickled once; EngineError where it cannot be pickled."""
     try:
         return engine.dumps(task)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -102,8 +97,6 @@ def _unpacked(content: bytes) -> Callable[[Any], Any]:
 @cache
 def hold_to_one_thread() -> None:
     """Hold the linear algebra and numba of this process to one thread, loaded libraries and later ones."""
-    from threadpoolctl import threadpool_limits
-
     os.environ.update(dict.fromkeys(THREADS, "1"))
     threadpool_limits(1)
     if "numba" in sys.modules:  # it is, where models are computed; importing it would take half a second

@@ -43,21 +43,16 @@ def read_tree(path: Path) -> xr.DataTree:
     :data:`bayesterra.runtime.reading.UNREADABLE`.
     """
     check_ordinary(os.stat(path), path, MOST_BYTES)
-    _check_declared(path)
-    with xr.open_datatree(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as tree:
-        return tree.load()
-
-
-def _check_declared(path: Path) -> None:
-    """ValueError where a file declares what none of ours does."""
     with h5py.File(path, "r") as file:
         declared = _declared(file, [0], 0)
     if declared > min(MOST_BYTES, SLACK + MOST_UNPACKED * path.stat().st_size):
         raise ValueError(f"it declares {declared / MEGABYTE:.3g} MB of values, which its size cannot hold")
+    with xr.open_datatree(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as tree:
+        return tree.load()
 
 
 def _declared(group: Any, seen: list[int], depth: int) -> int:
-    """Bytes that the datasets of a group declare."""
+    """Bytes that the datasets of a group declare; ValueError where it has what no file of ours has."""
     if depth > DEEPEST:
         raise ValueError("its groups are nested too deeply")
     total = 0
@@ -98,15 +93,15 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
     """Write draws as netCDF; made in memory, because HDF5 loses its way on a full disk."""
     # each dataset is written on its own terms: draws compress well, coordinates need no chunks
     encoding = {
-        node.path: {str(name): {"zlib": True, "complevel": 1} for name in _numeric(node)}
+        node.path: {
+            str(name): {"zlib": True, "complevel": 1}
+            for name, values in node.data_vars.items()
+            if values.dtype.kind in "fi" and values.ndim
+        }
         for node in tree.subtree
         if node.data_vars
     }
     write_bytes(path, bytes(tree.to_netcdf(engine="h5netcdf", encoding=encoding)))
-
-
-def _numeric(node: xr.DataTree) -> list[str]:
-    return [str(name) for name, values in node.data_vars.items() if values.dtype.kind in "fi" and values.ndim]
 
 
 DRAWS, RECORD = "draws.nc", "run.json"

@@ -188,12 +188,7 @@ def unfinished(part: Path) -> tuple[str, str]:
 
 
 def own_names(folder: Path, *, finished: bool) -> frozenset[str]:
-    """Names of what the package has written into a folder, relative to it.
-
-    Raises
-    ------
-    ResultError : its checksums cannot be read.
-    """
+    """Names of what the package has written into a folder, relative to it; errors as :func:`listed`."""
     names = listed(folder)
     if finished:
         return _OLDER if names is None else frozenset((*names, SUMS))

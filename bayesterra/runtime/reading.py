@@ -67,12 +67,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of an ordinary file, which need not fit into the memory.
-
-    Raises
-    ------
-    OSError : it cannot be read, or is a device, a pipe or a folder.
-    """
+    """SHA-256 of an ordinary file, which need not fit into the memory; OSError as :func:`read_bytes`."""
     digest = sha256()
     for block in _blocks(path, None):
         digest.update(block)
@@ -116,24 +111,12 @@ def _growing(path: Path) -> OSError:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Text of an ordinary UTF-8 file, without a byte order mark.
-
-    Raises
-    ------
-    OSError : see :func:`read_bytes`.
-    UnicodeDecodeError : it is no UTF-8.
-    """
+    """Text of an ordinary UTF-8 file, without a byte order mark; OSError as :func:`read_bytes`."""
     return read_bytes(path, most).decode("utf-8-sig")
 
 
 def read_json(path: Path) -> Any:
-    """Content of a JSON file.
-
-    Raises
-    ------
-    OSError : see :func:`read_bytes`.
-    ValueError : it is no JSON, or nested deeper than ``DEEPEST``.
-    """
+    """Content of a JSON file; OSError as :func:`read_bytes`, ValueError as :func:`parsed_json`."""
     return parsed_json(read_text(path, MOST_JSON))
 
 
@@ -194,9 +177,7 @@ def check_sums(folder: Path, *names: str) -> None:
 def listed(folder: Path) -> dict[str, str] | None:
     """Checksums of a folder by name of file; None where it has none, as those of older versions.
 
-    Raises
-    ------
-    ResultError : they are there, and cannot be read.
+    ResultError where they are there, and cannot be read.
     """
     path = folder / SUMS
     try:

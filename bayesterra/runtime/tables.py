@@ -73,9 +73,7 @@ def _with_texts(table: pd.DataFrame, change: Callable[[str], str]) -> pd.DataFra
 def read_csv(path: Path) -> pd.DataFrame:
     """Read a table that :func:`csv_text` wrote; numbers become numbers.
 
-    Raises
-    ------
-    OSError, ValueError : it cannot be read, or is no such table.
+    OSError or ValueError where it cannot be read, or is no such table.
     """
     text = read_text(path, MOST_TABLE)
     try:
@@ -87,12 +85,7 @@ def read_csv(path: Path) -> pd.DataFrame:
 
 
 def read_cells(path: Path) -> list[list[str]]:
-    """Lines of a CSV file as texts; blank lines do not count.
-
-    Raises
-    ------
-    StudyError : no such file, not UTF-8 text, or too large.
-    """
+    """Lines of a CSV file as texts, none of them blank; StudyError without one, or where it is too large."""
     try:
         return list(_lines(StringIO(read_text(path, MOST_TABLE), newline="")))
     except FileNotFoundError as error:
@@ -124,9 +117,7 @@ def _lines(text: Iterable[str], most: int | None = MOST_ROWS) -> Iterator[list[s
 def rows_of_cells(text: TextIO) -> Iterator[list[str]]:
     """Lines of a CSV that comes in bit by bit, however long it goes on; blank lines do not count.
 
-    Raises
-    ------
-    StudyError : it is no CSV, no UTF-8, or a line is too long.
+    StudyError where it is no CSV, no UTF-8, or a line is too long.
     """
     try:
         yield from _lines(_bounded(text), most=None)
@@ -152,9 +143,7 @@ Count = Annotated[int, Field(ge=0, lt=10**15)]
 class Record(BaseModel):
     """The content of a JSON file; entries that it does not name may be there, and stay as they are.
 
-    Attributes
-    ----------
-    FORMAT : number of the form in which the file is written; one without a number has form 1.
+    ``FORMAT`` is the number of the form in which the file is written; one without a number has form 1.
     """
 
     model_config = ConfigDict(strict=True, extra="allow")

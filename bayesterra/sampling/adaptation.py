@@ -125,11 +125,11 @@ def adapt(
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    refined = refine(proposal, particles.u, widths, densities, options, rng, watch)
-    evaluations += refined.draws + options.shores * (len(start) // 2)
-    return Adaptation(
-        particles.u, tuple(travelled), evaluations, refined.proposal, refined.efficiency, refined.log_evidence
+    proposal, efficiency, log_evidence, draws = refine(
+        proposal, particles.u, widths, densities, options, rng, watch
     )
+    evaluations += draws + options.shores * (len(start) // 2)
+    return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
 
 
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
@@ -183,25 +183,6 @@ def _tempered(particles: _Particles, temperature: float) -> FloatArray:
     )
 
 
-@dataclass(frozen=True)
-class Refined:
-    """A proposal, and what the draws of the last round, which no fit had seen before, say of its forerunner.
-
-    (All rounds together underrate the evidence: later proposals are dense just where earlier draws lie.)
-
-    Attributes
-    ----------
-    proposal : the frozen proposal.
-    efficiency, log_evidence : effective share of those draws, and the log of their mean importance weight.
-    draws : number of draws of all rounds.
-    """
-
-    proposal: Proposal
-    efficiency: float
-    log_evidence: float
-    draws: int
-
-
 def refine(
     proposal: Proposal,
     u: FloatArray,
@@ -210,11 +191,17 @@ def refine(
     options: AdaptationOptions,
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
-) -> Refined:
+) -> tuple[Proposal, float, float, int]:
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
     anew; the points ``u`` (n, d) stay in as an anchor.
+
+    Returns
+    -------
+    The frozen proposal; the effective share of the draws of the last round, which no fit had seen before, and
+    the log of their mean importance weight, both of its forerunner (all rounds together underrate the
+    evidence: later proposals are dense just where earlier draws lie); the number of draws of all rounds.
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
     efficiency = log_evidence = np.nan
@@ -228,7 +215,7 @@ def refine(
     watch("proposal, thin places")
     tried = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
     proposal = add_components(proposal, tried, rng, components=options.shores, draws=len(u) // 2)
-    return Refined(proposal, efficiency, log_evidence, len(drawn.u))
+    return proposal, efficiency, log_evidence, len(drawn.u)
 
 
 def _weighted(

@@ -257,9 +257,7 @@ class Strength:
 class Coordinates:
     """The map between physical parameters x (n, d) and sampling coordinates u (n, d), block by block.
 
-    Attributes
-    ----------
-    blocks : pairs of columns and the map of those columns; every column stands in one pair.
+    ``blocks`` are pairs of columns and the map of those columns; every column stands in one pair.
     """
 
     blocks: tuple[tuple[tuple[int, ...], Block], ...]

@@ -287,25 +287,20 @@ class ConditionalLaw:
         return points, self._log_straight(others, v, log_jacobian)
 
 
+DEFENCE = 0.1
+"""Share of a wide component beside those that are fitted."""
+
+
 def fit_conditional(
-    others: FloatArray,
-    points: FloatArray,
-    widths: FloatArray,
-    rng: Generator,
-    *,
-    components: int = 8,
-    defensive_weight: float = 0.1,
+    others: FloatArray, points: FloatArray, widths: FloatArray, rng: Generator, *, components: int = 8
 ) -> ConditionalLaw:
     """Fit the law of points (n, d) given others (n, k) to draws of both.
 
-    Parameters
-    ----------
-    widths : standard deviations (d,) of the points before the data; see ``sampling.transport_map``.
-    components : of the mixture, at most; ``defensive_weight`` is the share of a wide one beside them.
+    ``widths`` (d,) are standard deviations of the points before the data.
     """
     u, weights = np.concatenate([others, points], axis=1), np.ones(len(points))
     scales = np.concatenate([np.ones(others.shape[1]), widths])
     transport_map = fit_transport_map(u, weights, scales, others.shape[1])
     v, _ = transport_map.inverse(u)
-    mixture = with_defensive_component(fit_mixture(v, weights, components, rng), v, weights, defensive_weight)
+    mixture = with_defensive_component(fit_mixture(v, weights, components, rng), v, weights, DEFENCE)
     return ConditionalLaw(transport_map, mixture, others.shape[1])

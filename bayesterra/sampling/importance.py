@@ -96,7 +96,7 @@ def refined(start: FloatArray, densities: Densities, rng: Generator) -> Proposal
     """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
     widths, plan = start.std(axis=0), REFINEMENT
     first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defence, rng)
-    return refine(first, start, widths, densities, plan, rng).proposal
+    return refine(first, start, widths, densities, plan, rng)[0]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, Segment
+from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
 from bayesterra.sampling.moves import (
@@ -48,13 +49,7 @@ LONE_ESS, LONE_STEPS = 4000, 4000
 
 @dataclass(frozen=True)
 class PoolingOptions:
-    """Size of the adaptation.
-
-    Attributes
-    ----------
-    warm_ups : sweeps of each warm-up, after which all laws are fitted anew.
-    lone : adaptation of each group's own sampler.
-    """
+    """Sweeps of each warm-up, after which all laws are fitted anew, and adaptation of each group alone."""
 
     warm_ups: tuple[int, ...] = (30, 60, 120, 240)
     lone: AdaptationOptions = field(default_factory=AdaptationOptions)
@@ -87,7 +82,7 @@ class JointSamples:
 
 
 @dataclass(frozen=True)
-class _Named:
+class _Named(CheckpointStore):
     """Checkpoint store under names of its own."""
 
     checkpoint_store: CheckpointStore
@@ -118,7 +113,7 @@ def sample_groups(
     for number, (stream, (group, posterior)) in enumerate(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
     ):
-        own = _Named(checkpoint_store or NoCheckpointStore(), f"group-{number + 1}")
+        own = _Named(checkpoint_store or CheckpointStore(), f"group-{number + 1}")
         samples[group] = sample(posterior, asked, stream, report, adaptation, own)
         report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
     return samples
@@ -148,7 +143,7 @@ def sample_joint(
     ------
     ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
-    plan, checkpoint_store = plan or PoolingOptions(), checkpoint_store or NoCheckpointStore()
+    plan, checkpoint_store = plan or PoolingOptions(), checkpoint_store or CheckpointStore()
     started, processor = time.perf_counter(), time.process_time()
     alone, *streams = seed.spawn(1 + options.ensembles)
     lone = sample_groups(joint, options, alone, report, plan.lone, checkpoint_store)
@@ -162,10 +157,7 @@ def sample_joint(
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
         D, L = starting_points(family, chains, rng)
-        ensemble = warmed_up(family, D, L, options.walkers, plan.warm_ups, rng, watch.of(number))
-        ensemble.counts.accepted.clear()
-        ensemble.counts.tried.clear()
-        return ensemble
+        return warmed_up(family, D, L, options.walkers, plan.warm_ups, rng, watch.of(number))
 
     def begun(number: int) -> PooledEnsemble:
         return begun_or_saved(checkpoint_store, number + 1, family, partial(warmed_up_by, number))
@@ -177,7 +169,11 @@ def sample_joint(
         chains, acceptance, diagnosis, ensembles = _produced(
             family, ensembles, options, pool, report, checkpoint_store
         )
-    moves = _shares(ensembles)
+    accepted, tried = Counter[str](), Counter[str]()
+    for ensemble in ensembles:
+        accepted.update(ensemble.counts.accepted)
+        tried.update(ensemble.counts.tried)
+    moves = Counts(accepted, tried).shares
     seconds = {
         "groups alone": apart - started,
         "adaptation": adapted - apart,
@@ -186,16 +182,6 @@ def sample_joint(
     }
     laws = tuple(ensemble.laws for ensemble in ensembles)
     return JointSamples(joint, chains, acceptance, diagnosis, lone, laws, moves, seconds)
-
-
-def _shares(ensembles: list[PooledEnsemble]) -> dict[str, float]:
-    """Accepted share of each kind of move."""
-    total = Counts()
-    for ensemble in ensembles:
-        for kind, tried in ensemble.counts.tried.items():
-            total.tried[kind] = total.tried.get(kind, 0.0) + tried
-            total.accepted[kind] = total.accepted.get(kind, 0.0) + ensemble.counts.accepted[kind]
-    return total.shares
 
 
 def _produced(
@@ -234,7 +220,7 @@ def _produced(
             return chains, kept.accepted, diagnosis, ensembles
         if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
-            ensembles = list(pool.map(refitted, ensembles, kept.shared, kept.group_values))
+            ensembles = list(pool.map(refitted, ensembles, *kept.found))
             kept, refits = _Kept(), refits + 1
 
 
@@ -264,12 +250,10 @@ class _Kept:
         return np.average(self.shares, axis=0, weights=lengths)
 
     @property
-    def shared(self) -> list[FloatArray]:
-        return [np.concatenate([D for D, _ in of]) for of in zip(*self.coordinates, strict=True)]
-
-    @property
-    def group_values(self) -> list[FloatArray]:
-        return [np.concatenate([L for _, L in of]) for of in zip(*self.coordinates, strict=True)]
+    def found(self) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Shared values, and locals, of all rounds by ensemble."""
+        rounds = [list(zip(*of, strict=True)) for of in zip(*self.coordinates, strict=True)]
+        return [np.concatenate(D) for D, _ in rounds], [np.concatenate(L) for _, L in rounds]
 
 
 def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:
@@ -291,11 +275,8 @@ def starting_points(
     """Shared values (n, k) and locals (groups, n, d) spread roughly like the joint posterior.
 
     Shared parameters are drawn from the product of the groups' posteriors of them, tempered where these
-    hardly overlap; locals from each group's law given them; populations from the locals.
-
-    Parameters
-    ----------
-    chains : one ensemble's draws of each group alone, physical (steps, walkers, d).
+    hardly overlap; locals from each group's law given them; populations from the locals. ``chains`` are one
+    ensemble's draws of each group alone, physical (steps, walkers, d).
     """
     joint, k = family.joint, len(family.joint.shared)
     draws = [group_coordinates(family, g, chain, rng) for g, chain in enumerate(chains.values())]
@@ -313,8 +294,7 @@ def starting_points(
         for name, (mean, spread) in joint.hyper.items():
             values = own[:, :, joint.local.index(name)]
             low, high = mean.quantile(np.array([0.005, 0.995]))
-            least = float(spread.quantile(np.array(0.02)))
-            most = float(spread.quantile(np.array(0.98)))
+            least, most = spread.quantile(np.array([0.02, 0.98]))
             physical.append(np.clip(values.mean(axis=0), low, high)[:, None])
             physical.append(np.clip(values.std(axis=0), least, most)[:, None])
         shared[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))

@@ -20,6 +20,7 @@ All laws are frozen while draws are kept. Each half of the walkers moves by diff
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -122,13 +123,13 @@ class Walkers:
 class Counts:
     """Accepted and tried moves by kind."""
 
-    accepted: dict[str, float] = field(default_factory=dict)
-    tried: dict[str, float] = field(default_factory=dict)
+    accepted: Counter[str] = field(default_factory=Counter)
+    tried: Counter[str] = field(default_factory=Counter)
 
     def add(self, kind: str, taken: BoolArray) -> None:
         """Count the moves of some walkers."""
-        self.accepted[kind] = self.accepted.get(kind, 0.0) + float(taken.sum())
-        self.tried[kind] = self.tried.get(kind, 0.0) + taken.size
+        self.accepted[kind] += int(taken.sum())
+        self.tried[kind] += taken.size
 
     @property
     def shares(self) -> dict[str, float]:
@@ -341,12 +342,11 @@ class JointState:
             "uinteger": self.half,
         }
         kinds = bytes(self.kinds).decode().splitlines()
-        counts = Counts(
-            dict(zip(kinds, map(float, self.accepted), strict=True)),
-            dict(zip(kinds, map(float, self.tried), strict=True)),
+        accepted, tried = (
+            Counter(dict(zip(kinds, map(int, moves), strict=True))) for moves in (self.accepted, self.tried)
         )
         walkers = deepcopy(self.walkers)  # the ensemble moves on, this stays
-        return PooledEnsemble(family, self.laws, walkers, Generator(bits), counts)
+        return PooledEnsemble(family, self.laws, walkers, Generator(bits), Counts(accepted, tried))
 
 
 @dataclass(frozen=True)
@@ -372,9 +372,8 @@ def begun_or_saved(
     """The ensemble that is begun, or the one in the checkpoint store."""
     name = f"joint-{number}-begun"
     saved = checkpoint_store.holds(name)
-    ensemble = load_or_compute(checkpoint_store, name, JointState, lambda: JointState.of(begin())).ensemble(
-        family
-    )
+    state = load_or_compute(checkpoint_store, name, JointState, lambda: JointState.of(begin()))
+    ensemble = state.ensemble(family)
     if saved:
         check_densities(ensemble)
     return ensemble
@@ -383,12 +382,7 @@ def begun_or_saved(
 def load_or_run_segment(
     checkpoint_store: CheckpointStore, name: str, ensemble: PooledEnsemble, sweeps: int
 ) -> JointSegment:
-    """Take sweeps, or the segment that the checkpoint store has under a name.
-
-    Raises
-    ------
-    ResultError : walkers in the checkpoint store have another density here than where they were saved.
-    """
+    """Take sweeps, or the segment that the checkpoint store has under a name; see :func:`check_densities`."""
 
     def taken() -> JointSegment:
         D, L, share = ensemble.run(sweeps)

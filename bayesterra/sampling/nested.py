@@ -174,9 +174,7 @@ def against_nested(
 ) -> CrossCheck:
     """Sample a posterior by nested sampling at every number of live points and compare with our draws.
 
-    Raises
-    ------
-    StudyError : dynesty is not installed.
+    StudyError where dynesty is not installed.
     """
     samplers = [ours]
     for points, stream in zip(live, seed.spawn(len(live)), strict=True):
@@ -191,6 +189,7 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     from dynesty import NestedSampler
 
     d = len(posterior.names)
+    moves = "auto" if d < MANY else "rwalk"  # uniform draws do not come to an end in eight dimensions
 
     def physical(cube: FloatArray) -> FloatArray:
         return np.asarray(posterior.prior.quantile(cube[None])[0])
@@ -201,7 +200,7 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
         sampler = NestedSampler(
-            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=_moves(d)
+            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=moves
         )
         sampler.run_nested(print_progress=False, dlogz=0.1)
         results = sampler.results
@@ -210,8 +209,3 @@ def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
     return Weighted.independent(
         f"nested ({live})", results.samples, weights, float(results.logz[-1]), float(results.logzerr[-1])
     )
-
-
-def _moves(d: int) -> str:
-    """Moves of dynesty: its own choice, uniform draws, does not come to an end in eight dimensions."""
-    return "auto" if d < MANY else "rwalk"

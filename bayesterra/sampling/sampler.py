@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import repeat
 from threading import Lock
 from typing import Any
@@ -19,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
-from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, check_drift, load_or_compute
+from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
 from bayesterra.runtime.status import Status
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import Coordinates, coordinates
@@ -207,15 +208,8 @@ def sample_target(
     checkpoint_store: CheckpointStore | None = None,
 ) -> Samples:
     """Sample any density in coordinates of its own; see :func:`sample`."""
-    watch = Steps(report)
-    task = _Task(
-        target,
-        options,
-        adaptation or AdaptationOptions(),
-        checkpoint_store or NoCheckpointStore(),
-        Clock(),
-        watch,
-    )
+    plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
+    task = _Task(target, options, plan, store, clock, Steps(report))
     streams = seed.spawn(options.ensembles)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
@@ -225,18 +219,9 @@ def sample_target(
         adapting = max(initialised.seconds for initialised in begun)
         chains, diagnosis = task.produce(walks, adapting, pool, report)
     acceptance = np.array([walk.ensemble.acceptance for walk in walks])
-    seconds = {"adaptation": adapting, "production": task.clock.elapsed() - adapting}
-    adaptations = tuple(walk.adaptation for walk in walks)
-    return Samples(
-        target.posterior.names,
-        chains,
-        acceptance,
-        diagnosis,
-        adaptations,
-        target.coordinates,
-        seconds,
-        task.clock.earlier,
-    )
+    seconds = {"adaptation": adapting, "production": clock.elapsed() - adapting}
+    made = (tuple(walk.adaptation for walk in walks), target.coordinates, seconds, clock.earlier)
+    return Samples(target.posterior.names, chains, acceptance, diagnosis, *made)
 
 
 class Steps:
@@ -270,16 +255,29 @@ class _Task:
 
     def begun(self, number: int, stream: SeedSequence) -> InitialisedEnsemble:
         """An adapted ensemble, from the checkpoint store where it is there."""
-
-        def adapted() -> InitialisedEnsemble:
-            return _prepare(self.target, self.options, stream, self.plan, self.clock, self.watch.of(number))
-
+        adapted = partial(self._adapted, number, stream)
         saved = self.checkpoint_store.holds(name := f"ensemble-{number + 1}")
         begun = load_or_compute(self.checkpoint_store, name, InitialisedEnsemble, adapted)
         if saved:
             self.clock.resume(begun.seconds)
-            _check_densities([begun.walk(self.target)])
+            check_drift(begun.walk(self.target).ensemble.drift())
         return begun
+
+    def _adapted(self, number: int, stream: SeedSequence) -> InitialisedEnsemble:
+        """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
+        adapting, walking = stream.spawn(2)
+        rng, watch = default_rng(adapting), self.watch.of(number)
+        target, walkers = self.target, self.options.walkers
+        prior = draw_cut_prior(target.posterior, max(self.plan.particles, walkers), rng)
+        start = target.coordinates.from_physical(prior.x)
+        adaptation = adapt(target.densities, start, self.plan, rng, watch)
+        chosen = rng.choice(len(adaptation.u), size=walkers, replace=False)
+        straight, mixture = adaptation.proposal.transport_map, adaptation.proposal.mixture
+        begin, _ = straight.inverse(adaptation.u[chosen])
+        ensemble = Ensemble(target.straightened(straight), begin, mixture, walking)
+        watch("first steps")
+        ensemble.advance(WARM_UP_STEPS, keep=False)
+        return InitialisedEnsemble(adaptation, ensemble.state, self.clock.elapsed())
 
     def produce(
         self, walks: list[RunningEnsemble], since: float, pool: Executor, report: Callable[[Progress], None]
@@ -317,33 +315,7 @@ class _Task:
             ensemble.follow(segment)
         if saved:
             self.clock.resume(taken_or_saved.seconds)
-            _check_densities(walks)
-
-
-def _prepare(
-    target: Target,
-    options: SamplingOptions,
-    stream: SeedSequence,
-    plan: AdaptationOptions,
-    clock: Clock,
-    watch: Callable[[str], None],
-) -> InitialisedEnsemble:
-    """Adapt one ensemble from its own prior draws and walk it a little, unrecorded."""
-    adapting, walking = stream.spawn(2)
-    rng = default_rng(adapting)
-    prior = draw_cut_prior(target.posterior, max(plan.particles, options.walkers), rng)
-    adapted = adapt(target.densities, target.coordinates.from_physical(prior.x), plan, rng, watch)
-    chosen = rng.choice(len(adapted.u), size=options.walkers, replace=False)
-    proposal = adapted.proposal
-    start, _ = proposal.transport_map.inverse(adapted.u[chosen])
-    ensemble = Ensemble(target.straightened(proposal.transport_map), start, proposal.mixture, walking)
-    watch("first steps")
-    ensemble.advance(WARM_UP_STEPS, keep=False)
-    return InitialisedEnsemble(adapted, ensemble.state, clock.elapsed())
-
-
-def _check_densities(walks: list[RunningEnsemble]) -> None:
-    check_drift(max(walk.ensemble.drift() for walk in walks))
+            check_drift(max(ensemble.drift() for ensemble in ensembles))
 
 
 PRIOR_DRAWS = 4000

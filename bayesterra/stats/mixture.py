@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.random import Generator
+from numpy.random import Generator, RandomState
 from scipy.special import gammaln
 
 from bayesterra.arrays import FloatArray
@@ -35,17 +35,8 @@ def squared(points: FloatArray, inverse: FloatArray, offsets: FloatArray, out: F
                 out[row, c] += white[c] * white[c]
 
 
-class RandomSource(Protocol):
-    """Methods that both NumPy generators (new and legacy) offer."""
-
-    def random(self, size: int) -> FloatArray:
-        """Uniform draws."""
-
-    def standard_normal(self, size: tuple[int, ...]) -> FloatArray:
-        """Normal draws."""
-
-    def chisquare(self, df: float, size: int) -> FloatArray:
-        """Chi-square draws."""
+RandomSource = Generator | RandomState
+"""NumPy's generators, new and legacy."""
 
 
 class ProposalLaw(Protocol):

@@ -229,12 +229,8 @@ class _Problems:
         ahead = ((s + _reach(s, ds) * ds) * (z + _reach(z, dz) * dz)).mean(axis=1, keepdims=True)
         dp, ds, dz = newton(s * z + ds * dz - (ahead / gap) ** 3 * gap)
         forward, back = 0.995 * _reach(s, ds), 0.995 * _reach(z, dz)
-        return (
-            p + forward * dp,
-            np.maximum(s + forward * ds, LEAST),
-            np.minimum(z + back * dz, GREATEST),
-            solved,
-        )
+        s, z = np.maximum(s + forward * ds, LEAST), np.minimum(z + back * dz, GREATEST)
+        return p + forward * dp, s, z, solved
 
 
 def _reach(value: FloatArray, change: FloatArray) -> FloatArray:

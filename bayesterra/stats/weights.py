@@ -69,11 +69,9 @@ def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
 def largest_power(
     log_factors: FloatArray, most: float, wanted: float, log_weights: FloatArray | float = 0.0
 ) -> float:
-    """Largest power, at most ``most``, of factors that leaves weights an effective number ``wanted``.
+    """Largest power, at most ``most``, of factors (n,) that leaves weights an effective number ``wanted``.
 
-    Parameters
-    ----------
-    log_factors, log_weights : (n,), finite.
+    Logs of both are finite.
     """
 
     def excess(power: float) -> float:
@@ -93,8 +91,9 @@ def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     """
     raw = np.asarray(log_weights, dtype=float)
     plain = raw - logsumexp(raw)
-    ordered, tail = np.sort(raw), _pareto_tail(len(raw))
-    if np.ptp(ordered[-max(5, len(raw) // 5) :]) == 0.0:
+    ordered, n = np.sort(raw), len(raw)
+    tail = int(3 * n**0.5 if n > 225 else n / 5)  # weights that the law is fitted to, as ArviZ takes them
+    if np.ptp(ordered[-max(5, n // 5) :]) == 0.0:
         return plain, 0.0
     if tail < 5 or np.ptp(ordered[-tail:]) == 0.0:  # the same draw over and over, from a walker that stood
         return plain, np.inf
@@ -103,11 +102,6 @@ def pareto_smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     if np.isnan(smoothed).any() or np.isnan(k):
         return plain, np.inf
     return np.asarray(smoothed), float(k)
-
-
-def _pareto_tail(draws: int) -> int:
-    """Number of the largest weights that the Pareto law is fitted to, as ArviZ takes them."""
-    return int(3 * draws**0.5 if draws > 225 else draws / 5)
 
 
 def pareto_limit(draws: int) -> float:

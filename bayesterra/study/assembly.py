@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
-from bayesterra.errors import StudyError
+from bayesterra.errors import StudyError, errors_after
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.parameters import (
     CHANNELS,
@@ -118,11 +118,9 @@ def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Po
     other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
     other |= {OFFSET, *idle}  # a zero error is that of its own test
     names = tuple(name for name in PRIOR_PARAMETERS if name not in other)
-    try:
-        tied = {name for pair in stated.correlation for name in pair.split(", ")}
+    tied = {name for pair in stated.correlation for name in pair.split(", ")}
+    with errors_after("[priors.from] "):
         return tuple(taken(source, names, tied) for source in stated.sources)
-    except StudyError as error:
-        raise StudyError(f"[priors.from] {error}") from error
 
 
 def _add(into: dict[str, Any], additions: Mapping[str, Any], rule: str, label: str) -> None:
@@ -154,9 +152,7 @@ def wheel_soil_model(
 ) -> tuple[WheelSoilModel, list[str]]:
     """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
 
-    Raises
-    ------
-    StudyError : a mean load that the model does not know, or none known; an option outside its range.
+    StudyError for a mean load that the model does not know, or none known, and options outside their ranges.
     """
     arguments, notes = asdict(options), []
     mean = arguments.pop("mean_load")
@@ -166,22 +162,16 @@ def wheel_soil_model(
         )
     if name == LOAD_EFFECT_MODEL:
         if mean is None:
-            mean = _mean_load(rows)
+            if np.isnan(rows.carried).all():
+                raise StudyError(
+                    f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no"
+                    " row has a load"
+                )
+            mean = float(np.nanmean(rows.carried))
             notes.append(f"mean load per wheel W̄ = {mean:.6g} N, the mean of all rows, as none is given")
         arguments["mean_load"] = mean
-    try:
+    with errors_after("[model_options] "):
         return MODELS[name](**arguments), notes
-    except ValueError as error:
-        raise StudyError(f"[model_options] {error}") from error
-
-
-def _mean_load(rows: Observations) -> float:
-    if np.isnan(rows.carried).all():
-        raise StudyError(
-            f"[model_options] 'mean_load' must be given with the model '{LOAD_EFFECT_MODEL}', as no row"
-            " has a load"
-        )
-    return float(np.nanmean(rows.carried))
 
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
@@ -203,10 +193,8 @@ def full_prior(
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
-    try:
+    with errors_after("[priors] "):
         return Prior(entries, width, soil.correlation, soil.mixtures)
-    except StudyError as error:
-        raise StudyError(f"[priors] {error}") from error
 
 
 def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], chosen: str | None) -> None:
@@ -219,10 +207,8 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
                 f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
                 f" (got {shown(value)})"
             )
-    try:
+    with errors_after("[priors] "):
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
-    except ValueError as error:
-        raise StudyError(f"[priors] {error}") from error
 
 
 def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
@@ -234,11 +220,9 @@ def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[
     at = phi.median if isinstance(phi, Law) else float(phi)
     wheels, notes = {}, []
     for name, table in tables.items():
-        try:
+        with errors_after(f"[wheels.{name}] "):
             wheel = Wheel(**asdict(table))
-            wheels[name] = _with_coefficient(wheel, at)
-        except ValueError as error:
-            raise StudyError(f"[wheels.{name}] {error}") from error
+            wheels[name] = with_coefficient(wheel, at)
         if wheels[name] != wheel:
             value = wheels[name].shearing_radius_coefficient
             notes.append(
@@ -247,7 +231,8 @@ def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[
     return wheels, notes
 
 
-def _with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+def with_coefficient(wheel: Wheel, phi: float) -> Wheel:
+    """The same wheel with its shearing-radius coefficient, by (2) at ``phi`` (rad) where none is given."""
     if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
         return wheel
     coefficient = (float(wheel.shearing_radius(phi)) - wheel.radius) / wheel.lug_height
@@ -311,9 +296,7 @@ def load_range(
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Range (N) of the flat prior of a latent load, and a note on it; None where the load is no unknown.
 
-    Raises
-    ------
-    StudyError : no range is given and no normal force measured.
+    StudyError where no range is given and no normal force measured.
     """
     if not drive.latent_load:
         idle = [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
@@ -375,9 +358,7 @@ def errors_of_outcomes(
 ) -> tuple[ModelErrors, list[str]]:
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
 
-    Raises
-    ------
-    StudyError : beside a latent load or Student-t noise.
+    StudyError beside a latent load or Student-t noise.
     """
     if not errors:
         return errors, []
@@ -403,9 +384,7 @@ def check_limits(
 ) -> tuple[Observations, list[str]]:
     """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
 
-    Raises
-    ------
-    StudyError : such a reading is conditioned on, its load is latent, or its rows hang together.
+    StudyError where such a reading is conditioned on, its load is latent, or its rows hang together.
     """
     notes = []
     for name in rows.limits:

@@ -38,13 +38,10 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
-    """Write the study file of simulated measurements that stand in ``measurements.csv`` beside it.
+    """The study file of simulated measurements that stand in ``measurements.csv`` beside it.
 
-    Parameters
-    ----------
-    study : the study that was simulated; its slip and sinkage references are those of its converted rows.
-    truth : SI values of the parameters that the measurements were made with.
-    source : how they were made.
+    ``truth`` are SI values of the parameters that they were made with, ``source`` says how. Slip and sinkage
+    references are those of the converted rows of the study that was simulated.
     """
     title = f"{study.title}, simulated" if study.title else "simulated"
     truth_table = {"truth": _reference(Reference(source=source, values=dict(truth)))}

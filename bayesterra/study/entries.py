@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, known, suggestion
+from bayesterra.errors import (
+    StudyError,
+    check_keys,
+    checked_text,
+    did_you_mean,
+    errors_after,
+    known,
+    suggestion,
+)
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
@@ -57,15 +65,12 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     if isinstance(value, Mapping):
         return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
     if isinstance(value, str) and _NAME.fullmatch(value.strip()):
-        return _tie(name, value.strip())
+        to = value.strip()
+        if to not in PRIOR_PARAMETERS:
+            hint = did_you_mean(to, PRIOR_PARAMETERS)
+            raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
+        return Tie(to)
     return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
-
-
-def _tie(name: str, to: str) -> Tie:
-    if to not in PRIOR_PARAMETERS:
-        hint = did_you_mean(to, PRIOR_PARAMETERS)
-        raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
-    return Tie(to)
 
 
 def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
@@ -81,25 +86,23 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
         raise StudyError(f"'{name}' needs a 'dist', the name of a scipy.stats law (got {entry!r})")
     source = _source(name, entry)
     shapes = _shape_arguments(name, dist)
-    _check_arguments(name, dist, entry, shapes)
+    _check_arguments(name, dist, entry, (*shapes, *_SHIFTS, *_LIMITS))
+    for key in shapes:
+        if key not in entry:
+            raise StudyError(f"'{name}': {dist} needs its argument '{key}'")
     values = {
         key: quantity(item, "" if key in shapes else dimension, f"{name}.{key}", bare=bare)
         for key, item in entry.items()
     }
     limits = {key: values.pop(key) for key in _LIMITS if key in values}
-    try:
+    with errors_after(f"'{name}': "):
         return Law(dist, values, **limits, source=source)
-    except StudyError as error:
-        raise StudyError(f"'{name}': {error}") from error
 
 
 def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> QuantileLaw:
     """A law by the values at its normal scores."""
     source = _source(name, entry)
-    for key in entry:
-        if key not in (*_ROWS, *_LIMITS):
-            keys = (*_ROWS, *_LIMITS, "source")
-            raise StudyError(f"'{name}': unknown argument '{key}' of {TABULATED}{did_you_mean(key, keys)}")
+    _check_arguments(name, TABULATED, entry, (*_ROWS, *_LIMITS))
     columns: dict[str, tuple[float, ...]] = {}
     for key, unit in zip(_ROWS, ("", dimension), strict=True):
         column = entry.get(key)
@@ -109,10 +112,8 @@ def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) 
     limits: dict[str, Any] = {
         key: quantity(entry[key], dimension, f"{name}.{key}", bare=bare) for key in _LIMITS if key in entry
     }
-    try:
+    with errors_after(f"'{name}': "):
         return QuantileLaw(source=source, scores=columns["scores"], values=columns["values"], **limits)
-    except StudyError as error:
-        raise StudyError(f"'{name}': {error}") from error
 
 
 def _source(name: str, entry: dict[str, Any]) -> str:
@@ -152,8 +153,7 @@ def mixtures(value: object) -> dict[str, MixtureCopula]:
     for key, item in table(value, "mixture").items():
         names, what = [part.strip() for part in key.split(",")], f"mixture of '{key}'"
         for name in names:
-            if name not in PARAMETERS:
-                raise StudyError(f"{what}: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
+            known("parameter", name, PARAMETERS, f"{what}: ")
         if len(names) < 2 or len(set(names)) < len(names):
             raise StudyError(f'{what}: a key must name two parameters or more, each once, e.g. "c, phi"')
         if isinstance(item, MixtureCopula):
@@ -162,10 +162,8 @@ def mixtures(value: object) -> dict[str, MixtureCopula]:
         entry = table(item, what)
         if set(entry) != set(_MIXTURE):
             raise StudyError(f"{what} needs {', '.join(_MIXTURE)} (got {', '.join(entry) or 'nothing'})")
-        try:
+        with errors_after(f"{what}: "):
             by_names[", ".join(names)] = MixtureCopula(*(_numbers(entry[name], name) for name in _MIXTURE))
-        except StudyError as error:
-            raise StudyError(f"{what}: {error}") from error
     return by_names
 
 
@@ -210,14 +208,11 @@ def _shape_arguments(name: str, dist: object) -> list[str]:
     return [] if dist in RANGED else [part.strip() for part in (family.shapes or "").split(",") if part]
 
 
-def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], shapes: list[str]) -> None:
-    arguments = (*shapes, *_SHIFTS, *_LIMITS, "source")
+def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], arguments: tuple[str, ...]) -> None:
     for key in entry:
         if key not in arguments:
-            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{did_you_mean(key, arguments)}")
-    for key in shapes:
-        if key not in entry:
-            raise StudyError(f"'{name}': {dist} needs its argument '{key}'")
+            hint = did_you_mean(key, (*arguments, "source"))
+            raise StudyError(f"'{name}': unknown argument '{key}' of {dist}{hint}")
 
 
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
@@ -247,14 +242,11 @@ def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[s
         return {"sd": quantity(entry["sd"], dimension, channel, bare=bare)}
     if set(entry) == {"fraction", "floor"}:
         fraction = quantity(entry["fraction"], "", f"{channel}.fraction")
-        return {"fraction": fraction, "floor": _floor(entry["floor"], channel, bare=bare)}
+        floor = quantity(entry["floor"], dimension, f"{channel}.floor", bare=bare)
+        return {"fraction": fraction, "floor": floor}
     if set(entry) == {"estimate"}:
         return {"law": _estimate(channel, entry["estimate"], bare=bare)}
     raise StudyError(f"'{channel}' must be {_NOISE_FORMS} (got {', '.join(entry) or 'nothing'})")
-
-
-def _floor(value: object, channel: str, *, bare: bool) -> float:
-    return quantity(value, CHANNELS[channel].dimension, f"{channel}.floor", bare=bare)
 
 
 def _estimate(channel: str, value: object, *, bare: bool) -> Law:

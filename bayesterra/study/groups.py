@@ -74,9 +74,7 @@ class Pooling:
     def checked(self, laws: Mapping[str, Law]) -> Pooling:
         """The same with every free parameter in one list and every population's priors known.
 
-        Raises
-        ------
-        StudyError : a parameter has no law of its own; nothing is common to the groups, or everything.
+        StudyError where one has no law of its own, or nothing is common to the groups, or everything.
         """
         for name in (*self.shared, *self.separate, *self.hierarchical):
             if name not in laws:
@@ -95,12 +93,7 @@ class Pooling:
 
 
 def pooling_table(value: object, *, bare: bool) -> Pooling | None:
-    """Read the [pooling] table; None where there is none.
-
-    Raises
-    ------
-    StudyError : an unknown key, column or parameter, or a parameter in two lists.
-    """
+    """The [pooling] table; None without one, StudyError for unknown names or a parameter in two lists."""
     if value is None or isinstance(value, Pooling):
         return value
     content = table(value, "pooling")

@@ -174,12 +174,7 @@ def check_groups(errors: ModelErrors, by: str) -> None:
 
 
 def discrepancies(value: object, *, bare: bool) -> dict[str, Discrepancy]:
-    """Read the [discrepancy] table.
-
-    Raises
-    ------
-    StudyError : an unknown channel or key, or a size, length or kernel that cannot be.
-    """
+    """Read the [discrepancy] table; StudyError for an unknown channel or key, or a number that cannot be."""
     return _by_channel(value, "discrepancy", _discrepancy, Discrepancy, bare=bare)
 
 
@@ -214,9 +209,7 @@ def _by_channel(
 def _discrepancy(channel: str, content: dict[str, Any], *, bare: bool) -> Discrepancy:
     check_keys(content, ("sd", "length", "kernel"), f"'{channel}': ")
     size = _size(content, CHANNELS[channel].dimension, f"'{channel}'", bare=bare)
-    length = _number(content, "length", channel, "the slip over which the error changes, e.g. 0.3")
-    if not 0 < length < np.inf:
-        raise StudyError(f"'{channel}.length' must be a slip above 0 (got {length:g})")
+    length = _number(content, "length", channel, "slip", "the slip over which the error changes, e.g. 0.3")
     kernel = content.get("kernel", KERNELS[0])
     if kernel not in KERNELS:
         raise StudyError(f"'{channel}.kernel' must be one of {', '.join(KERNELS)} (got {kernel!r})")
@@ -226,19 +219,21 @@ def _discrepancy(channel: str, content: dict[str, Any], *, bare: bool) -> Discre
 def _ripple(channel: str, content: dict[str, Any], *, bare: bool) -> Ripple:
     check_keys(content, ("sd", "memory", "period"), f"'{channel}': ")
     size = _size(content, CHANNELS[channel].dimension, f"'{channel}'", bare=bare)
-    memory = _number(content, "memory", channel, "the number of rows that hang together, e.g. 3")
-    if not 0 < memory < np.inf:
-        raise StudyError(f"'{channel}.memory' must be a number of rows above 0 (got {memory:g})")
+    meaning = "the number of rows that hang together, e.g. 3"
+    memory = _number(content, "memory", channel, "number of rows", meaning)
     period = quantity(content["period"], "", f"{channel}.period") if "period" in content else np.inf
     if not period >= 2:
         raise StudyError(f"'{channel}.period' must be 2 rows or more (got {period:g})")
     return Ripple(channel, size, memory, period)
 
 
-def _number(content: Mapping[str, Any], key: str, channel: str, meaning: str) -> float:
+def _number(content: Mapping[str, Any], key: str, channel: str, kind: str, meaning: str) -> float:
     if key not in content:
         raise StudyError(f"'{channel}' needs a '{key}', {meaning}")
-    return quantity(content[key], "", f"{channel}.{key}")
+    number = quantity(content[key], "", f"{channel}.{key}")
+    if not 0 < number < np.inf:
+        raise StudyError(f"'{channel}.{key}' must be a {kind} above 0 (got {number:g})")
+    return number
 
 
 def _size(content: Mapping[str, Any], dimension: str, where: str, *, bare: bool) -> Size:

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import StudyError, checked_name, did_you_mean
+from bayesterra.errors import StudyError, checked_name, did_you_mean, errors_after
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
@@ -111,12 +111,7 @@ class Observations:
         return replace(self, values=values, limits={})
 
     def label(self, by: str) -> tuple[str, ...]:
-        """Group of every row: its wheel, or what a column of ``LABELS`` says.
-
-        Raises
-        ------
-        StudyError : the table has no such column.
-        """
+        """Group of every row: its wheel, or what a column of ``LABELS`` says; StudyError without it."""
         if by == "wheel":
             return self.wheel
         if by not in self.labels:
@@ -141,16 +136,11 @@ class Observations:
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
-    """Read a CSV file as text cells; blank lines do not count as rows.
+    """A CSV file as text cells; StudyError where it is none, or a row is of another length than the header.
 
-    Raises
-    ------
-    StudyError : no such file, not UTF-8 text, no rows, too many, or a row of another length than the header.
+    Blank lines do not count as rows.
     """
-    return _framed(read_cells(Path(path)))
-
-
-def _framed(lines: list[list[str]]) -> pd.DataFrame:
+    lines = read_cells(Path(path))
     if len(lines) < 2:
         raise StudyError("must hold a header and at least one row of measurements (the table is empty)")
     header, *rows = lines
@@ -272,10 +262,8 @@ def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> fl
     pure = unit in (None, "", "-")
     if pure and channel.dimension:
         raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
-    try:
+    with errors_after(f"column '{header}': "):
         return factor(unit or "", channel.dimension) if not pure else 1.0
-    except StudyError as error:
-        raise StudyError(f"column '{header}': {error}") from error
 
 
 def _known_columns() -> list[str]:
@@ -370,10 +358,7 @@ def _referenced(
 def sifted(observations: Observations, problems: Sequence[str | None]) -> Observations:
     """Refuse rows in use that have a problem; leave unused ones out, with one note.
 
-    Parameters
-    ----------
-    observations : m rows.
-    problems : what is wrong with each row, None where nothing is.
+    ``problems`` say what is wrong with each row (m,), None where nothing is.
     """
     for problem, used in zip(problems, observations.use, strict=True):
         if problem and used:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.errors import StudyError, did_you_mean, errors_after
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.dependence import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
@@ -250,7 +250,7 @@ def _law(
     beyond = steps[ndtr(-steps) * size >= BEYOND]
     scores = np.concatenate([-beyond[::-1], [0.0], beyond])
     values = [float(f"{value:.6g}") for value in np.quantile(draws, ndtr(scores))]
-    try:
+    with errors_after(f"draws of '{there}' make no law: "):
         return QuantileLaw(
             lower=max(low, physical[0]),
             upper=min(high, physical[1]),
@@ -258,8 +258,6 @@ def _law(
             scores=tuple(scores.tolist()),
             values=tuple(values),
         )
-    except StudyError as error:
-        raise StudyError(f"draws of '{there}' make no law: {error}") from error
 
 
 def _fidelity(names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float) -> Fidelity:

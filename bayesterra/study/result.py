@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -223,12 +223,7 @@ class Result(DrawnResult):
 
 
 def check_single(call: str, value: object, *kinds: type) -> None:
-    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups.
-
-    Raises
-    ------
-    StudyError : naming the call, what it needs and what was got.
-    """
+    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups."""
     check_kind(call, value, *kinds)
     if isinstance(value, Result) and value.study.pooling is not None:
         raise StudyError(f"{call} needs a result without groups (got a joint posterior of several)")
@@ -398,13 +393,7 @@ PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-base", "arv
 def run_record(
     study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]
 ) -> dict[str, Any]:
-    """Put together the content of ``run.json``.
-
-    Parameters
-    ----------
-    findings : verdicts and figures of the analysis.
-    seconds : wall time by stage.
-    """
+    """Put together the content of ``run.json``: ``findings`` of the analysis, and ``seconds`` by stage."""
     return {**_origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
 
 
@@ -443,20 +432,17 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
     }
 
 
-def _parameter(name: str) -> str:
-    if name not in PARAMETERS:
-        raise ValueError("must be a parameter")
-    return name
+def _one_of(names: Collection[str], what: str) -> AfterValidator:
+    def checked(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"must be {what}")
+        return name
+
+    return AfterValidator(checked)
 
 
-def _channel(name: str) -> str:
-    if name not in CHANNELS:
-        raise ValueError("must be a channel")
-    return name
-
-
-ParameterName = Annotated[str, AfterValidator(_parameter)]
-ChannelName = Annotated[str, AfterValidator(_channel)]
+ParameterName = Annotated[str, _one_of(PARAMETERS, "a parameter")]
+ChannelName = Annotated[str, _one_of(CHANNELS, "a channel")]
 Some = Number | None
 """A number; what is not finite stands as null."""
 

@@ -138,12 +138,21 @@ def _day(value: object) -> object:
 def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | None:
     if value is None:
         return None
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise StudyError(f'\'load_range\' must be two loads, e.g. ["10 N", "40 N"] (got {value!r})')
-    low, high = (quantity(load, "N", "load_range", bare=bare_numbers(info)) for load in value)
+    low, high = _two(value, "load_range", "N", 'two loads, e.g. ["10 N", "40 N"]', bare=bare_numbers(info))
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
     return low, high
+
+
+def _two_slips(value: object) -> tuple[float, float]:
+    return _two(value, "transition_slips", "", "two slips, e.g. [0.15, 0.5]")
+
+
+def _two(value: object, name: str, dimension: str, what: str, *, bare: bool = False) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise StudyError(f"'{name}' must be {what} (got {value!r})")
+    first, second = (quantity(item, dimension, name, bare=bare) for item in value)
+    return first, second
 
 
 def _model(value: object) -> object:
@@ -152,13 +161,6 @@ def _model(value: object) -> object:
         *others, last = (f"'{name}'" for name in MODELS)
         raise StudyError(f"'model' must be {', '.join(others)} or {last} (got {_shortened(value)})")
     return value
-
-
-def _two_slips(value: object) -> tuple[float, float]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise StudyError(f"'transition_slips' must be two slips, e.g. [0.15, 0.5] (got {value!r})")
-    first, second = (quantity(slip, "", "transition_slips") for slip in value)
-    return first, second
 
 
 def _text(value: str, info: ValidationInfo) -> str:

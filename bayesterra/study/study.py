@@ -141,9 +141,7 @@ class Study:
             if name not in self.observations.values or np.shape(column) != (len(self.observations),):
                 raise ValueError(f"'{name}' must be a measured channel of {len(self.observations)} rows")
         merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
-        other = copy(self)
-        object.__setattr__(other, "observations", replace(self.observations, values=merged))
-        return other
+        return self.with_rows(replace(self.observations, values=merged))
 
     def with_use(self, use: BoolArray) -> Study:
         """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
@@ -151,20 +149,22 @@ class Study:
 
     def with_rows(self, rows: Observations) -> Study:
         """The same study with other rows, which hold what its drive conditions on and the same channels."""
+        return self.having(observations=rows)
+
+    def having(self, **attributes: Any) -> Study:
+        """The same study with other attributes, which are taken as they are."""
         other = copy(self)
-        object.__setattr__(other, "observations", rows)
+        for name, value in attributes.items():
+            object.__setattr__(other, name, value)
         return other
 
     def of_group(self, group: str | None) -> Study:
         """The study without groups, of the rows and wheels of one of them; of all rows for None."""
-        alone = copy(self)
-        object.__setattr__(alone, "pooling", None)
         if group is None or self.pooling is None:
-            return alone
+            return self.having(pooling=None)
         rows = self.observations.take(np.array(self.observations.label(self.pooling.by)) == group)
         wheels = {name: wheel for name, wheel in self.wheels.items() if name in rows.wheel}
-        object.__setattr__(alone, "wheels", wheels)
-        return alone.with_rows(replace(rows, notes=()))
+        return self.having(pooling=None, wheels=wheels, observations=replace(rows, notes=()))
 
     def by_group(self) -> dict[str, Study]:
         """Each group of rows in the fit as a study of its own; the study itself, without a name, if none."""

@@ -54,7 +54,9 @@ def factor(unit: str, dimension: str) -> float:
     angle = str(parsed) in ANGLES
     expected = _registry().Unit(dimension)
     if parsed.dimensionality != expected.dimensionality or angle != (dimension == "rad"):
-        raise StudyError(f"the unit '{unit}' is not a unit of {_wanted(dimension)}")
+        example = _EXAMPLES.get(dimension, f"1 {dimension}")
+        wanted = f'{_NAMES.get(dimension, dimension)} (e.g. "{example}")'
+        raise StudyError(f"the unit '{unit}' is not a unit of {wanted}")
     return float(_registry().Quantity(1.0, parsed).to(expected).magnitude)
 
 
@@ -66,10 +68,6 @@ def _parsed(unit: str) -> Any:
     # Pint's parser lets errors of many kinds through, depending on where the text stops making sense.
     except Exception as error:
         raise StudyError(f"unknown unit '{unit}'") from error
-
-
-def _wanted(dimension: str) -> str:
-    return f'{_NAMES.get(dimension, dimension)} (e.g. "{_EXAMPLES.get(dimension, f"1 {dimension}")}")'
 
 
 def quantity(value: object, dimension: str, name: str, *, bare: bool = False) -> float:

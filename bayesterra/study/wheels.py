@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import StudyError, did_you_mean, errors_in
+from bayesterra.errors import StudyError, did_you_mean, errors_after, errors_in
 from bayesterra.models import Wheel
 from bayesterra.stats.laws import Law
 from bayesterra.study import schema
+from bayesterra.study.assembly import with_coefficient
 from bayesterra.study.study import Study
 
 _DATA = {"file": "none", "slip_reference": "shearing"}
@@ -40,10 +41,8 @@ def read_wheel(path: Path) -> tuple[str, Wheel]:
 def wheel_of(name: str, table: object) -> Wheel:
     """The wheel that a table ``[wheels.<name>]`` describes; StudyError for a wrong key or value."""
     checked = schema.checked({"data": _DATA, "wheels": {name: table}}, bare=False).wheels[name]
-    try:
+    with errors_after(f"[wheels.{name}] "):
         return Wheel(**asdict(checked))
-    except ValueError as error:
-        raise StudyError(f"[wheels.{name}] {error}") from error
 
 
 GRID = 61
@@ -94,14 +93,9 @@ def prior_phi(study: Study) -> float:
 
 
 def resolved(wheel: Wheel, phi: float) -> Wheel:
-    """The same wheel with its shearing-radius coefficient, by (2) at ``phi`` (rad) where none is given."""
-    if wheel.lug_height == 0 or wheel.shearing_radius_coefficient is not None:
-        return wheel
-    try:
-        radius = float(wheel.shearing_radius(phi))
-    except ValueError as error:
-        raise StudyError(f"the other wheel's {error}") from error
-    return replace(wheel, shearing_radius_coefficient=(radius - wheel.radius) / wheel.lug_height)
+    """A wheel that is none of the study's, as :func:`bayesterra.study.assembly.with_coefficient`."""
+    with errors_after("the other wheel's "):
+        return with_coefficient(wheel, phi)
 
 
 def measured_loads(study: Study) -> tuple[float, ...]:

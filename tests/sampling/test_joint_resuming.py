@@ -27,7 +27,7 @@ class StoppedError(Exception):
 
 
 @dataclass
-class Notes:
+class Notes(CheckpointStore):
     """A journal in memory, whose process ends at a save; segments that are asked for are noted."""
 
     segments: dict[str, Segment] = field(default_factory=dict)

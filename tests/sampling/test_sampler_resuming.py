@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bayesterra.errors import ResultError
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.runtime.checkpoints import Segment, pack, unpack
+from bayesterra.runtime.checkpoints import CheckpointStore, Segment, pack, unpack
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, EnsembleState
@@ -30,7 +30,7 @@ class Stop(BaseException):
     """The end of a process."""
 
 
-class Memory:
+class Memory(CheckpointStore):
     """A journal in memory, which ends the process after so many notes."""
 
     def __init__(self, notes: Mapping[str, Segment] = {}, *, most: int = 1000) -> None:
