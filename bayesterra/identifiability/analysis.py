@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator, SeedSequence, default_rng
+from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.errors import enumerated
@@ -114,7 +114,8 @@ def analyse(
     engine : traces the profiles; by default this process.
     report : called with the name of each part as it begins.
     """
-    clock, (tracing, *streams) = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
+    clock, streams = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
+    tracing, coupled, informing, cloned, scaling = streams
     profiled = clock(
         "profiles",
         lambda: profiles(
@@ -129,7 +130,12 @@ def analyse(
     )
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
-    drawn = _from_draws(posterior, prior, draws, streams, clock)
+    drawn = FromDraws(
+        clock("coupling", lambda: coupling(posterior, prior, draws, coupled)),
+        clock("information", lambda: information(posterior, prior, draws, informing)),
+        clock("data cloning", lambda: cloning(posterior, prior, draws, cloned, powers=CLONES)),
+        clock("power-scaling", lambda: power_scaling(posterior, prior, draws, scaling)),
+    )
     assessment = Assessment(posterior, prior, draws, seen, spread, profiled, drawn)
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, drawn,
@@ -150,18 +156,6 @@ class _Clock:
         result = work()
         self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
         return result
-
-
-def _from_draws(
-    posterior: Posterior, prior: FloatArray, draws: FloatArray, streams: Sequence[Generator], clock: _Clock
-) -> FromDraws:
-    first, second, third, fourth = streams
-    return FromDraws(
-        clock("coupling", lambda: coupling(posterior, prior, draws, first)),
-        clock("information", lambda: information(posterior, prior, draws, second)),
-        clock("data cloning", lambda: cloning(posterior, prior, draws, third, powers=CLONES)),
-        clock("power-scaling", lambda: power_scaling(posterior, prior, draws, fourth)),
-    )
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -36,7 +36,7 @@ from bayesterra.arrays import FloatArray, spaced
 from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.adaptation import Densities
-from bayesterra.sampling.coordinates import NormalScore, coordinates
+from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture_copula import MixtureCopula
@@ -133,15 +133,7 @@ def cloning(
     start = target.coordinates.from_physical(spaced(draws, DRAWS))
     samples = clouds(target.densities, start, powers, rng)
     physical = [replace(cloud, u=target.coordinates.to_physical(cloud.u)[0]) for cloud in samples]
-    laws = posterior.prior.laws.values()
-    return cloned(posterior.names, powers, physical, prior, partial(_scores, tuple(laws)))
-
-
-def _scores(laws: Sequence[Law], x: FloatArray) -> FloatArray:
-    """Normal scores (n, d) of parameter sets (n, d) under their stated laws, which are smooth."""
-    return np.column_stack(
-        [NormalScore(law).from_physical(column) for law, column in zip(laws, x.T, strict=True)]
-    )
+    return cloned(posterior.names, powers, physical, prior, posterior.prior.scores)
 
 
 def clouds(densities: Densities, start: FloatArray, powers: Sequence[int], rng: Generator) -> list[Cloud]:
@@ -405,11 +397,6 @@ def power_word(own: float, cut_own: float, strongest: float, likelihood: float) 
     if own >= max(REPEATED * cut_own, SENSITIVE):
         return "repeats its prior"
     return "another's prior" if strongest >= SENSITIVE else "unmoved"
-
-
-def log_normal(law: Law, x: FloatArray) -> FloatArray:
-    """Log density (n,) of the normal scores of values under their law, up to a constant."""
-    return np.asarray(-0.5 * law.score(x) ** 2)
 
 
 @dataclass(frozen=True)
