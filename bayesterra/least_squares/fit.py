@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from time import perf_counter
 
@@ -79,7 +79,8 @@ def fit(
         raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
     fits: dict[str, Fit] = {}
     for method in sorted(methods, key=METHODS.index):
-        fits[method] = _RUN[method](method, study, overrides, fits)
+        run = _fit_joint if method == "joint" else _fit_groups
+        fits[method] = run(method, study, overrides, fits)
     if fits and all(not result.path for result in fits.values()):
         reasons = dict.fromkeys(note for result in fits.values() for note in result.notes)
         raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
@@ -195,14 +196,6 @@ def _offset_note(study: Study) -> tuple[str, ...]:
     offset = known_offset(study)
     stated = OFFSET in study.prior.entries
     return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if stated else ()
-
-
-_RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {
-    "IM1": _fit_groups,
-    "IM2": _fit_groups,
-    "IM3": _fit_groups,
-    "joint": _fit_joint,
-}
 
 
 def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> list[FloatArray]:

@@ -135,7 +135,8 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     columns, likelihood = settings.free(settings.names), posterior.likelihood
     _check_count(likelihood, len(columns))
     box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
-    misfit = _misfit(posterior, settings, _prior_medians(posterior))
+    medians = {noise.channel: noise.law.median for noise in likelihood.noise if noise.law}
+    misfit = _misfit(posterior, settings, medians)
     minima = [
         minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
         for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], box)
@@ -181,10 +182,6 @@ def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
     """Ranges (k,) of the parameters; held ones have none, for they cannot move."""
     held = np.isin(settings.names, settings.held)
     return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
-
-
-def _prior_medians(posterior: Posterior) -> dict[str, float]:
-    return {noise.channel: noise.law.median for noise in posterior.likelihood.noise if noise.law}
 
 
 def _residual_sd(
