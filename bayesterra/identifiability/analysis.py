@@ -122,12 +122,11 @@ def analyse(
             posterior, rng=tracing, draws=draws, prior_draws=prior, references=mode, engine=engine
         ),
     )
-    best = clock(
-        "local analysis", lambda: local_analysis(posterior, profiled.best["posterior"], prior, draws)
-    )
-    spread = clock(
-        "local analysis", lambda: local_analysis(posterior, spaced(draws, LOCAL_DRAWS), prior, draws)
-    )
+
+    def local(x: FloatArray) -> LocalAnalysis:
+        return clock("local analysis", lambda: local_analysis(posterior, x, prior, draws))
+
+    best, spread = local(profiled.best["posterior"]), local(spaced(draws, LOCAL_DRAWS))
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
     drawn = FromDraws(
@@ -279,6 +278,14 @@ GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
+NOT_FIXED = {
+    "repeats its prior": ("{} repeats its prior", "{} repeat their priors"),
+    "moved": ("{} moved away from its prior", "{} moved away from their priors"),
+    STRUCTURAL: ("no data of this design can determine {}",) * 2,
+}
+"""What is said of one parameter of a verdict, and of several."""
+
+
 def in_a_sentence(
     counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str]
 ) -> str:
@@ -295,16 +302,9 @@ def in_a_sentence(
         _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
     ]
     texts = [enumerated(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
-    if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
-        texts.append(
-            f"{enumerated(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}"
-        )
-    if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
-        texts.append(
-            f"{enumerated(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}"
-        )
-    if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
-        texts.append(f"no data of this design can determine {enumerated(names)}")
+    for verdict, forms in NOT_FIXED.items():
+        if names := [symbol(name) for name, word in verdicts.items() if word == verdict]:
+            texts.append(forms[len(names) > 1].format(enumerated(names)))
     return f"These data fix {'; '.join(texts)}."
 
 

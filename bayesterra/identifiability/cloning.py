@@ -201,7 +201,14 @@ def cloned(
         eigenvalues=np.array([variances for variances, _ in along]),
         parameters=_slopes("parameter", names, powers, own, sound=sound),
         directions=_slopes("combination", words, powers, along, sound=sound),
-        sampling=_sampling(powers, samples),
+        sampling=pd.DataFrame(
+            {
+                "power": list(powers),
+                **{name: [getattr(cloud, name) for cloud in samples] for name in ("effective", "k_hat")},
+                "limit": [pareto_limit(len(cloud.u)) for cloud in samples],
+                "reliable": [cloud.reliable for cloud in samples],
+            }
+        ),
     )
 
 
@@ -215,18 +222,6 @@ def _spread(x: FloatArray, directions: FloatArray, weights: FloatArray) -> Sprea
     squared = (along - weights @ along) ** 2
     variances = weights @ squared
     return variances, np.sqrt(weights**2 @ (squared / variances - 1.0) ** 2)
-
-
-def _sampling(powers: Sequence[int], samples: Sequence[Cloud]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "power": list(powers),
-            "effective": [cloud.effective for cloud in samples],
-            "k_hat": [cloud.k_hat for cloud in samples],
-            "limit": [pareto_limit(len(cloud.u)) for cloud in samples],
-            "reliable": [cloud.reliable for cloud in samples],
-        }
-    )
 
 
 def _slopes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis, in_a_sentence
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
@@ -150,12 +150,15 @@ def contraction(result: Result, ax: Axes | None = None) -> Axes:
     places = np.arange(len(rows))
     values = np.clip([row.contraction for row in rows.values()], 0.0, 1.0)
     ax.barh(places, values, height=0.55, color=POSTERIOR, alpha=0.75)
+    return _named_bars(ax, places, rows, "contraction 1 − var(posterior) / var(prior)")
+
+
+def _named_bars(ax: Axes, places: IntArray, names: Iterable[str], title: str) -> Axes:
+    """Name the parameters of bars of contraction, and draw the limits of the verdicts."""
     for limit in (WEAK, DETERMINED):
         ax.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    names = [label(PARAMETERS[name], unit=False) for name in rows]
-    ax.set(
-        yticks=places, yticklabels=names, xlim=(0, 1), xlabel="contraction 1 − var(posterior) / var(prior)"
-    )
+    labels = [label(PARAMETERS[name], unit=False) for name in names]
+    ax.set(yticks=places, yticklabels=labels, xlim=(0, 1), xlabel=title)
     ax.tick_params(axis="y", length=0)
     return ax
 
@@ -455,10 +458,5 @@ def contraction_bars(information: Information, ax: Axes | None = None) -> Axes:
     for column, shift, colour, said in bars:
         shares = np.clip(table[column].to_numpy(dtype=np.float64), 0.0, 1.0)
         ax.barh(places + shift, shares, height=0.32, color=colour, alpha=0.75, label=said)
-    for limit in (WEAK, DETERMINED):
-        ax.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    names = [label(PARAMETERS[name], unit=False) for name in table["parameter"]]
-    ax.set(yticks=places, yticklabels=names, xlim=(0, 1), xlabel="contraction 1 − var(after) / var(before)")
-    ax.tick_params(axis="y", length=0)
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=1)
-    return ax
+    return _named_bars(ax, places, table["parameter"], "contraction 1 − var(after) / var(before)")

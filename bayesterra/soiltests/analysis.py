@@ -116,20 +116,7 @@ def analyse(
     report: Callable[[Progress], None] = lambda progress: None,
     plan: AdaptationOptions = PLAN,
 ) -> SoilTestResult:
-    """Sample the posterior of a soil test and set it beside least squares.
-
-    Parameters
-    ----------
-    test : what to analyse.
-    seed : same seed, same draws on one machine.
-    report : called as the sampling goes on.
-    plan : size of the adaptation.
-
-    Raises
-    ------
-    StudyError : every parameter is fixed.
-    SupportError : the prior leaves no physical parameter set.
-    """
+    """Sample the posterior of a loaded test; see :func:`soil_test`. ``plan``: size of the adaptation."""
     started = time.perf_counter()
     posterior = TestPosterior.of(test)
     if not posterior.names:
