@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,3 +23,14 @@ def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
 def spaced(draws: FloatArray, most: int) -> FloatArray:
     """At most this number of draws (n, ...), evenly spaced."""
     return draws[:: max(1, -(-len(draws) // most))]
+
+
+def answered_quantiles(values: FloatArray, levels: Sequence[float]) -> FloatArray:
+    """Quantiles (k, ...) over those draws (n, ...) that are finite, place by place; NaN where none is."""
+    quantiles = np.full((len(levels), *values.shape[1:]), np.nan)
+    for place in np.ndindex(values.shape[1:]):
+        drawn = values[(slice(None), *place)]
+        answered = drawn[np.isfinite(drawn)]
+        if answered.size:
+            quantiles[(slice(None), *place)] = np.quantile(answered, levels)
+    return quantiles

@@ -19,7 +19,9 @@ from tests.support.adaptation import little_adaptation as with_little_adaptation
 if TYPE_CHECKING:
     from tests.support.shared import Shared
 
-pytest_plugins = [f"tests.support.{name}" for name in ("one_wheel", "folder", "followed", "shared")]
+pytest_plugins = [
+    f"tests.support.{name}" for name in ("one_wheel", "two_wheels", "folder", "followed", "shared")
+]
 """Fixtures of several rooms."""
 
 HIT = STUDIES / "hit-wh32"

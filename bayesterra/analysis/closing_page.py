@@ -7,14 +7,12 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup
 
 from bayesterra.analysis.findings_page import bounded
-from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import CHANNELS, PARAMETERS, field_values
+from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, share, with_error
 from bayesterra.report.sections import Section, origin_rows
@@ -60,14 +58,10 @@ def _value_row(result: Result, name: str, points: Mapping[str, Mapping[str, floa
         step = resolution(*row.hdi)
         own = (rounded(row.median, step), rounded(row.mode, step), interval(*row.hdi))
     cells = (
-        _flag(result, method, name) + _shown(values.get(name), scale, step)
+        _flag(result, method, name) + rounded(values.get(name, np.nan) / scale, step)
         for method, values in points.items()
     )
     return symbol(name), unit(name) or NOTHING, *own, *cells
-
-
-def _shown(value: float | None, scale: float, step: float) -> str:
-    return NOTHING if value is None else rounded(value / scale, step)
 
 
 def _flag(result: Result, method: str, name: str) -> str:
@@ -77,29 +71,25 @@ def _flag(result: Result, method: str, name: str) -> str:
 
 
 def _standing(result: Result) -> Table:
-    channels = _judged(result.least_squares)
+    table = result.least_squares
+    errors = table[table["parameter"].str.startswith("error_") & table["value"].notna()]
+    judged = set(errors["parameter"].str.removeprefix("error_"))
+    channels = [name for name in CHANNELS if name in judged]
     standings, fits = result.record["standings"], result.record["fits"]
-    judged = ("mode", *complete(result))
+    whole = ("mode", *complete(result))
     rows = [
-        _standing_row(name, standings[name], fits.get(name), channels, judged=name in judged)
+        _standing_row(name, standings[name], fits.get(name), channels, judged=name in whole)
         for name in ("mode", *estimates(result))
     ]
-    errors = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
+    heads = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
     caption = (
         "Where each estimate stands: the share of draws of higher density (small: a typical good fit; near "
         "100 %: practically no draw is as improbable; the mode's is 0 by definition), and the largest "
         "misfit in percent of the largest reading, (16). IM1, IM2 and IM3 take the measured sinkage as "
         "given, joint and the posterior weight all channels by their noise."
     )
-    header = ("estimate", "denser draws", "standing", "converged", "passes", *errors)
+    header = ("estimate", "denser draws", "standing", "converged", "passes", *heads)
     return Table(caption, "lrllr" + "r" * len(channels), header, tuple(rows))
-
-
-def _judged(table: pd.DataFrame) -> list[str]:
-    """Channels for which any method has an error."""
-    errors = table[table["parameter"].str.startswith("error_") & table["value"].notna()]
-    channels = set(errors["parameter"].str.removeprefix("error_"))
-    return [name for name in CHANNELS if name in channels]
 
 
 def _standing_row(
@@ -264,17 +254,17 @@ def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
 
 
 def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
-    prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
     body: list[tuple[Cell, ...]] = []
     for name, row in rows.items():
-        low, high = hdi(prior[name], CREDIBLE)
+        prior = result.column(name, "prior")
+        low, high = hdi(prior, CREDIBLE)
         before, after = resolution(low, high), resolution(*row.hdi)
-        bits, error = (value / BIT for value in divergence(draws[name], prior[name]))
+        bits, error = (value / BIT for value in divergence(result.column(name), prior))
         body.append(
             (
                 symbol(name),
                 unit(name) or NOTHING,
-                rounded(float(np.median(prior[name])), before),
+                rounded(float(np.median(prior)), before),
                 interval(low, high, before),
                 rounded(row.median, after),
                 interval(*row.hdi, after),
@@ -292,25 +282,18 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
 
 
 def _correlations(result: Result, names: list[str]) -> Blocks:
-    prior, draws = (_columns(result, group) for group in ("prior", "posterior"))
-    body: list[tuple[float, tuple[Cell, ...]]] = []
+    pairs = []
     for a, b in combinations(names, 2):
-        before, after = (float(np.corrcoef(x[a], x[b])[0, 1]) for x in (prior, draws))
+        columns = ((result.column(a, group), result.column(b, group)) for group in ("prior", "posterior"))
+        before, after = (float(np.corrcoef(x, y)[0, 1]) for x, y in columns)
         if max(abs(before), abs(after)) >= NOTABLE:
-            change = abs(after - before)
-            cells = (symbols((a, b)), number(before, 2), number(after, 2))
-            body.append((-change, cells))
-    if not body:
+            pairs.append((symbols((a, b)), before, after))
+    if not pairs:
         return ()
+    pairs.sort(key=lambda pair: -abs(pair[2] - pair[1]))
     caption = (
         f"Correlations before and after the readings, where one of them is {NOTABLE:g} or more; those that "
         "changed most come first."
     )
-    ordered = tuple(cells for _, cells in sorted(body, key=lambda item: item[0]))
-    return (Table(caption, "lrr", ("", "before", "after"), ordered),)
-
-
-def _columns(result: Result, group: str) -> dict[str, FloatArray]:
-    """Draws (n,) by parameter, in field units."""
-    values = result.values(group)
-    return {name: field_values(name, values[:, i]) for i, name in enumerate(result.names)}
+    rows = tuple((pair, number(before, 2), number(after, 2)) for pair, before, after in pairs)
+    return (Table(caption, "lrr", ("", "before", "after"), rows),)

@@ -10,11 +10,11 @@ from markupsafe import Markup
 
 from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
-from bayesterra.parameters import PARAMETERS, field_values
+from bayesterra.parameters import PARAMETERS
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import MINUS, given, interval, share
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
-from bayesterra.study.page import StripRow, axis, keys, strip_row
+from bayesterra.study.page import StripRow, axis, strip_row
 from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 
 FAR = 0.99
@@ -85,25 +85,21 @@ def from_the_prior(result: Result) -> Markup:
     rows = identifiability_rows(result)
     moved = [name for name, row in rows.items() if row.verdict == "moved"]
     names = [name for name, row in rows.items() if row.contraction < WEAK and name not in moved]
-    first = (
-        Markup(
-            "{} alone {} hardly better known than before the test: the prior speaks, not the data."
-        ).format(symbols(names), "is" if len(names) == 1 else "are")
-        if names
-        else Markup("")
-    )
     ends = Markup("; ").join(
         Markup("{} at its {} bound").format(symbol(n), end)
         for n, end in bounded(result)
         if n not in (*names, *moved)  # what repeats a bounded prior ends where the prior does
     )
-    second = Markup("Cut off by a bound of the prior: {}.").format(ends) if ends else Markup("")
-    against = (
-        Markup("{} hardly narrowed but moved: prior and data disagree.").format(symbols(moved))
-        if moved
-        else Markup("")
-    )
-    return Markup(" ").join(part for part in (against, first, second) if part)
+    sentences = []
+    if moved:
+        text = Markup("{} hardly narrowed but moved: prior and data disagree.")
+        sentences.append(text.format(symbols(moved)))
+    if names:
+        text = Markup("{} alone {} hardly better known than before the test: the prior speaks, not the data.")
+        sentences.append(text.format(symbols(names), "is" if len(names) == 1 else "are"))
+    if ends:
+        sentences.append(Markup("Cut off by a bound of the prior: {}.").format(ends))
+    return Markup(" ").join(sentences)
 
 
 def bounded(result: Result) -> list[tuple[str, str]]:
@@ -241,29 +237,20 @@ def next_measurement(result: Result) -> Markup:
     return Markup("By the couplings above, {}.").format(text) if hints else Markup("")
 
 
-def strip(result: Result) -> tuple[StripRow, ...]:
-    """All free parameters."""
-    return tuple(_row(result, name) for name in result.names)
-
-
-def legend(result: Result) -> tuple[tuple[Markup, str], ...]:
-    """Small drawings and what they stand for."""
-    return keys(estimates(result))
-
-
 def mode_outside(result: Result) -> tuple[str, ...]:
     """Parameters whose posterior mode lies outside their 90 % HDI by more than a twentieth of its width."""
     rows = summary_rows(result)
     return tuple(name for name in result.names if rows[name].mode_outside)
 
 
-def _row(result: Result, name: str) -> StripRow:
-    column, scale = result.names.index(name), PARAMETERS[name].scale
-    prior, posterior = (field_values(name, result.values(g)[:, column]) for g in ("prior", "posterior"))
-    points = {method: v[name] / scale for method, v in estimates(result).items() if name in v}
-    hollow = [method for method in points if name in held(result, method)]
-    along, row = axis(result, name), summary_rows(result)[name]
-    return strip_row(PARAMETERS[name], along, row, (prior, posterior), points, _words(result, name), hollow)
+def strip(result: Result) -> Iterator[StripRow]:
+    """All free parameters."""
+    for name in result.names:
+        drawn = (result.column(name, "prior"), result.column(name))
+        points = {m: v[name] / PARAMETERS[name].scale for m, v in estimates(result).items() if name in v}
+        hollow = [method for method in points if name in held(result, method)]
+        along, row = axis(result, name), summary_rows(result)[name]
+        yield strip_row(PARAMETERS[name], along, row, drawn, points, _words(result, name), hollow)
 
 
 def _words(result: Result, name: str) -> tuple[str, Markup]:

@@ -1,4 +1,4 @@
-"""The main job: a study in, a result out."""
+"""The main job: a study in, a result out; or its prior alone, before any reading exists."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.analysis.result import RunResult, curves_dataset, draws_tree
+from bayesterra.analysis.result import PriorResult, RunResult, curves_dataset, draws_tree, predictions_dataset
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.predictive import (
     RowPredictions,
@@ -23,6 +23,7 @@ from bayesterra.checking.predictive import (
     predictive_table,
 )
 from bayesterra.checking.validation import validate
+from bayesterra.errors import check_kind, check_seed
 from bayesterra.identifiability import analysis as identifiability_analysis
 from bayesterra.identifiability import structure as structures
 from bayesterra.identifiability.information import information
@@ -30,16 +31,20 @@ from bayesterra.identifiability.verdicts import Identifiability, identifiability
 from bayesterra.least_squares import results
 from bayesterra.least_squares.fit import fit_all
 from bayesterra.least_squares.results import Fit, PointEstimate, locate, report_table
+from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
-from bayesterra.parameters import PRIOR_PARAMETERS
+from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Parameter
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
+from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.importance import Evidence, ensembles_evidence
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
+from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
+from bayesterra.study.result import conditions_dataset, parameter_dataset
 from bayesterra.study.study import Study
 
 MODE_DRAWS = 4000
@@ -246,3 +251,80 @@ class Analysis:
         table = report_table(self.fits, self.study)
         levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
         return table.assign(credible_level=table["method"].map(levels))
+
+
+DRAWS = 4000
+"""Draws of a prior alone."""
+CREDIBLE = 0.9
+
+
+def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
+    """Draw from the prior cut to the physical support and predict the rows of the table.
+
+    Parameters
+    ----------
+    study : what to analyse; ``load_study(path, prior_only=True)`` reads one without readings.
+    seed : same seed, same draws.
+
+    Raises
+    ------
+    StudyError : no study is given.
+    SupportError : the prior leaves no parameter set that fits the conditions of the table.
+    """
+    check_kind("bt.run_prior", study, Study)
+    check_seed(seed)
+    drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
+    target = posterior(study)
+    cut = draw_cut_prior(target, DRAWS, drawing)
+    failures = Failures()
+    predictions = failures.attempt(
+        "prior_predictive",
+        lambda: predict_rows(study, target, cut.x, predicting, before=True),
+        lambda: no_rows(study, len(cut.x)),
+    )
+    curves = failures.attempt(
+        "curves",
+        lambda: {"curves": curves_dataset(predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting))},
+        dict[str, xr.Dataset],
+    )
+    groups = {
+        "prior": parameter_dataset(target.names, cut.x[None]),
+        "prior_predictive": predictions_dataset(study, predictions),
+        "constant_data": conditions_dataset(study),
+        **curves,
+    }
+    record = result.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
+    return PriorResult(
+        study=study,
+        draws=labelled_tree(groups),
+        summary=_summary(study, cut.x, failures),
+        predictive=predictive_table(study, predictions),
+        record=with_failures(record, failures),
+    )
+
+
+def _summary(study: Study, x: FloatArray, failures: Failures) -> pd.DataFrame:
+    derived = failures.attempt(
+        "derived", lambda: derive(study, study.prior.soil_values(x[:CURVE_DRAWS])), dict[str, FloatArray]
+    )
+    quantities: Mapping[str, Parameter] = {**{n: PARAMETERS[n] for n in study.prior.names}, **DERIVED}
+    values = {**dict(zip(study.prior.names, x.T, strict=True)), **derived}
+    rows = [
+        _row(quantity, values[name][np.isfinite(values[name])] / quantity.scale)
+        for name, quantity in quantities.items()
+        if name in values and np.isfinite(values[name]).any()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _row(quantity: Parameter, values: FloatArray) -> dict[str, Any]:
+    low, high = hdi(values, CREDIBLE)
+    return {
+        "parameter": quantity.name,
+        "unit": quantity.unit,
+        "prior_mean": values.mean(),
+        "prior_median": np.median(values),
+        "prior_sd": values.std(),
+        "prior_hdi90_lo": low,
+        "prior_hdi90_hi": high,
+    }

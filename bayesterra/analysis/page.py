@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.analysis.closing_page import added_sections, methods_section, prior_section, reproduce_section
-from bayesterra.analysis.findings_page import Finding, findings, legend, strip
+from bayesterra.analysis.findings_page import Finding, findings, strip
 from bayesterra.analysis.outputs_page import (
     Driving,
     driving,
@@ -17,7 +17,8 @@ from bayesterra.analysis.outputs_page import (
     predictive_section,
     sampling_section,
 )
-from bayesterra.checking.validation import FitCheck, Validation, fit_checks, spread_draws
+from bayesterra.checking.predictive_checks import PredictiveChecks
+from bayesterra.checking.validation import FitCheck, Validation, estimates, fit_checks, spread_draws
 from bayesterra.checking.validation_page import (
     alarm_sentence,
     alarming,
@@ -48,7 +49,7 @@ from bayesterra.report.sections import (
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.page import StripRow, sampling_verdict, unconverged
+from bayesterra.study.page import StripRow, keys, sampling_verdict, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
@@ -72,7 +73,9 @@ def run_page(result: Result) -> Page:
         verdict(failures, "Model fit", lambda: fit_verdict(result, checks)),
         verdict(failures, "Identifiability", lambda: identifiability_verdict(result)),
     )
-    shown = failures.attempt("report: strip", lambda: (strip(result), legend(result)), lambda: ((), ()))
+    shown = failures.attempt(
+        "report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ())
+    )
     driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
     statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
     sections = _sections(result, failures)
@@ -136,25 +139,21 @@ def _facts(result: Result) -> tuple[str, ...]:
 
 def warning(result: Result) -> Markup:
     """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
-    return Markup(" ").join(part for part in (_misfit(result), _unsettled(result)) if part)
-
-
-def _misfit(result: Result) -> Markup:
-    """Warning that the model cannot make readings like these; empty where it can, or that is not known."""
-    checks = Validation.from_record(result.record).checks
-    if checks is None or not checks.alarm:
-        return Markup("")
-    return misfit_warning(alarm_sentence(checks))
-
-
-def _unsettled(result: Result) -> Markup:
-    """Advice about a sampling that has not converged; empty where it has."""
-    return unconverged(
+    checks = _contradiction(result)
+    misfit = misfit_warning(alarm_sentence(checks)) if checks else Markup("")
+    unsettled = unconverged(
         result,
         "The sampling has <b>not converged</b>: intervals and verdicts below may be wrong. What to do: {}. "
         "A greater <code>max_steps</code> in [sampling] lets it run longer; tighter priors or fewer free "
         "parameters make it easier.",
     )
+    return Markup(" ").join(filter(None, (misfit, unsettled)))
+
+
+def _contradiction(result: Result) -> PredictiveChecks | None:
+    """The checks where they say that the model cannot make readings like these; else None."""
+    checks = Validation.from_record(result.record).checks
+    return checks if checks is not None and checks.alarm else None
 
 
 FEW_READINGS = 3
@@ -170,20 +169,11 @@ def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
     overstated = [check.channel for check in checks if check.overstated]
     if overstated:
         sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
-    return Verdict(
-        "Model fit",
-        "not adequate" if predictive_checks.alarm else "adequate",
-        "poor" if predictive_checks.alarm else "good",
-        sentence + few_readings(result, checks),
-    )
-
-
-def few_readings(result: Result, checks: tuple[FitCheck, ...]) -> Markup:
-    """A warning where there are so few readings that the model can bend to them."""
     count, free = sum(check.readings for check in checks), len(result.names)
-    if count >= FEW_READINGS * free:
-        return Markup("")
-    return Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
+    if count < FEW_READINGS * free:  # the model can bend to them
+        sentence += Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
+    word, grade = ("not adequate", "poor") if predictive_checks.alarm else ("adequate", "good")
+    return Verdict("Model fit", word, grade, sentence)
 
 
 def identifiability_verdict(result: Result) -> Verdict:
@@ -197,10 +187,8 @@ def identifiability_verdict(result: Result) -> Verdict:
     determined, of = counts[0]["determined"], counts[0]["directions"]
     alone = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
     on_their_own = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
-    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}").format(
-        on_their_own
-    )
-    sentence = finding(result) or plain
+    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}")
+    sentence = finding(result) or plain.format(on_their_own)
     grade = "good" if determined == of else "fair" if determined else "poor"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
 
@@ -214,10 +202,12 @@ def data_section(result: Result) -> Blocks:
 
 def _priors(result: Result) -> Table:
     entries = result.study.prior.entries
+    rows = summary_rows(result)
     body: list[tuple[Cell, ...]] = []
     for name in (name for name in PARAMETERS if name in entries):
-        law = stated_law(name, entries[name])
-        body.append((symbol(name), angles(PARAMETERS[name].description), law, *_cut_moments(result, name)))
+        cut = moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
+        what = (symbol(name), angles(PARAMETERS[name].description))
+        body.append((*what, stated_law(name, entries[name]), *cut))
     caption = (
         f"Prior laws as stated in the study, {_joined(result.study)}; mean and standard deviation of the "
         "prior after the physical cut, in the same unit. Wherever this report says prior, the cut one is "
@@ -235,19 +225,16 @@ def _joined(study: Study) -> str:
     return f"joined by {' and '.join(parts)}" if parts else "independent of each other"
 
 
-def _cut_moments(result: Result, name: str) -> tuple[str, str]:
-    rows = summary_rows(result)
-    return moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
-
-
 def run_overview(result: Result) -> Overview:
     """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
     lines = [Text(verdict_line(result.record))]
     laws = result.study.prior.laws.values()
     earlier = dict.fromkeys(law.source for law in laws if isinstance(law, QuantileLaw) and law.source)
     lines += [Text(f"Prior: {source}.") for source in earlier]
-    if misfit := misfit_line(result):
-        lines.append(Text(misfit, "poor"))
+    if checks := _contradiction(result):
+        misfits = (f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks))
+        words = f"{'; '.join(misfits)} (overall p {probability(checks.overall)})"
+        lines.append(Text(misfit_text(words), "poor"))
     if crosscheck := result.record.get("crosscheck"):
         verdict = f"{crosscheck['verdict']} ({crosscheck['worst']})"
         lines.append(Text(f"Cross-check by nested sampling: {verdict}."))
@@ -275,14 +262,3 @@ def _verdict(row: IdentifiabilityRow) -> str:
     if row.verdict != "coupled":
         return row.word
     return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
-
-
-def misfit_line(result: Result) -> str:
-    """One line where the model cannot make readings like these, with what is wrong; else empty."""
-    checks = Validation.from_record(result.record).checks
-    if checks is None or not checks.alarm:
-        return ""
-    misfits = "; ".join(
-        f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks)
-    )
-    return misfit_text(f"{misfits} (overall p {probability(checks.overall)})")

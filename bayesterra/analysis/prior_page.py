@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from bayesterra.analysis.prior_only import PriorResult
+from bayesterra.analysis.result import PriorResult
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support

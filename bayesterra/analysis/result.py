@@ -1,9 +1,10 @@
-"""Result of a run on one soil: its labelled draws, its record, its folder read back, its page."""
+"""Results of a run on one soil and of a prior: labelled draws, record, folder read back, page."""
 # ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired
 
@@ -13,7 +14,7 @@ import xarray as xr
 from pydantic import AfterValidator
 from typing_extensions import TypedDict
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
 from bayesterra.checking.predictive import Curves, RowPredictions
 from bayesterra.checking.validation import Validation
 from bayesterra.errors import ResultError
@@ -27,7 +28,9 @@ from bayesterra.runtime.tables import Count, Number, read_csv
 from bayesterra.study.result import (
     CURVE_QUANTILES,
     ChannelName,
+    DrawnResult,
     ParameterName,
+    PriorRecord,
     Result,
     Some,
     StudyRecord,
@@ -129,6 +132,29 @@ class RunResult(Result):
     def validation(self) -> Validation:
         """Predictive checks under posterior and prior, and leave-one-out by row."""
         return Validation.from_record(self.record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorResult(DrawnResult):
+    """Result of a study before its readings.
+
+    Attributes
+    ----------
+    study : what was asked; its readings, where there are any, are not used.
+    draws : xarray DataTree with the groups prior, prior_predictive, constant_data and curves; SI, radians.
+    summary : one row per parameter and derived quantity, in field units, of the prior after the physical cut.
+    predictive : per row and channel: quantiles of readings that the prior predicts, in field units.
+    record : versions, seed, fingerprints and shares of the prior by reason of the cut.
+    """
+
+    TABLES = ("summary", "predictive")
+    RECORD = PriorRecord
+    GROUP = "prior"
+    VIEW = "bayesterra.analysis.prior_page:prior"
+    WITH_STUDY = True
+
+    study: Study
+    predictive: pd.DataFrame
 
 
 NUMBER, TEXT = "number", "text"
@@ -384,7 +410,7 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
     dims = ("wheel", "quantile", "point", "outcome")
     with np.errstate(all="ignore"):
         stacks = {
-            name: np.stack([_quantiles(getattr(curve, name)) for curve in curves])
+            name: np.stack([answered_quantiles(getattr(curve, name), CURVE_QUANTILES) for curve in curves])
             for name in ("modelled", "readings")
         }
     dataset = labelled_dataset(
@@ -399,14 +425,3 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
         quantile=list(CURVE_QUANTILES),
         outcome=list(curves[0].outcomes),
     )
-
-
-def _quantiles(values: FloatArray) -> FloatArray:
-    """Quantiles over draws (n, g, k) of the draws that have an answer, (quantiles, g, k)."""
-    filled = np.moveaxis(values, 0, -1)
-    result = np.full((len(CURVE_QUANTILES), *filled.shape[:-1]), np.nan)
-    for index in np.ndindex(filled.shape[:-1]):
-        answered = filled[index][np.isfinite(filled[index])]
-        if answered.size:
-            result[(slice(None), *index)] = np.quantile(answered, CURVE_QUANTILES)
-    return result

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from bayesterra.analysis import inference
-from bayesterra.analysis.prior_only import PriorResult, run_prior
-from bayesterra.analysis.result import RunResult, is_pooled, is_prior, read_pooled, read_result
+from bayesterra.analysis.inference import run_prior
+from bayesterra.analysis.result import PriorResult, RunResult, is_pooled, is_prior, read_pooled, read_result
 from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
@@ -161,7 +161,7 @@ def _finished(study: Study, out: Path, seed: int) -> Result | None:
 
 
 def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool = False) -> PriorResult:
-    """Report on a study's prior alone into a folder; see :func:`bayesterra.analysis.prior_only.run_prior`.
+    """Report on a study's prior alone into a folder; see :func:`bayesterra.analysis.inference.run_prior`.
 
     Raises
     ------

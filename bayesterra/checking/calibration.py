@@ -1,4 +1,4 @@
-"""Simulation-based calibration of a study, as a resumable job and a folder with its page.
+"""Simulation-based calibration of a study: its replications, and the resumable job that makes a folder.
 
 True values are drawn from the cut prior, readings are simulated from them, the posterior of each simulated
 table is sampled, and the true values are ranked among its draws (Talts et al. 2018). Functions of readings
@@ -8,27 +8,275 @@ and parameters are ranked too, as parameters alone miss whole classes of error (
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
-from numpy.random import default_rng
+from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.checking.ranks import CONVERGED, DRAWS, Calibration
-from bayesterra.checking.replications import Fit, Outcome, Replication, ShortRuns, quantity_names
-from bayesterra.errors import ResultError, StudyError, check_kind, check_number, check_seed
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Calibration, normalised_rank
+from bayesterra.errors import (
+    BayesterraError,
+    ResultError,
+    StudyError,
+    SupportError,
+    check_kind,
+    check_number,
+    check_seed,
+)
+from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.status import job_folder
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.sampler import Samples, sample, thin
+from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.canonical import FORM
+from bayesterra.study.drive import Drive
 from bayesterra.study.result import versions
+from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
+
+STEPS_PER_TAU = 7.0
+"""Autocorrelation times that a short run must last."""
+LONG_RUNS_ONLY = ("steps for", "slowest walker")
+"""Beginnings of the checks that are not asked of short runs: their thresholds are made for 50 times τ."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A sampled posterior.
+
+    Attributes
+    ----------
+    draws : near-independent draws (n, d), in the order of the posterior's names.
+    ess : smallest effective sample size behind them.
+    r_hat : largest R-hat across ensembles.
+    converged : whether the draws can be relied on.
+    """
+
+    draws: FloatArray
+    ess: float
+    r_hat: float
+    converged: bool
+
+    @property
+    def status(self) -> str:
+        """Word on whether the draws can be relied on."""
+        return CONVERGED if self.converged else UNCONVERGED
+
+
+Fit: TypeAlias = Callable[[Study, SeedSequence], Fitted]
+"""Samples the posterior of a study. It must be picklable where there are several workers."""
+FAILURES = (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""Errors of a fit that cost its own outcome and no other."""
+
+
+@dataclass(frozen=True)
+class ShortRuns:
+    """The default sampler with small settings, and once more with larger ones where these were not enough.
+
+    Attributes
+    ----------
+    short, adaptation : of the first run, which takes ``short.max_steps`` steps.
+    long, long_adaptation : of the second, which ends by the rules of every run.
+    """
+
+    short: SamplingOptions = field(
+        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
+    )
+    adaptation: AdaptationOptions = field(
+        default_factory=lambda: AdaptationOptions(particles=256, components=8)
+    )
+    long: SamplingOptions = field(
+        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
+    )
+    long_adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
+
+    def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
+        """Sample the posterior of a study."""
+        first, second = seed.spawn(2)
+        target = posterior(study)
+        samples = sample(target, self.short, first, adaptation=self.adaptation)
+        if enough(samples.diagnosis):
+            return _fitted(samples, converged=True)
+        samples = sample(target, self.long, second, adaptation=self.long_adaptation)
+        return _fitted(samples, converged=samples.diagnosis.converged)
+
+
+def settings_of(fit: Fit) -> dict[str, Any]:
+    """Settings of a fit as they are saved: all of the default sampler, the name of any other."""
+    if isinstance(fit, ShortRuns):
+        return {**asdict(fit), "steps_per_tau": STEPS_PER_TAU, "r_hat_limit": R_HAT_LIMIT}
+    return {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
+
+
+def enough(diagnosis: Diagnosis) -> bool:
+    """True where a short run suffices: effective draws, R-hat, no frozen walker, and a length of some τ."""
+    asked = [check for check in diagnosis.checks if not check.name.startswith(LONG_RUNS_ONLY)]
+    lasting = diagnosis.steps >= STEPS_PER_TAU * float(diagnosis.tau.max())
+    return lasting and all(check.passed for check in asked)
+
+
+def _fitted(samples: Samples, *, converged: bool) -> Fitted:
+    diagnosis = samples.diagnosis
+    return Fitted(thin(samples.chains).flat, diagnosis.ess, diagnosis.worst_r_hat, converged)
+
+
+LOG_LIKELIHOOD, LOG_PRIOR = "log_likelihood", "log_prior"
+AT_SLIP = "_at_largest_slip"
+"""Ending of quantities that the model says of the row with the largest slip."""
+
+
+def predictive_names(drive: Drive) -> tuple[str, str]:
+    """The two predictive quantities of a drive.
+
+    With a latent load no modelled force is defined for every soil, so they are those of the soil.
+    """
+    if drive.latent_load:
+        return "bearing_pressure", "shear_strength"
+    first, second, *_ = drive.outcomes
+    return first + AT_SLIP, second + AT_SLIP
+
+
+def quantity_names(names: tuple[str, ...], drive: Drive) -> tuple[str, ...]:
+    """All test quantities: free parameters, log likelihood, log prior, two predictive ones."""
+    return (*names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive_names(drive))
+
+
+def quantities(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
+    """Every test quantity (n,) of parameter sets (n, d) inside the support, for the posterior's readings."""
+    prior, likelihood = posterior.log_prior_and_likelihood(x)
+    values = {name: x[:, i] for i, name in enumerate(posterior.names)}
+    return {**values, LOG_LIKELIHOOD: likelihood, LOG_PRIOR: prior, **_predicted(posterior, x)}
+
+
+def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
+    forward, soil = posterior.likelihood.forward, posterior.prior.soil_values(x)
+    names = predictive_names(forward.drive)
+    if forward.drive.latent_load:
+        plain = soil_at(soil, float(forward.conditions.width[0]))
+        derived: tuple[Callable[[FloatArray], FloatArray], ...] = (bearing_pressure, shear_strength)
+        return {name: function(plain) for name, function in zip(names, derived, strict=True)}
+    outcomes, row = forward(soil), int(np.argmax(forward.conditions.slip))
+    return {name: outcomes[name.removesuffix(AT_SLIP)][:, row] for name in names}
+
+
+_BATCH, _ATTEMPTS = 128, 2000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one replication.
+
+    Attributes
+    ----------
+    task : its number, from 1.
+    status : ``converged``, ``not converged`` or ``failed``; a failed one has no ranks.
+    ess, r_hat : of its sampling.
+    seconds : processor time.
+    note : why it failed.
+    ranks : normalised rank of every test quantity, NaN where it is constant.
+    """
+
+    task: int
+    status: str
+    ess: float
+    r_hat: float
+    seconds: float
+    note: str = ""
+    ranks: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def from_record(cls, content: Mapping[str, Any]) -> Outcome:
+        """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
+        outcome = cls(**content)
+        ranks = {str(name): float(rank) for name, rank in outcome.ranks.items()}
+        if (
+            outcome.status not in (CONVERGED, UNCONVERGED, FAILED)
+            or type(outcome.task) is not int
+            or outcome.task < 1
+        ):
+            raise ValueError(f"no outcome of a replication: {outcome!r:.60}")
+        if any(rank < 0 or rank > 1 for rank in ranks.values()):
+            raise ValueError(f"no ranks: {ranks!r:.60}")
+        ess, r_hat, seconds = float(outcome.ess), float(outcome.r_hat), float(outcome.seconds)
+        return cls(outcome.task, outcome.status, ess, r_hat, seconds, str(outcome.note), ranks)
+
+
+@dataclass(frozen=True)
+class Replication:
+    """The task of a calibration: a number in, an outcome out, the same wherever and whenever it is run."""
+
+    study: Study
+    seed: int
+    fit: Fit = field(default_factory=ShortRuns)
+
+    def __call__(self, task: int) -> Outcome:
+        """Run replication number ``task``."""
+        started = time.process_time()
+        making, fitting, ranking = SeedSequence(self.seed, spawn_key=(task,)).spawn(3)
+        truth, simulated = replicated(self.study, default_rng(making))
+        try:
+            fitted = self.fit(simulated, fitting)
+            ranks = _ranks(simulated, truth, fitted, default_rng(ranking))
+        except FAILURES as error:
+            names = quantity_names(self.study.prior.names, self.study.drive)
+            note, nothing = f"{type(error).__name__}: {error}", float("nan")
+            seconds = time.process_time() - started
+            return Outcome(task, FAILED, 0.0, nothing, seconds, note, dict.fromkeys(names, nothing))
+        seconds = time.process_time() - started
+        return Outcome(task, fitted.status, fitted.ess, fitted.r_hat, seconds, ranks=ranks)
+
+
+def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
+    """Draw true values (1, d) from the cut prior, and the study with readings that they make.
+
+    Readings are made where the study has some, at its slips, wheels and loads; with the drive ``sinkage`` at
+    its sinkage. With ``both`` every load is drawn from its flat prior, and the soil anew where it does not
+    carry one of them.
+
+    Raises
+    ------
+    SupportError : hardly any soil of the prior carries the loads.
+    """
+    target, likelihood = posterior(study), posterior(study).likelihood
+    for _ in range(_ATTEMPTS):
+        truth = draw_cut_prior(target, 1, rng, batch=_BATCH).x
+        noise = target.noise_values(truth)
+        outcomes = likelihood.imagined(target.prior.soil_values(truth), noise, rng)
+        if not outcomes.status[0]:
+            break
+    else:
+        raise SupportError(f"none of {_ATTEMPTS} soils of the prior carries loads of the whole load range")
+    drawn = likelihood.draw(outcomes, noise, rng)[0]
+    drawn[np.isnan(likelihood.measured)] = np.nan
+    rows, readings = study.observations, {}
+    for i, name in enumerate(likelihood.channels):
+        readings[name] = rows.values[name].copy()
+        readings[name][rows.use] = drawn[:, i]
+    return truth, study.with_data(readings)
+
+
+def _ranks(study: Study, truth: FloatArray, fitted: Fitted, rng: Generator) -> dict[str, float]:
+    draws = spaced(fitted.draws, rng)
+    values = quantities(posterior(study), np.concatenate([truth, draws]))
+    return {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
+
+
+def spaced(draws: FloatArray, rng: Generator) -> FloatArray:
+    """``DRAWS`` of the draws (n, d), one from each of as many equal stretches."""
+    places = (np.arange(DRAWS) + rng.random(DRAWS)) * len(draws) / DRAWS
+    return draws[places.astype(np.int64)]
+
 
 FEWEST = 20
 """Fewer replications than this notice nothing but the grossest errors."""
@@ -105,15 +353,12 @@ def table(outcomes: Iterable[Outcome], study: Study) -> pd.DataFrame:
 
 def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]:
     """Origin of outcomes: all that they depend on, which must be the same for a calibration to go on."""
-    chosen = fit or ShortRuns()
-    named = {"fit": getattr(chosen, "__qualname__", type(chosen).__name__)}
-    settings = chosen.record() if isinstance(chosen, ShortRuns) else named
     return {
         "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
         "fingerprints": study.fingerprint,
-        "settings": {"ranked_among": DRAWS, **settings},
+        "settings": {"ranked_among": DRAWS, **settings_of(fit or ShortRuns())},
         "versions": versions(),
     }
 
@@ -138,7 +383,7 @@ def calibrate(
     seed : same seed, same ranks, whatever the engine.
     engine : computes the replications: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
-    fit : samples the posterior of a simulated study, see :data:`bayesterra.checking.replications.Fit`; by
+    fit : samples the posterior of a simulated study, see :data:`bayesterra.checking.calibration.Fit`; by
         default the sampler of :func:`bayesterra.run`.
     progress : called as the replications end.
 

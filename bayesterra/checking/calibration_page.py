@@ -10,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from bayesterra.checking.calibration import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
 from bayesterra.checking.ranks import (
     CALIBRATED,
     COVERAGES,
@@ -22,7 +23,6 @@ from bayesterra.checking.ranks import (
     UNSETTLED,
     Calibration,
 )
-from bayesterra.checking.replications import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, Channel, Parameter
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Picture, Table, Text, drawing
 from bayesterra.report.figures import one_of, own_axes, styled

@@ -11,12 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen, spaced
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantiles, frozen, spaced
+from bayesterra.checking.calibration import FAILURES, Fit, ShortRuns
 from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
 from bayesterra.checking.predictive import predict_curves
-from bayesterra.checking.ranks import CONVERGED, FAILED, UNCONVERGED
-from bayesterra.checking.replications import Fit, ShortRuns
-from bayesterra.errors import BayesterraError, StudyError, did_you_mean
+from bayesterra.checking.ranks import FAILED
+from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
 from bayesterra.parameters import CHANNELS
@@ -207,15 +207,11 @@ class LeaveOneOut:
             draws = spaced(fitted.draws, DRAWS)
             rows = scorer.model(predictives(self.study, target, draws, fold.left, rng)) + rows
             bands = tuple(_bands(self.study, predict_curves(self.study, target, draws, rng)))
-        except (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-            note = f"{type(error).__name__}: {error}"
-            seconds = time.process_time() - started
+        except FAILURES as error:
+            note, seconds = f"{type(error).__name__}: {error}", time.process_time() - started
             return Outcome(fold.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
-        status = CONVERGED if fitted.converged else UNCONVERGED
         seconds = time.process_time() - started
-        return Outcome(
-            fold.name, status, fitted.ess, fitted.r_hat, seconds, rows=tuple(rows), bands=bands
-        )  # fmt: skip
+        return Outcome(fold.name, fitted.status, fitted.ess, fitted.r_hat, seconds, "", tuple(rows), bands)
 
 
 @dataclass(frozen=True)
@@ -312,12 +308,7 @@ def _bands(study: Study, curves: Any) -> list[Band]:
     for curve in curves:
         for channel in scored_channels(study):
             column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
-            readings = curve.readings[:, :, column] / scale
-            q = np.full((3, len(curve.slip)), np.nan)
-            for i in range(len(curve.slip)):
-                finite = readings[np.isfinite(readings[:, i]), i]
-                if finite.size:
-                    q[:, i] = np.quantile(finite, [0.05, 0.5, 0.95])
+            q = answered_quantiles(curve.readings[:, :, column] / scale, (0.05, 0.5, 0.95))
             bands.append(Band(curve.wheel, channel, curve.slip, *q))
     return bands
 

@@ -18,10 +18,10 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from bayesterra.checking.calibration import Fit, settings_of
 from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
-from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import StudyError, check_seed
 from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free
@@ -150,7 +150,6 @@ def _held_out(
 
 def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict[str, Any]:
     """Origin of the outcomes: all that they depend on."""
-    named = {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
     return {
         "kind": "holdout",
         "by": by if isinstance(by, str) else "groups given",
@@ -160,7 +159,7 @@ def _record(study: Study, by: By, tolerance: float, seed: int, fit: Fit) -> dict
         "drive": study.drive,
         "data": study.kind,
         "fingerprints": study.fingerprint,
-        "settings": {"draws": DRAWS, **(fit.record() if isinstance(fit, ShortRuns) else named)},
+        "settings": {"draws": DRAWS, **settings_of(fit)},
         "versions": versions(),
     }
 
@@ -190,7 +189,7 @@ def leave_out(
     seed : same seed, same scores, whatever the engine.
     engine : computes the refits: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
-    fit : samples a posterior, see :data:`bayesterra.checking.replications.Fit`; by default the sampler of
+    fit : samples a posterior, see :data:`bayesterra.checking.calibration.Fit`; by default the sampler of
         :func:`bayesterra.run`, until there are 1000 effective draws.
     progress : told what is at work.
 

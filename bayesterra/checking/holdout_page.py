@@ -13,9 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.folds import Band
 from bayesterra.checking.holdout import Holdout
-from bayesterra.checking.holdout_scores import BASELINES, baseline_names
+from bayesterra.checking.holdout_scores import BASELINES
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import label, literal, new_figure, one_of, own_axes, styled
@@ -56,11 +55,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
 
 
 def _warning(holdout: Holdout) -> Markup:
-    wrong = [
-        fold.name
-        for fold, outcome in zip(holdout.levels, holdout.outcomes, strict=True)
-        if outcome.status != "converged"
-    ]
+    wrong = [outcome.level for outcome in holdout.outcomes if outcome.status != "converged"]
     if not wrong:
         return Markup("")
     return Markup("The fit has <b>not converged</b> without {}: do not rely on its predictions.").format(
@@ -81,8 +76,7 @@ def _coverage(holdout: Holdout) -> Verdict:
         share, rows = row["covered90"], row["rows"]
         error = max(np.nan_to_num(row["covered90_se"]), float(np.sqrt(0.09 / rows)))
         low, high = low or share < 0.9 - WIDE * error, high or share > 0.9 + WIDE * error
-        counted = Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"]))
-        counts.append(counted)
+        counts.append(Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"])))
     sentence = Markup("The 90 % intervals hold {}.").format(listed(counts))
     if not counts:
         return Verdict("Coverage", "unknown", "poor", Markup("No refit could be scored."))
@@ -99,17 +93,15 @@ def _skill(holdout: Holdout) -> Verdict:
         return Verdict("Skill", "unknown", "poor", Markup("No refit could be scored."))
     rows = table[(table["part"] == "all") & (table["baseline"] != "mean")]
     gains = [
-        Markup("{}: {} against {} ({})").format(symbol(row["channel"]), *_gain(row))
+        Markup("{}: {} against {} ({})").format(
+            symbol(row["channel"]), percent(row["skill"]), row["baseline"], _between(row)
+        )
         for row in rows.to_dict("records")
     ]
     better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
     word, grade = ("better than regression", "good") if better else ("not clearly better", "fair")
     word, grade = ("worse than regression", "poor") if worse else (word, grade)
     return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(gains)))
-
-
-def _gain(row: Mapping[Any, Any]) -> tuple[str, str, str]:
-    return percent(row["skill"]), str(row["baseline"]), _between(row)
 
 
 def _between(row: Mapping[Any, Any]) -> str:
@@ -147,10 +139,8 @@ def _rows_section(holdout: Holdout) -> Blocks:
     blocks: tuple[Any, ...] = (Gallery("whole", (picture,), caption),)
     if len(marked):
         entries = (f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy())
-        sentence = Markup("Draws for which the model has no answer were set aside at {}.").format(
-            listed(entries)
-        )
-        blocks = (*blocks, Text(sentence))
+        sentence = Markup("Draws for which the model has no answer were set aside at {}.")
+        blocks = (*blocks, Text(sentence.format(listed(entries))))
     return blocks
 
 
@@ -210,23 +200,20 @@ def _method_section(holdout: Holdout) -> Blocks:
         "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
         "same training rows and conditions and find the noise there themselves; the model is told the noise "
         "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best."
-    ).format(holdout.study.drive.plan, ", ".join(baseline_names()))
+    ).format(holdout.study.drive.plan, ", ".join(BASELINES))
     refits = tuple(
         (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
         for row in holdout.refits.to_dict("records")
     )
     head: tuple[Cell, ...] = ("without", "rows", "sampling", "effective draws", "R-hat", "")
     record = holdout.record
+    near = f", nearer than {record['tolerance']:g}" if "tolerance" in record else ""
     origin: tuple[tuple[Cell, ...], ...] = (
-        ("grouping", f"{record['by']}{_tolerance(record)}"),
+        ("grouping", f"{record['by']}{near}"),
         ("seed", str(record["seed"])),
         *origin_rows(record, "study", "data"),
     )
     return (Text(text), Table("", "lllrrl", head, refits), Table("", "ll", ("", ""), origin))
-
-
-def _tolerance(record: Mapping[str, Any]) -> str:
-    return f", nearer than {record['tolerance']:g}" if "tolerance" in record else ""
 
 
 COLOURS = {"polynomial": "#E69F00", "Gaussian process": "#009E73"}
@@ -358,17 +345,13 @@ def _without(ax: Axes, holdout: Holdout, number: int, channel: str) -> None:
     rows, fold, scale = holdout.study.observations, holdout.levels[number], CHANNELS[channel].scale
     wheel = rows.wheel[int(np.argmax(fold.left))]
     band = next(b for b in holdout.outcomes[number].bands if (b.wheel, b.channel) == (wheel, channel))
-    _band(ax, band)
+    ax.fill_between(band.slip, band.low, band.high, color=POSTERIOR, alpha=0.25, linewidth=0)
+    ax.plot(band.slip, band.middle, color=POSTERIOR)
     mine = np.array([name == wheel for name in rows.wheel])
     values = rows.values[channel] / scale
     for chosen, face in ((rows.use & ~fold.left & mine, DATA), (fold.left, "white")):
         style: dict[str, Any] = {"color": DATA, "markerfacecolor": face, "markersize": 3.5, "zorder": 6}
         ax.plot(rows.slip[chosen], values[chosen], "o", **style)
-
-
-def _band(ax: Axes, band: Band) -> None:
-    ax.fill_between(band.slip, band.low, band.high, color=POSTERIOR, alpha=0.25, linewidth=0)
-    ax.plot(band.slip, band.middle, color=POSTERIOR)
 
 
 def holdout_overview(holdout: Holdout) -> Overview:

@@ -14,8 +14,9 @@ Each is fitted to one channel. It knows slip, load (with the drive ``both`` the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -55,32 +56,31 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
     Rows without a predictive law have no score and count as not covered; ``unscored`` is their number.
     """
     records = []
-    for predictor, channel, part, rows in _parts(table):
-        record = {
-            "predictor": predictor,
-            "channel": channel,
-            "unit": rows["unit"].iloc[0],
-            "part": part,
-            "rows": len(rows),
-            "levels": rows["level"].nunique(),
-            "unscored": int(rows["crps"].isna().sum()),
-        }
-        for score in SCORES:
-            scored = rows[rows[score].notna()]
-            level = pd.factorize(scored["level"])[0]
-            record[score], record[f"{score}_se"] = clustered(scored[score].to_numpy(np.float64), level)
-        records.append(record)
+    for predictor, channel in product(table["predictor"].unique(), table["channel"].unique()):
+        own = table[(table["predictor"] == predictor) & (table["channel"] == channel)]
+        for part, rows in _parts(own):
+            record = {
+                "predictor": predictor,
+                "channel": channel,
+                "unit": rows["unit"].iloc[0],
+                "part": part,
+                "rows": len(rows),
+                "levels": rows["level"].nunique(),
+                "unscored": int(rows["crps"].isna().sum()),
+            }
+            for score in SCORES:
+                scored = rows[rows[score].notna()]
+                level = pd.factorize(scored["level"])[0]
+                record[score], record[f"{score}_se"] = clustered(scored[score].to_numpy(np.float64), level)
+            records.append(record)
     return pd.DataFrame(records)
 
 
-def _parts(table: pd.DataFrame) -> Iterator[tuple[str, str, str, pd.DataFrame]]:
-    for predictor in table["predictor"].unique():
-        for channel in table["channel"].unique():
-            rows = table[(table["predictor"] == predictor) & (table["channel"] == channel)]
-            for part in PARTS:
-                chosen = rows if part == "all" else rows[rows["extrapolated"] == (part == "end")]
-                if len(chosen):
-                    yield predictor, channel, part, chosen
+def _parts(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    for part in PARTS:
+        chosen = rows if part == "all" else rows[rows["extrapolated"] == (part == "end")]
+        if len(chosen):
+            yield part, chosen
 
 
 def skills(table: pd.DataFrame, model: str, seed: int = 1) -> pd.DataFrame:
@@ -97,12 +97,9 @@ def skills(table: pd.DataFrame, model: str, seed: int = 1) -> pd.DataFrame:
         other = table[table["predictor"] == baseline].set_index(keys)["crps"].rename("other")
         pairs = own.join(other).dropna(subset=["crps", "other"]).reset_index()
         for channel in pairs["channel"].unique():
-            for part in PARTS:
-                rows = pairs[pairs["channel"] == channel]
-                rows = rows if part == "all" else rows[rows["extrapolated"] == (part == "end")]
-                if len(rows):
-                    head = {"model": model, "baseline": baseline, "channel": channel, "part": part}
-                    records.append({**head, **_skill(rows, default_rng(seed))})
+            for part, rows in _parts(pairs[pairs["channel"] == channel]):
+                head = {"model": model, "baseline": baseline, "channel": channel, "part": part}
+                records.append({**head, **_skill(rows, default_rng(seed))})
     return pd.DataFrame(records)
 
 
@@ -366,9 +363,4 @@ BASELINES: dict[str, Callable[[TrainingRows, FloatArray], Answer]] = {
     "polynomial": polynomial,
     "Gaussian process": gaussian_process,
 }
-"""By the names that tables and figures use."""
-
-
-def baseline_names() -> Sequence[str]:
-    """Names of the baselines, weakest first."""
-    return tuple(BASELINES)
+"""By the names that tables and figures use, weakest first."""

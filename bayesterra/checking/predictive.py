@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantiles
 from bayesterra.likelihood.correlated import DOUBLES, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
@@ -100,7 +100,7 @@ def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
         for column, name in enumerate(predictions.channels):
             scale, readings = CHANNELS[name].scale, predictions.readings[:, index, column]
             answered = readings[np.isfinite(readings)] / scale
-            quantiles = np.quantile(answered, [0.05, 0.5, 0.95]) if answered.size else [np.nan] * 3
+            low, middle, high = answered_quantiles(answered, (0.05, 0.5, 0.95))
             records.append(
                 {
                     "row": row,
@@ -111,9 +111,9 @@ def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
                     "used": bool(study.observations.use[index]),
                     "observed": study.observations.values[name][index] / scale,
                     "mean": answered.mean() if answered.size else np.nan,
-                    "q05": quantiles[0],
-                    "q50": quantiles[1],
-                    "q95": quantiles[2],
+                    "q05": low,
+                    "q50": middle,
+                    "q95": high,
                     "no_answer": float(np.mean(~np.isfinite(readings))),
                 }
             )

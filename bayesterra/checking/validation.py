@@ -47,13 +47,11 @@ class FitCheck:
     channel : its name.
     readings : number of readings in the fit.
     p : probability that replicated readings lie as far from the model as the measured ones, or farther.
-    estimated : whether the noise was estimated from the same readings, which makes the check lenient.
     """
 
     channel: str
     readings: int
     p: float
-    estimated: bool
 
     @property
     def overstated(self) -> bool:
@@ -63,8 +61,7 @@ class FitCheck:
 
 def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
     """At most ``most`` posterior draws (n, d), evenly spaced over all ensembles; SI."""
-    draws = result.values()
-    return spaced(draws, most)
+    return spaced(result.values(), most)
 
 
 def standardised(target: Posterior, x: FloatArray) -> FloatArray:
@@ -95,13 +92,9 @@ def fit_checks(result: Result) -> tuple[FitCheck, ...]:
     counts = (~np.isnan(z[0])).sum(axis=0)
     distances = np.nansum(z**2, axis=1)
     return tuple(
-        FitCheck(name, int(n), _p_value(int(n), distance), noise.law is not None)
-        for (name, noise), n, distance in zip(result.study.noise.items(), counts, distances.T, strict=True)
+        FitCheck(name, int(n), float(np.mean(chdtrc(n, distance))) if n else float("nan"))
+        for name, n, distance in zip(result.study.noise, counts, distances.T, strict=True)
     )
-
-
-def _p_value(readings: int, distances: FloatArray) -> float:
-    return float(np.mean(chdtrc(readings, distances))) if readings else float("nan")
 
 
 def estimates(result: Result) -> dict[str, dict[str, float]]:
@@ -110,12 +103,11 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     What a record fills in to place an estimate in the posterior is left out.
     """
     fits, standings = result.record["fits"], result.record["standings"]
-    points = {name: _fitted(standings[name]["values"], fits[name]) for name in METHODS if name in standings}
+    points = {}
+    for method in (name for name in METHODS if name in standings):
+        values = standings[method]["values"].items()
+        points[method] = {n: float(value) for n, value in values if n not in fits[method]["missing"]}
     return points | {name: dict(stated.values) for name, stated in result.study.references.items()}
-
-
-def _fitted(values: Mapping[str, float], fit: Mapping[str, Any]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items() if name not in fit["missing"]}
 
 
 def complete(result: Result) -> tuple[str, ...]:
@@ -159,12 +151,8 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
     medians = dict(zip(target.names, np.median(result.values(), axis=0), strict=True))
     noise = np.array([[medians[name] for name in target.names if name.startswith(SIZES)]])
     likelihood = target.likelihood
-    residuals_of = {}
-    for name, soil in complete_soils(result).items():
-        outcomes = likelihood.forward(soil, every_row=True)
-        predicted = likelihood.predicted(outcomes)
-        residuals_of[name] = likelihood.standardised(predicted, noise)[0]
-    return residuals_of
+    outcomes = {n: likelihood.forward(soil, every_row=True) for n, soil in complete_soils(result).items()}
+    return {n: likelihood.standardised(likelihood.predicted(o), noise)[0] for n, o in outcomes.items()}
 
 
 @dataclass(frozen=True)
@@ -318,14 +306,10 @@ class Missed:
         return tuple(stretches)
 
 
-def missed(result: Result) -> tuple[Missed, ...]:
+def missed(result: Result) -> Iterator[Missed]:
     """The discrepancy of every wheel and channel that has one; nothing where the study states none."""
     if not result.study.errors.discrepancy:
-        return ()
-    return tuple(_found(result))
-
-
-def _found(result: Result) -> Iterator[Missed]:
+        return
     target, draws = posterior(result.study), spread_draws(result, CURVE_DRAWS)
     likelihood, rng = target.likelihood, np.random.default_rng(0)
     soil, noise = target.prior.soil_values(draws), target.noise_values(draws)

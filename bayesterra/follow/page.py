@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayesterra.arrays import FloatArray
 from bayesterra.follow.session import FollowedStream, RowOutcome
+from bayesterra.follow.updates import BAND_NAMES, column_of
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.figures import figure_of, label, new_figure, styled
@@ -38,7 +39,8 @@ def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = N
     updates : a table as ``updates.csv``; a column ``soil`` counts the soils of a stream that began anew.
     truth : SI values by parameter.
     """
-    names = [name for name in PARAMETERS if _column(PARAMETERS[name], "q50") in updates.columns]
+    names = [name for name in PARAMETERS if column_of(PARAMETERS[name], "q50") in updates.columns]
+    alarms = updates["alarm"].dropna().tolist() if "alarm" in updates.columns else []
     lines = -(-len(names) // COLUMNS)
     figure = new_figure(8.0, 1.75 * lines + 0.35)
     axes = np.asarray(figure.subplots(lines, COLUMNS, sharex=True, squeeze=False))
@@ -46,24 +48,20 @@ def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = N
         _band(ax, updates, PARAMETERS[name])
         if truth and name in truth:
             ax.axhline(truth[name] / PARAMETERS[name].scale, color=DATA, linewidth=1.0, linestyle=":")
-        _alarms(ax, updates)
+        for since in alarms:
+            ax.axvline(float(since), color=ALARM, linewidth=1.0, linestyle="--")
     for ax in axes.ravel()[len(names) :]:
         ax.set_visible(False)
     for index in range(len(names)):
         if index + COLUMNS >= len(names):
             axes.ravel()[index].set_xlabel("row")
             axes.ravel()[index].tick_params(labelbottom=True)
-    _legend(axes, updates, with_truth=bool(truth))
+    _legend(axes, truth=bool(truth), alarms=bool(alarms))
     return axes
 
 
-def _column(parameter: Parameter, key: str) -> str:
-    unit = "" if parameter.unit == "-" else f" [{parameter.unit}]"
-    return f"{parameter.name}_{key}{unit}"
-
-
 def _band(ax: Axes, updates: pd.DataFrame, parameter: Parameter) -> None:
-    low, middle, high = (_column(parameter, key) for key in ("q05", "q50", "q95"))
+    low, middle, high = (column_of(parameter, key) for key in BAND_NAMES)
     soils = updates["soil"] if "soil" in updates.columns else pd.Series(1, index=updates.index)
     for _, part in updates.groupby(soils.to_numpy()):
         ax.fill_between(part["row"], part[low], part[high], color=POSTERIOR, alpha=0.25, linewidth=0)
@@ -78,19 +76,14 @@ def _band(ax: Axes, updates: pd.DataFrame, parameter: Parameter) -> None:
     ax.grid(color=GRID, linewidth=0.4, alpha=0.6)
 
 
-def _alarms(ax: Axes, updates: pd.DataFrame) -> None:
-    for since in updates["alarm"].dropna() if "alarm" in updates.columns else ():
-        ax.axvline(float(since), color=ALARM, linewidth=1.0, linestyle="--")
-
-
-def _legend(axes: FloatArray, updates: pd.DataFrame, *, with_truth: bool) -> None:
+def _legend(axes: FloatArray, *, truth: bool, alarms: bool) -> None:
     entries: list[Patch | Line2D] = [
         Line2D([], [], color=POSTERIOR, label="median"),
         Patch(color=POSTERIOR, alpha=0.25, label="90 % interval"),
     ]
-    if with_truth:
+    if truth:
         entries.append(Line2D([], [], color=DATA, linewidth=1.0, linestyle=":", label="true value"))
-    if "alarm" in updates.columns and updates["alarm"].notna().any():
+    if alarms:
         entries.append(Line2D([], [], color=ALARM, linewidth=1.0, linestyle="--", label="soil changed"))
     figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=len(entries))
 
@@ -103,18 +96,15 @@ def print_row(seen: RowOutcome, *, quiet: bool) -> None:
     update = seen.update
     if not quiet:
         readings = "  ".join(filter(None, (_reading(row) for row in update.predictive.to_dict("records"))))
-        moved = (
-            f", moved {sum(event.sweeps for event in update.rejuvenations)}×" if update.rejuvenated else ""
-        )
+        moved = f", moved {update.sweeps}×" if update.rejuvenated else ""
         PlainConsole().print(
             f"{update.row:>4}  slip {seen.row.slip[0]:.3f}  {readings}"
             f"  ({update.effective:.0f} effective{moved}, {1e3 * update.seconds:.0f} ms)",
-            highlight=False,
             soft_wrap=True,
         )
     if update.alarm:
         anew = "; begun anew there" if seen.begun_anew is not None else ""
-        PlainConsole().print(f"! {update.alarm.sentence}{anew}", highlight=False, soft_wrap=True)
+        PlainConsole().print(f"! {update.alarm.sentence}{anew}", soft_wrap=True)
 
 
 def _reading(reading: dict[object, object]) -> str:

@@ -71,11 +71,6 @@ class Particles:
         """Quantiles (k, d) of every parameter."""
         return weighted_quantiles(self.x, self.weights, probabilities)
 
-    def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (d,) of every parameter."""
-        mean = self.weights @ self.x
-        return mean, np.sqrt(self.weights @ (self.x - mean) ** 2)
-
 
 KEEP = 0.5
 """Effective share of the particles below which they are resampled and moved."""
@@ -225,13 +220,13 @@ class Levels:
         prior = self.posterior.log_prior(x)
         earlier, newest = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
         inside = np.flatnonzero(prior > -np.inf)
-        newest[inside] = self._in_parts(self.newest, x[inside])
+        newest[inside] = log_likelihoods(self.posterior, self.newest, x[inside])
         inside = np.flatnonzero(newest > -np.inf)
-        earlier[inside] = 0.0 if self.earlier is None else self._in_parts(self.earlier, x[inside])
+        if self.earlier is not None:
+            earlier[inside] = log_likelihoods(self.posterior, self.earlier, x[inside])
+        else:
+            earlier[inside] = 0.0
         return prior, earlier, newest
-
-    def _in_parts(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
-        return log_likelihoods(self.posterior, likelihood, x)
 
 
 def log_likelihoods(posterior: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:

@@ -155,13 +155,11 @@ def _gone_on(stream: Stream, updates: Path) -> FollowedStream:
     with damage(ResultError, updates):
         before = read_csv(updates)
         table = [{str(key): value for key, value in row.items()} for row in before.to_dict("records")]
-        soil = int(before["soil"].iloc[-1]) if len(before) else 1
-        return FollowedStream(stream, table, soil + (len(before) > 0 and _begun_anew(stream, before)))
-
-
-def _begun_anew(stream: Stream, before: pd.DataFrame) -> int:
-    """1 where the stream was put down just after it had begun anew, else 0."""
-    return int(pd.notna(before["alarm"].iloc[-1]) and stream.alarm is None)
+        if before.empty:
+            return FollowedStream(stream, table)
+        last = before.iloc[-1]
+        begun_anew = pd.notna(last["alarm"]) and stream.alarm is None  # just before it was put down
+        return FollowedStream(stream, table, int(last["soil"]) + int(begun_anew))
 
 
 def follow(

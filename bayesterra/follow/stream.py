@@ -106,6 +106,17 @@ class Stream(AnalysisResult):
         """Free parameters, the columns of ``draws``."""
         return self.study.prior.names
 
+    @property
+    def _settings(self) -> dict[str, Any]:
+        """Keywords that this stream was begun with."""
+        return {
+            "seed": self.seed,
+            "particles": self.particles,
+            "false_alarms": self.false_alarms,
+            "slip_reference": self.references.slip,
+            "sinkage_reference": self.references.sinkage,
+        }
+
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -191,7 +202,9 @@ class Stream(AnalysisResult):
             self._variance,
             self.alarm,
         )
-        write_state(part, self.study.with_rows(self.rows.first()), state, self._identity())
+        write_study(self.study.with_rows(self.rows.first()), part)
+        make_folder(part / STATE, BEGUN)
+        Checkpoints.opened(part / STATE, self._identity()).save(STATE, pack(state))
 
     def _identity(self) -> dict[str, Any]:
         """Identity of the study and the rows that the particles belong to."""
@@ -203,11 +216,7 @@ class Stream(AnalysisResult):
             "kind": "stream",
             "title": self.study.title,
             "bayesterra": version("bayesterra"),
-            "seed": self.seed,
-            "particles": self.particles,
-            "false_alarms": self.false_alarms,
-            "slip_reference": self.references.slip,
-            "sinkage_reference": self.references.sinkage,
+            **self._settings,
             "offset": self.offset,
             "rows": len(self),
             "log_evidence": self.log_evidence,
@@ -288,14 +297,7 @@ class Stream(AnalysisResult):
         if not 0 <= first < len(self):
             rows = f"{self.offset + 1} to {self.offset + len(self)}"
             raise StudyError(f"'since' must be one of the rows {rows} (got {since})")
-        other = Stream(
-            self.study,
-            seed=self.seed,
-            particles=self.particles,
-            false_alarms=self.false_alarms,
-            slip_reference=self.references.slip,
-            sinkage_reference=self.references.sinkage,
-        )
+        other = Stream(self.study, **self._settings)
         other.offset = since - 1
         for index in range(first, len(self)):
             other.learn(self.rows.between(index, index + 1))
@@ -342,7 +344,11 @@ def load_stream(folder: str | Path) -> Stream:
     ResultError : the folder is missing, incomplete or damaged.
     """
     folder = checked_path("bt.load_stream", folder, "the folder of a stream")
-    record = read_record(folder)
+    if not (folder / Stream.MARK).is_file():
+        raise ResultError(f"'{folder}' is not the folder of a stream: it has no {Stream.MARK}")
+    check_sums(folder, Stream.MARK, STUDY_FILE, "measurements.csv")
+    with damage(ResultError, folder / Stream.MARK):
+        record = Stream.RECORD.read(folder / Stream.MARK)
     study = load_study(folder, prior_only=True)
     settings = ("seed", "particles", "false_alarms", "slip_reference", "sinkage_reference")
     with damage(ResultError, folder):
@@ -375,27 +381,6 @@ class State:
     log_evidence: float
     variance: float
     alarm: Alarm | None
-
-
-def write_state(folder: Path, study: Study, state: State, identity: Identity) -> None:
-    """Write study and state into an existing folder."""
-    write_study(study, folder)
-    make_folder(folder / STATE, BEGUN)
-    Checkpoints.opened(folder / STATE, identity).save(STATE, pack(state))
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """The record of a saved stream.
-
-    Raises
-    ------
-    ResultError : there is none, or it is damaged.
-    """
-    if not (folder / Stream.MARK).is_file():
-        raise ResultError(f"'{folder}' is not the folder of a stream: it has no {Stream.MARK}")
-    check_sums(folder, Stream.MARK, STUDY_FILE, "measurements.csv")
-    with damage(ResultError, folder / Stream.MARK):
-        return Stream.RECORD.read(folder / Stream.MARK)
 
 
 def read_state(folder: Path, identity: Identity) -> State:

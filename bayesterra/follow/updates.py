@@ -13,11 +13,13 @@ from bayesterra.arrays import FloatArray
 from bayesterra.follow.particles import Particles, Rejuvenation
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
 from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 
-LEVELS = (0.05, 0.5, 0.95)
+BAND = (0.05, 0.5, 0.95)
+"""Probabilities of the quantiles that are shown of everything."""
+BAND_NAMES = ("q05", "q50", "q95")
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,7 @@ class Forecast:
                 "channel": self.channels,
                 "unit": [CHANNELS[name].unit for name in self.channels],
                 "observed": self.observed / scale,
-                "q05": self.quantiles[0] / scale,
-                "q50": self.quantiles[1] / scale,
-                "q95": self.quantiles[2] / scale,
+                **dict(zip(BAND_NAMES, self.quantiles / scale, strict=True)),
                 "pit": self.pit,
             }
         )
@@ -78,15 +78,10 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
     return Forecast(
         newest.channels,
         observed,
-        weighted_quantiles(readings[answered], share, LEVELS),
+        weighted_quantiles(readings[answered], share, BAND),
         np.array([share @ ndtr(score) for score in scores]),
         float(1.0 - weights[answered].sum()),
     )
-
-
-BAND = (0.05, 0.5, 0.95)
-"""Probabilities of the quantiles that are shown of everything."""
-BAND_NAMES = ("q05", "q50", "q95")
 
 
 @dataclass(frozen=True)
@@ -162,6 +157,11 @@ class Update:
         return dict(zip(self.forecast.channels, map(float, self.forecast.pit), strict=True))
 
     @property
+    def sweeps(self) -> int:
+        """Moves of every particle that the row asked for."""
+        return sum(event.sweeps for event in self.rejuvenations)
+
+    @property
     def rejuvenated(self) -> bool:
         """True where particles were resampled and moved."""
         return bool(self.rejuvenations)
@@ -195,15 +195,19 @@ def cells(update: Update, row: Observations) -> dict[str, object]:
         "log_evidence": update.log_evidence,
         "log_evidence_error": update.log_evidence_error,
         "effective": update.effective,
-        "sweeps": sum(event.sweeps for event in update.rejuvenations),
+        "sweeps": update.sweeps,
         "log_statistic": update.log_statistic,
         "alarm": update.alarm.since if update.alarm else None,
         "seconds": update.seconds,
     }
     for name, column in zip(update.names, update.quantiles.T, strict=True):
         parameter = PARAMETERS[name]
-        unit = "" if parameter.unit == "-" else f" [{parameter.unit}]"
-        line |= {
-            f"{name}_{key}{unit}": v / parameter.scale for key, v in zip(BAND_NAMES, column, strict=True)
-        }
+        ends = zip(BAND_NAMES, column / parameter.scale, strict=True)
+        line |= {column_of(parameter, key): value for key, value in ends}
     return line
+
+
+def column_of(parameter: Parameter, key: str) -> str:
+    """Column of ``updates.csv`` with a quantile of a parameter."""
+    unit = "" if parameter.unit == "-" else f" [{parameter.unit}]"
+    return f"{parameter.name}_{key}{unit}"

@@ -38,8 +38,8 @@ from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.stats.weights import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
 

@@ -24,7 +24,6 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
-from bayesterra.likelihood import load_integrand as pn
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
 from bayesterra.models import kernels as at
@@ -251,8 +250,6 @@ class LatentLoad(Likelihood):
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
-        pass  # numba is heavy: only where it is needed
-
         shape = (len(soil), len(self.observations))
         out = np.empty((*shape, 2))
         out[:, :, 1] = -1.0 if rng is None else rng.random(shape)
@@ -331,7 +328,7 @@ def likelihoods(
                 continue
             at.lay(workspace, theta[i], rows[j])
             _specify(workspace, data, i, j)
-            workspace[pn.UNIFORM] = out[i, j, 1]
+            workspace[lv.UNIFORM] = out[i, j, 1]
             falls = at.can_fall(workspace, 0, plan[0])
             left, right = _first_panel(workspace, loads)
             level = sums.log_integral(workspace, plan[0], falls, left, right) - width
@@ -348,15 +345,13 @@ def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
     for channel in range(lv.CHANNELS):
         first = lv.SPEC + channel * lv.COLUMNS
         workspace[first + lv.READING] = readings[j, channel]
-        workspace[first + lv.FLOOR], workspace[first + lv.PEAK] = (
-            floor[own, j, channel, 0],
-            floor[own, j, channel, 1],
-        )
+        workspace[first + lv.FLOOR] = floor[own, j, channel, 0]
+        workspace[first + lv.PEAK] = floor[own, j, channel, 1]
         workspace[first + lv.FRACTION] = fraction[j, channel]
         workspace[first + lv.DOF] = dof[channel]
         workspace[first + lv.SHIFT] = shift[i] if channel == lv.SINKAGE else 0.0
-    workspace[pn.LOAD_LOW], workspace[pn.LOAD_HIGH] = loads[0], loads[1]
-    workspace[pn.TOP] = at.highest(workspace)
+    workspace[lv.LOAD_LOW], workspace[lv.LOAD_HIGH] = loads[0], loads[1]
+    workspace[lv.TOP] = at.highest(workspace)
 
 
 @compiled
@@ -376,7 +371,7 @@ def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
     deep = np.log(depth + around) if depth > -around else right
     if max(left, shallow) < min(right, deep):
         left, right = max(left, shallow), min(right, deep)
-    right = min(right, workspace[pn.TOP])
+    right = min(right, workspace[lv.TOP])
     return max(min(left, right - _NARROWEST), right - _WIDEST), right
 
 

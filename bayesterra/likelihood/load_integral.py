@@ -9,33 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from bayesterra.likelihood import load_integrand as lv
-from bayesterra.likelihood import load_integrand as pn
-from bayesterra.likelihood.load_integrand import (
-    BEST,
-    CELLS,
-    CHOSEN,
-    DEPTH,
-    FROM,
-    HIGH,
-    LEFT,
-    LEVEL,
-    LOAD_HIGH,
-    LOAD_LOW,
-    LOW,
-    PANELS,
-    PART,
-    PARTS,
-    RIGHT,
-    SCANNED,
-    SLACK,
-    STACK,
-    SUM,
-    SUM_TOP,
-    TO,
-    TOP,
-    UNIFORM,
-    T,
-)
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Lanes, compiled, inlined
 
@@ -58,23 +31,23 @@ def log_integral(workspace: Lanes, model: int, falls: bool, left: float, right: 
     guess of where in log z the weight lies.
     """
     if _at_once(workspace, model, falls, left, right):
-        return float(workspace[SUM_TOP] + np.log(workspace[SUM]))
-    pn.locate(workspace, model, falls, 0.5 * (left + right))
+        return float(workspace[lv.SUM_TOP] + np.log(workspace[lv.SUM]))
+    lv.locate(workspace, model, falls, 0.5 * (left + right))
     _sum_panels(workspace, model, falls)
-    if workspace[SUM] <= 0.0:
+    if workspace[lv.SUM] <= 0.0:
         _look_closely(workspace, model, falls)
         _sum_panels(workspace, model, falls)
-    return float(workspace[SUM_TOP] + np.log(workspace[SUM])) if workspace[SUM] > 0.0 else -np.inf
+    return float(workspace[lv.SUM_TOP] + np.log(workspace[lv.SUM])) if workspace[lv.SUM] > 0.0 else -np.inf
 
 
 @compiled
 def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
     """Sum over the interval that was found, and over more of it as its ends turn out to be weighty."""
     _clear(workspace)
-    if workspace[BEST] <= lv.NOTHING:
+    if workspace[lv.BEST] <= lv.NOTHING:
         return
-    workspace[BEST] = lv.NOTHING  # the rough one may be far too high where noise is small
-    todo = _push(workspace, 0, workspace[LOW], workspace[HIGH])
+    workspace[lv.BEST] = lv.NOTHING  # the rough one may be far too high where noise is small
+    todo = _push(workspace, 0, workspace[lv.LOW], workspace[lv.HIGH])
     for _ in range(MOST):
         if todo == 0:
             todo = _widen(workspace)
@@ -86,50 +59,46 @@ def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
 @compiled
 def _look_closely(workspace: Lanes, model: int, falls: bool) -> None:
     """Look once more, with full accuracy, for soils that hardly carry more than the lowest load."""
-    workspace[TOP] = at.highest(workspace)
-    pn.forget(workspace)
-    right = workspace[TOP]
+    workspace[lv.TOP] = at.highest(workspace)
+    lv.forget(workspace)
+    right = workspace[lv.TOP]
     for _ in range(CLOSE_PANELS if falls else 1):
-        pn.search(workspace, model, (False, falls), right - CLOSE, right)
+        lv.search(workspace, model, (False, falls), right - CLOSE, right)
         right -= CLOSE
 
 
 @compiled
 def _at_once(workspace: Lanes, model: int, falls: bool, left: float, right: float) -> bool:
     """Try one panel of full accuracy; tell whether all weight lies in it and it is well described."""
-    pn.forget(workspace)
+    lv.forget(workspace)
     _clear(workspace)
-    going_left, going_right = pn.search(workspace, model, (False, falls), left, right)
-    if going_left or (going_right and right < workspace[TOP]) or workspace[BEST] <= lv.NOTHING:
+    going_left, going_right = lv.search(workspace, model, (False, falls), left, right)
+    if going_left or (going_right and right < workspace[lv.TOP]) or workspace[lv.BEST] <= lv.NOTHING:
         return False
-    low = (workspace[LOW] - workspace[at.MIDDLE]) / workspace[at.HALF]
-    high = (workspace[HIGH] - workspace[at.MIDDLE]) / workspace[at.HALF]
-    filled = high - low >= FILLED * (workspace[T + 1] - workspace[T])
-    if filled and workspace[SCANNED] == CELLS and workspace[SLACK] < pn.SEEN:
+    low = (workspace[lv.LOW] - workspace[at.MIDDLE]) / workspace[at.HALF]
+    high = (workspace[lv.HIGH] - workspace[at.MIDDLE]) / workspace[at.HALF]
+    filled = high - low >= FILLED * (workspace[lv.T + 1] - workspace[lv.T])
+    if filled and workspace[lv.SCANNED] == lv.CELLS and workspace[lv.SLACK] < lv.SEEN:
         _set_part(workspace, 0, low, high)
-        workspace[PART + 2], ready = _best_place(workspace, 0, CELLS), 1
+        workspace[lv.PART + 2], ready = _best_place(workspace, 0, lv.CELLS), 1
     else:
         ready = _find_parts(workspace, low, high)
     if _most_doubt(workspace, ready) > ERROR:
         return False
     _add_parts(workspace, ready)
-    return bool(workspace[SUM] > 0.0)
+    return bool(workspace[lv.SUM] > 0.0)
 
 
 @inlined
 def _clear(workspace: Lanes) -> None:
-    workspace[SUM], workspace[SUM_TOP], workspace[LEFT], workspace[RIGHT] = (
-        0.0,
-        lv.NOTHING,
-        lv.NOTHING,
-        lv.NOTHING,
-    )
+    workspace[lv.SUM] = 0.0
+    workspace[lv.SUM_TOP] = workspace[lv.LEFT] = workspace[lv.RIGHT] = lv.NOTHING
 
 
 @inlined
 def _push(workspace: Lanes, todo: int, low: float, high: float) -> int:
-    if todo < PANELS and high > low:
-        workspace[STACK + 2 * todo], workspace[STACK + 2 * todo + 1] = low, high
+    if todo < lv.PANELS and high > low:
+        workspace[lv.STACK + 2 * todo], workspace[lv.STACK + 2 * todo + 1] = low, high
         todo += 1
     return todo
 
@@ -137,28 +106,28 @@ def _push(workspace: Lanes, todo: int, low: float, high: float) -> int:
 @compiled
 def _widen(workspace: Lanes) -> int:
     """Push panels beyond ends that turned out to be weighty."""
-    todo, width, bar = 0, workspace[HIGH] - workspace[LOW], workspace[BEST] - EMPTY
-    if workspace[RIGHT] > bar:
-        end = min(workspace[HIGH] + width, workspace[TOP])
-        todo = _push(workspace, todo, workspace[HIGH], end)
-        workspace[HIGH], workspace[RIGHT] = end, lv.NOTHING
-    if workspace[LEFT] > bar:
-        todo = _push(workspace, todo, workspace[LOW] - width, workspace[LOW])
-        workspace[LOW], workspace[LEFT] = workspace[LOW] - width, lv.NOTHING
+    todo, width, bar = 0, workspace[lv.HIGH] - workspace[lv.LOW], workspace[lv.BEST] - EMPTY
+    if workspace[lv.RIGHT] > bar:
+        end = min(workspace[lv.HIGH] + width, workspace[lv.TOP])
+        todo = _push(workspace, todo, workspace[lv.HIGH], end)
+        workspace[lv.HIGH], workspace[lv.RIGHT] = end, lv.NOTHING
+    if workspace[lv.LEFT] > bar:
+        todo = _push(workspace, todo, workspace[lv.LOW] - width, workspace[lv.LOW])
+        workspace[lv.LOW], workspace[lv.LEFT] = workspace[lv.LOW] - width, lv.NOTHING
     return todo
 
 
 @compiled
 def _do_panel(workspace: Lanes, model: int, falls: bool, todo: int) -> int:
     """Sum a panel from the stack, or split it if eight points do not describe it; return what is to do."""
-    left, right = workspace[STACK + 2 * todo], workspace[STACK + 2 * todo + 1]
-    low, high, cells = pn.solve(workspace, model, (False, falls), left, right)
+    left, right = workspace[lv.STACK + 2 * todo], workspace[lv.STACK + 2 * todo + 1]
+    low, high, cells = lv.solve(workspace, model, (False, falls), left, right)
     if high <= low:
         _note_miss(workspace, left, right, cells)
         return todo
     ready = _find_parts(workspace, low, high)
     wide = right - left > WIDEST or _most_doubt(workspace, ready) > ERROR
-    if wide and right - left > NARROW and todo + 2 <= PANELS:
+    if wide and right - left > NARROW and todo + 2 <= lv.PANELS:
         todo = _push(workspace, todo, left, 0.5 * (left + right))
         return _push(workspace, todo, 0.5 * (left + right), right)
     _add_parts(workspace, ready)
@@ -169,25 +138,24 @@ def _do_panel(workspace: Lanes, model: int, falls: bool, todo: int) -> int:
 @inlined
 def _note_miss(workspace: Lanes, left: float, right: float, where: int) -> None:
     """Ask for panels beyond an end where the rough forces put a panel short of the loads' range."""
-    if where == pn.BELOW and right >= workspace[HIGH] and right < workspace[TOP]:
-        workspace[RIGHT] = np.inf
-    if where == pn.ABOVE and left <= workspace[LOW]:
-        workspace[LEFT] = np.inf
+    if where == lv.BELOW and right >= workspace[lv.HIGH] and right < workspace[lv.TOP]:
+        workspace[lv.RIGHT] = np.inf
+    if where == lv.ABOVE and left <= workspace[lv.LOW]:
+        workspace[lv.LEFT] = np.inf
 
 
 @compiled
 def _note_ends(workspace: Lanes, left: float, right: float, low: float, high: float) -> None:
     """Keep the levels at the ends of the interval of weight, if the range of the load goes on beyond."""
-    workspace[T], workspace[T + 1] = low, high
+    workspace[lv.T], workspace[lv.T + 1] = low, high
     lv.fill_levels(workspace, 2)
-    if left <= workspace[LOW]:
-        open_end = lv.polynomial(workspace, at.LOG_NORMAL, -1.0) > workspace[LOAD_LOW]
-        workspace[LEFT] = workspace[LEVEL] if low == -1.0 and open_end else lv.NOTHING
-    if right >= workspace[HIGH]:
-        open_end = (
-            right < workspace[TOP] and lv.polynomial(workspace, at.LOG_NORMAL, 1.0) < workspace[LOAD_HIGH]
-        )
-        workspace[RIGHT] = workspace[LEVEL + 1] if high == 1.0 and open_end else lv.NOTHING
+    if left <= workspace[lv.LOW]:
+        open_end = lv.polynomial(workspace, at.LOG_NORMAL, -1.0) > workspace[lv.LOAD_LOW]
+        workspace[lv.LEFT] = workspace[lv.LEVEL] if low == -1.0 and open_end else lv.NOTHING
+    if right >= workspace[lv.HIGH]:
+        open_end = lv.polynomial(workspace, at.LOG_NORMAL, 1.0) < workspace[lv.LOAD_HIGH]
+        open_end = right < workspace[lv.TOP] and open_end
+        workspace[lv.RIGHT] = workspace[lv.LEVEL + 1] if high == 1.0 and open_end else lv.NOTHING
 
 
 @compiled
@@ -197,11 +165,11 @@ def _find_parts(workspace: Lanes, low: float, high: float) -> int:
     _set_part(workspace, 0, low, high)
     while end > ready:
         end -= 1
-        low, high = workspace[PART + 4 * end], workspace[PART + 4 * end + 1]
-        cells = pn.scan(workspace, low, high)
-        workspace[BEST] = max(workspace[BEST], pn.highest_level(workspace, cells + 1))
+        low, high = workspace[lv.PART + 4 * end], workspace[lv.PART + 4 * end + 1]
+        cells = lv.scan(workspace, low, high)
+        workspace[lv.BEST] = max(workspace[lv.BEST], lv.highest_level(workspace, cells + 1))
         first = 0
-        while first <= cells and end + 1 < PARTS:
+        while first <= cells and end + 1 < lv.PARTS:
             last = _run(workspace, first, cells)
             if last < first:
                 first += 1
@@ -209,10 +177,10 @@ def _find_parts(workspace: Lanes, low: float, high: float) -> int:
             begin, stop = max(first - 1, 0), min(last + 1, cells)
             place = end
             if stop - begin >= FILLED or high - low < NARROW:
-                _set_part(workspace, end, workspace[PART + 4 * ready], workspace[PART + 4 * ready + 1])
+                _set_part(workspace, end, workspace[lv.PART + 4 * ready], workspace[lv.PART + 4 * ready + 1])
                 place, ready = ready, ready + 1
-            _set_part(workspace, place, workspace[T + begin], workspace[T + stop])
-            workspace[PART + 4 * place + 2] = _best_place(workspace, first, last)
+            _set_part(workspace, place, workspace[lv.T + begin], workspace[lv.T + stop])
+            workspace[lv.PART + 4 * place + 2] = _best_place(workspace, first, last)
             end += 1
             first = last + 3
     return ready
@@ -220,25 +188,25 @@ def _find_parts(workspace: Lanes, low: float, high: float) -> int:
 
 @inlined
 def _set_part(workspace: Lanes, i: int, low: float, high: float) -> None:
-    workspace[PART + 4 * i], workspace[PART + 4 * i + 1] = low, high
+    workspace[lv.PART + 4 * i], workspace[lv.PART + 4 * i + 1] = low, high
 
 
 @inlined
 def _best_place(workspace: Lanes, first: int, last: int) -> float:
     best = first
     for k in range(first, last + 1):
-        best = k if workspace[LEVEL + k] > workspace[LEVEL + best] else best
-    return float(workspace[T + best])
+        best = k if workspace[lv.LEVEL + k] > workspace[lv.LEVEL + best] else best
+    return float(workspace[lv.T + best])
 
 
 @compiled
 def _run(workspace: Lanes, first: int, cells: int) -> int:
     """Last of a run of weighty places that begins at ``first``, over gaps of two; less where none begins."""
-    bar, last = workspace[BEST] - DEPTH, first - 1
+    bar, last = workspace[lv.BEST] - lv.DEPTH, first - 1
     for k in range(first, cells + 1):
         if k > last + 3 or (k > first and last < first):
             break
-        if workspace[LEVEL + k] + pn.excess(workspace, k, cells + 1) > bar:
+        if workspace[lv.LEVEL + k] + lv.excess(workspace, k, cells + 1) > bar:
             last = k
     return last
 
@@ -248,7 +216,7 @@ def _most_doubt(workspace: Lanes, ready: int) -> float:
     """Greatest doubt at the highest places of the parts."""
     most = 0.0
     for i in range(ready):
-        most = max(most, lv.doubt(workspace, workspace[PART + 4 * i + 2]))
+        most = max(most, lv.doubt(workspace, workspace[lv.PART + 4 * i + 2]))
     return most
 
 
@@ -256,39 +224,37 @@ def _most_doubt(workspace: Lanes, ready: int) -> float:
 def _add_parts(workspace: Lanes, ready: int) -> None:
     """Add the integrals over parts, and choose one for the drawn load with its share of the sum."""
     for i in range(ready):
-        low, high = workspace[PART + 4 * i], workspace[PART + 4 * i + 1]
-        pn.spread(workspace, CELLS + 1, low, high)
-        top = pn.highest_level(workspace, CELLS + 1)
-        empty = max(workspace[LEVEL], workspace[LEVEL + CELLS]) < top - EMPTY
+        low, high = workspace[lv.PART + 4 * i], workspace[lv.PART + 4 * i + 1]
+        lv.spread(workspace, lv.CELLS + 1, low, high)
+        top = lv.highest_level(workspace, lv.CELLS + 1)
+        empty = max(workspace[lv.LEVEL], workspace[lv.LEVEL + lv.CELLS]) < top - EMPTY
         part = _trapezoid(workspace, top, low, high) if empty else _gauss(workspace, top, low, high)
         part *= workspace[at.HALF]
         if part <= 0.0:
             continue
-        if top > workspace[SUM_TOP]:
-            workspace[SUM], workspace[SUM_TOP] = workspace[SUM] * np.exp(workspace[SUM_TOP] - top), top
-        part *= np.exp(top - workspace[SUM_TOP])
-        workspace[SUM] += part
-        share = part / workspace[SUM]
-        if workspace[UNIFORM] < share:
-            workspace[UNIFORM], workspace[FROM], workspace[TO] = workspace[UNIFORM] / share, low, high
-            workspace[CHOSEN : CHOSEN + at.CURVE_SIZE] = workspace[at.CURVE : at.CURVE + at.CURVE_SIZE]
+        if top > workspace[lv.SUM_TOP]:
+            workspace[lv.SUM] *= np.exp(workspace[lv.SUM_TOP] - top)
+            workspace[lv.SUM_TOP] = top
+        part *= np.exp(top - workspace[lv.SUM_TOP])
+        workspace[lv.SUM] += part
+        share = part / workspace[lv.SUM]
+        if workspace[lv.UNIFORM] < share:
+            workspace[lv.UNIFORM] /= share
+            workspace[lv.FROM], workspace[lv.TO] = low, high
+            workspace[lv.CHOSEN : lv.CHOSEN + at.CURVE_SIZE] = workspace[at.CURVE : at.CURVE + at.CURVE_SIZE]
         else:
-            workspace[UNIFORM] = (workspace[UNIFORM] - share) / (1.0 - share)
+            workspace[lv.UNIFORM] = (workspace[lv.UNIFORM] - share) / (1.0 - share)
 
 
 @compiled
 def _trapezoid(workspace: Lanes, top: float, low: float, high: float) -> float:
     """Sum an integrand that vanishes at both ends; the levels of a scan are in place."""
-    total = lv.add_up(workspace, CELLS + 1, top)
-    count, step, finest, agreed = (
-        CELLS,
-        (high - low) / CELLS,
-        lv.finest(workspace, low, high),
-        _agreed(workspace),
-    )
+    total = lv.add_up(workspace, lv.CELLS + 1, top)
+    count, step = lv.CELLS, (high - low) / lv.CELLS
+    finest, agreed = lv.finest(workspace, low, high), _agreed(workspace)
     while True:
         for k in range(count):
-            workspace[T + k] = low + (k + 0.5) * step
+            workspace[lv.T + k] = low + (k + 0.5) * step
         lv.fill_levels(workspace, count)
         between = lv.add_up(workspace, count, top)
         change = abs(between - total)
@@ -302,10 +268,8 @@ def _agreed(workspace: Lanes) -> float:
     """Relative change at which a sum is taken: a smooth integrand's finer sum is far better than that."""
     smooth = True
     for channel in range(lv.CHANNELS):
-        plain = lv.spec(workspace, channel, lv.FRACTION) == 0.0 and np.isinf(
-            lv.spec(workspace, channel, lv.DOF)
-        )
-        smooth = smooth and plain
+        smooth = smooth and lv.spec(workspace, channel, lv.FRACTION) == 0.0
+        smooth = smooth and np.isinf(lv.spec(workspace, channel, lv.DOF))
     return 3e-3 if smooth else 1e-4
 
 
@@ -317,13 +281,13 @@ def _gauss(workspace: Lanes, top: float, low: float, high: float) -> float:
         size = 0.5 * (high - low) / pieces
         for p in range(pieces):
             for k in range(_GAUSS):
-                workspace[T + p * _GAUSS + k] = low + size * (2 * p + 1 + _NODES[k])
+                workspace[lv.T + p * _GAUSS + k] = low + size * (2 * p + 1 + _NODES[k])
         lv.fill_levels(workspace, pieces * _GAUSS)
         lv.add_up(workspace, pieces * _GAUSS, top)
         total = 0.0
         for p in range(pieces):
             for k in range(_GAUSS):
-                total += size * _WEIGHTS[k] * workspace[LEVEL + p * _GAUSS + k]
+                total += size * _WEIGHTS[k] * workspace[lv.LEVEL + p * _GAUSS + k]
         pieces *= 2
         if (abs(total - before) < agreed * total and size < finest) or pieces * _GAUSS > lv.PLACES:
             return total
@@ -334,18 +298,18 @@ def _gauss(workspace: Lanes, top: float, low: float, high: float) -> float:
 def drawn_load(workspace: Lanes) -> float:
     """The load drawn from its law given readings and soil, after :func:`log_integral`."""
     count = 257
-    workspace[at.CURVE : at.CURVE + at.CURVE_SIZE] = workspace[CHOSEN : CHOSEN + at.CURVE_SIZE]
-    pn.spread(workspace, count, workspace[FROM], workspace[TO])
-    lv.add_up(workspace, count, pn.highest_level(workspace, count))
+    workspace[at.CURVE : at.CURVE + at.CURVE_SIZE] = workspace[lv.CHOSEN : lv.CHOSEN + at.CURVE_SIZE]
+    lv.spread(workspace, count, workspace[lv.FROM], workspace[lv.TO])
+    lv.add_up(workspace, count, lv.highest_level(workspace, count))
     for k in range(1, count):
-        workspace[LEVEL + k - 1] = 0.5 * (workspace[LEVEL + k - 1] + workspace[LEVEL + k])
+        workspace[lv.LEVEL + k - 1] = 0.5 * (workspace[lv.LEVEL + k - 1] + workspace[lv.LEVEL + k])
     total = 0.0
     for k in range(count - 1):
-        total += workspace[LEVEL + k]
-    aim, k = workspace[UNIFORM] * total, 0
-    while k < count - 2 and aim > workspace[LEVEL + k]:
-        aim -= workspace[LEVEL + k]
+        total += workspace[lv.LEVEL + k]
+    aim, k = workspace[lv.UNIFORM] * total, 0
+    while k < count - 2 and aim > workspace[lv.LEVEL + k]:
+        aim -= workspace[lv.LEVEL + k]
         k += 1
-    share = min(aim / max(workspace[LEVEL + k], 1e-300), 1.0)
-    t = workspace[T + k] + share * (workspace[T + k + 1] - workspace[T + k])
+    share = min(aim / max(workspace[lv.LEVEL + k], 1e-300), 1.0)
+    t = workspace[lv.T + k] + share * (workspace[lv.T + k + 1] - workspace[lv.T + k])
     return float(np.exp(lv.polynomial(workspace, at.LOG_NORMAL, t)))

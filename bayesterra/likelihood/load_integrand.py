@@ -160,11 +160,8 @@ def _fill_modelled(workspace: Lanes, channel: int, count: int) -> None:
 def _add_law(workspace: Lanes, channel: int, count: int) -> None:
     """Add the log density of a reading, given what it should read."""
     per, fraction = 1.0 / spec(workspace, channel, FLOOR), spec(workspace, channel, FRACTION)
-    reading, peak, dof = (
-        spec(workspace, channel, READING),
-        spec(workspace, channel, PEAK),
-        spec(workspace, channel, DOF),
-    )
+    reading, peak = spec(workspace, channel, READING), spec(workspace, channel, PEAK)
+    dof = spec(workspace, channel, DOF)
     if fraction == 0.0:
         for k in range(count):
             workspace[MODELLED + k] = (reading - workspace[MODELLED + k]) * per
@@ -309,12 +306,8 @@ def locate(workspace: Lanes, model: int, falls: bool, start: float) -> None:
 @inlined
 def forget(workspace: Lanes) -> None:
     """Begin a search."""
-    workspace[BEST], workspace[SLACK], workspace[LOW], workspace[HIGH] = (
-        NOTHING,
-        0.0,
-        workspace[TOP],
-        workspace[TOP],
-    )
+    workspace[BEST], workspace[SLACK] = NOTHING, 0.0
+    workspace[LOW] = workspace[HIGH] = workspace[TOP]
 
 
 @compiled
@@ -377,11 +370,8 @@ def excess(workspace: Lanes, k: int, count: int) -> float:
     if workspace[LEVEL + k] < max(workspace[LEVEL + max(k - 1, 0)], workspace[LEVEL + min(k + 1, count - 1)]):
         return 0.0
     centre = min(max(k, 1), count - 2)
-    before, here, after = (
-        workspace[LEVEL + centre - 1],
-        workspace[LEVEL + centre],
-        workspace[LEVEL + centre + 1],
-    )
+    before, after = workspace[LEVEL + centre - 1], workspace[LEVEL + centre + 1]
+    here = workspace[LEVEL + centre]
     bend = 2.0 * here - before - after
     climb = 0.5 * (after - before) + bend * (centre - k)  # slope of the parabola at k
     if bend <= 0.0:
@@ -429,11 +419,9 @@ def solve(
     cut_high = polynomial(workspace, at.LOG_NORMAL, end) > highest
     if not (cut_low or cut_high):
         return -1.0, high, cells
-    low = (
-        place_of(workspace, lowest, -1.0, high)
-        if polynomial(workspace, at.LOG_NORMAL, -1.0) < lowest
-        else -1.0
-    )
+    low = -1.0
+    if polynomial(workspace, at.LOG_NORMAL, low) < lowest:
+        low = place_of(workspace, lowest, low, high)
     if polynomial(workspace, at.LOG_NORMAL, high) > highest:
         high = place_of(workspace, highest, low, high)
     return low, high, scan(workspace, low, high)

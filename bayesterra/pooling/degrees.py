@@ -32,6 +32,7 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.pooling.evidence import (
     PriorShares,
     Weighed,
@@ -40,12 +41,11 @@ from bayesterra.pooling.evidence import (
     weigh_joint,
     weigh_plain,
 )
-from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
-from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import PooledEnsemble, Walkers
-from bayesterra.pooling.sampler import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
+from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.importance import Evidence, summed
+from bayesterra.sampling.joint import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
+from bayesterra.sampling.moves import PooledEnsemble, Walkers
 from bayesterra.sampling.sampler import Samples
 from bayesterra.study.groups import Population
 

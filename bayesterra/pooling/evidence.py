@@ -18,13 +18,13 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.posterior import INSIDE, Posterior
-from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import FITTED, OuterLaws, outer_laws
-from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.sampler import JointSamples, group_coordinates
 from bayesterra.sampling.coordinates import Coordinates
+from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.importance import Evidence, summed
+from bayesterra.sampling.joint import JointSamples, group_coordinates
 from bayesterra.stats.mixture import ProposalLaw
 from bayesterra.stats.weights import log_mean, pareto_limit, pareto_smoothed
 

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL
+from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
-from bayesterra.pooling.joint import joint_posterior
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import Failures, failed

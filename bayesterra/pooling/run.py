@@ -1,19 +1,22 @@
-"""The run of a study with a [pooling] table: joint posterior, both extremes beside it, and the verdict."""
+"""The run of a study with a [pooling] table: joint posterior, both extremes, the verdict; one group alone."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.random import SeedSequence, default_rng
+from numpy.random import Generator, SeedSequence, default_rng
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
+from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.likelihood.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import (
@@ -30,13 +33,12 @@ from bayesterra.pooling.degrees import (
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
-from bayesterra.pooling.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
+from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import parameter_rows
 from bayesterra.stats.diagnostics import hdi
@@ -50,6 +52,7 @@ from bayesterra.study.result import (
     left_out_dataset,
     observed_dataset,
     of_rows,
+    parameter_dataset,
 )
 from bayesterra.study.study import Study
 
@@ -344,3 +347,85 @@ def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[i
     values = np.concatenate(terms, axis=1).reshape(*chains.shape[:2], -1)
     likelihoods = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
     return likelihoods.sel(row=list(order))
+
+
+def group_result(result: PooledResult, group: str | None = None, *, seed: int = 1) -> Result:
+    """Draws of the parameters that one group has, shared and own, as a result without groups.
+
+    Parameters
+    ----------
+    result : of a study with a [pooling] table.
+    group : name of a group; None for one that was not tested. Each draw of it has the shared values of a
+        joint draw; hierarchical values come from the population with that draw's mean and spread, separate
+        ones from their prior, as nothing tells more of them.
+    seed : of the draws of a group that was not tested.
+
+    Raises
+    ------
+    StudyError : there is no such group.
+    """
+    groups, by = result.groups, _by(result)
+    if group is not None and group not in groups:
+        raise StudyError(f"unknown group '{group}'{did_you_mean(group, groups)}")
+    joint, rng = joint_posterior(result.study), default_rng(seed)
+    trees = {}
+    for name in ("posterior", "prior"):
+        data = result.draws[name].to_dataset()
+        shared = _stacked(data, joint.shared_and_hyper)
+        own = _stacked(data.sel(group=group), joint.local) if group else _new_values(joint, shared, rng)
+        x = joint.of_group(shared, own)
+        chains = x.reshape(data.sizes["chain"], data.sizes["draw"], -1)
+        trees[name] = parameter_dataset(joint.first.names, chains)
+    study = _alone(result.study, by, group)
+    kept = ("parameter", "unit")
+    summary = result.summary[[column for column in kept if column in result.summary]].iloc[:0]
+    return Result(study=study, draws=xr.DataTree.from_dict(trees), summary=summary, record=result.record)
+
+
+def basis(result: PooledResult, group: str | None) -> str:
+    """Sentence on where the parameters of a group's result come from."""
+    names = ", ".join(result.groups)
+    if group is not None:
+        return f"parameters are those of {group} in the joint posterior of {names}"
+    joint = joint_posterior(result.study)
+    separate = [PARAMETERS[name].symbol for name in joint.local if name not in joint.populations]
+    known = [PARAMETERS[name].symbol for name in joint.populations]
+    drawn = [f"{', '.join(known)} drawn from the population of {names}"] if known else []
+    drawn += [f"{', '.join(separate)} from the prior, as {names} tell nothing of another"] if separate else []
+    return f"this {_by(result)} was not tested: {'; '.join(drawn)}"
+
+
+def _by(result: PooledResult) -> str:
+    """The column that says which group a row belongs to."""
+    assert result.study.pooling is not None  # noqa: S101 - a result with groups has them
+    return result.study.pooling.by
+
+
+def _stacked(data: xr.Dataset, names: tuple[str, ...]) -> FloatArray:
+    """Values (n, k) of variables with chains and draws."""
+    columns = [data[name].to_numpy().ravel() for name in names]
+    return np.column_stack(columns) if columns else np.empty((data.sizes["chain"] * data.sizes["draw"], 0))
+
+
+def _new_values(joint: JointPosterior, shared: FloatArray, rng: Generator) -> FloatArray:
+    """Values (n, d) of a group that was not tested, inside the physical ranges where the prior has any."""
+    own = joint.draw_group(shared, rng)
+    for _ in range(1000):
+        outside = np.flatnonzero(~np.isfinite(joint.first.log_prior(joint.of_group(shared, own))))
+        if not outside.size:
+            break
+        own[outside] = joint.draw_group(shared[outside], rng)
+    return own
+
+
+def _alone(study: Study, by: str, group: str | None) -> Study:
+    """The study without groups, of the rows of one of them or of all."""
+    alone = copy(study)
+    object.__setattr__(alone, "pooling", None)
+    if group is None:
+        return alone
+    mine = np.array([label == group for label in study.observations.label(by)])
+    rows = study.observations.take(mine)
+    wheels = {name: wheel for name, wheel in study.wheels.items() if name in rows.wheel}
+    object.__setattr__(alone, "wheels", wheels)
+    return alone.with_rows(replace(rows, notes=()))

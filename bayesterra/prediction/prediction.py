@@ -360,8 +360,7 @@ def of_group(result: Result, wheel: str, group: str | None, seed: int = 1) -> tu
         if group is not None:
             raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
         return result, ""
-    from bayesterra.pooling.group import basis, group_result
-    from bayesterra.pooling.run import PooledResult
+    from bayesterra.pooling.run import PooledResult, basis, group_result
 
     if not isinstance(result, PooledResult):  # of the prior alone
         raise StudyError("a prediction needs a joint posterior (got a prior of several groups)")

@@ -212,12 +212,11 @@ def diagnose(names: Sequence[str], chains: FloatArray, accepted: FloatArray, tar
     hats = np.array([r_hat(column) for column in columns])
     with np.errstate(divide="ignore"):
         tau = columns[0].size / np.array([effective_size(column) for column in columns])
-    measured = _Measured(sizes.min(axis=1), hats, tau, differing.min(axis=1) * differing.size)
-    checks = (*_on_draws(names, measured, chains.shape[1], target_ess), *_on_walkers(accepted))
-    bulk, tail = sizes[:, 0], sizes[:, 1:].min(axis=1)
-    return Diagnosis(
-        tuple(names), bulk, tail, hats, tau, float(accepted.mean()), int(chains.shape[1]), checks
-    )
+    bulk, tail, steps = sizes[:, 0], sizes[:, 1:].min(axis=1), int(chains.shape[1])
+    differing = differing.min(axis=1) * differing.size  # p values, times their number
+    on_draws = _on_draws(names, np.minimum(bulk, tail), hats, tau, differing, steps, target_ess)
+    checks = (*on_draws, *_on_walkers(accepted))
+    return Diagnosis(tuple(names), bulk, tail, hats, tau, float(accepted.mean()), steps, checks)
 
 
 def _sizes(column: FloatArray) -> tuple[list[float], list[float]]:
@@ -227,21 +226,14 @@ def _sizes(column: FloatArray) -> tuple[list[float], list[float]]:
     return sizes, [disagreement(part, size) for part, size in zip(statistics, sizes, strict=True)]
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """Per parameter (d,): smallest effective size, R-hat, τ, and p of disagreement times their number."""
-
-    ess: FloatArray
-    r_hat: FloatArray
-    tau: FloatArray
-    differing: FloatArray
-
-
-def _on_draws(names: Sequence[str], measured: _Measured, steps: int, target_ess: float) -> tuple[Check, ...]:
-    ess, hat = measured.ess, np.nan_to_num(measured.r_hat, nan=np.inf)
-    needed = STEPS_PER_TAU * float(np.nan_to_num(measured.tau, nan=np.inf).max())
+def _on_draws(
+    names: Sequence[str], ess: FloatArray, hats: FloatArray, tau: FloatArray, differing: FloatArray,
+    steps: int, target_ess: float,
+) -> tuple[Check, ...]:  # fmt: skip
+    hat = np.nan_to_num(hats, nan=np.inf)
+    needed = STEPS_PER_TAU * float(np.nan_to_num(tau, nan=np.inf).max())
     slowest, worst = names[int(ess.argmin())], names[int(hat.argmax())]
-    apart, p = names[int(measured.differing.argmin())], min(1.0, float(measured.differing.min()))
+    apart, p = names[int(differing.argmin())], min(1.0, float(differing.min()))
     return (
         Check("effective draws", float(ess.min()), target_ess, bool(ess.min() >= target_ess),
               f"run longer: {slowest} is the slowest"),

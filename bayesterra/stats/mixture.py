@@ -93,8 +93,6 @@ class StudentMixture:
 
     def distances(self, u: FloatArray) -> FloatArray:
         """Squared Mahalanobis distance of points (n, d) from every component, (n, k)."""
-        pass  # numba is heavy: only where it is needed
-
         inverse, offsets, _ = self._whitening
         out = np.empty((len(u), len(self.weights)))
         squared(np.ascontiguousarray(u, dtype=np.float64), inverse, offsets, out)

@@ -100,8 +100,6 @@ class TransportMap:
         return self.centre + self.scale * z, log_jacobian
 
     def _moved(self, points: FloatArray, *, inverse: bool) -> tuple[FloatArray, FloatArray]:
-        pass  # numba is heavy: only where it is needed
-
         out, log_jacobian = np.empty(points.shape), np.empty(len(points))
         move(points, *self._packed, (REACH, MOST), inverse, out, log_jacobian)
         return out, log_jacobian + self._log_scale

@@ -21,8 +21,8 @@ from bayesterra.parameters import (
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
 )
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors

@@ -11,8 +11,8 @@ from scipy import stats
 
 from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, known, suggestion
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Source, Tie

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PARAMETERS, Parameter, field_values
+from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.report.figures import TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Verdict
@@ -51,9 +51,8 @@ def axis(result: Result, name: str) -> Axis:
     It is widened where the posterior reaches beyond that.
     """
     law, scale = result.study.prior.laws[name], PARAMETERS[name].scale
-    draws = field_values(name, result.values()[:, result.names.index(name)])
     tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
-    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), tails, draws)
+    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), tails, result.column(name))
 
 
 def axis_of(law: Law, ends: tuple[float, float], tails: FloatArray, draws: FloatArray) -> Axis:

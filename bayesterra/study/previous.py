@@ -5,7 +5,7 @@ their normal scores joins them, a Gaussian copula. How far that stands for the d
 the principal directions of the scores, scaled to one deviation, the copula is a product of standard normal
 laws; draws on a ridge that bends are not. Compared are the probabilities to lie below given cuts along one
 direction or two, tails among them. Where the copula differs from the draws clearly beyond their noise, a
-mixture copula (:mod:`bayesterra.stats.mixture_copula`) is measured likewise, on draws that its fit has not
+mixture copula (:mod:`bayesterra.stats.dependence`) is measured likewise, on draws that its fit has not
 seen, and stands in for the correlations if it differs by less.
 """
 
@@ -25,8 +25,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
+from bayesterra.stats.dependence import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.diagnostics import array_ess, rank_scores
-from bayesterra.stats.mixture_copula import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source

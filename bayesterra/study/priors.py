@@ -24,9 +24,8 @@ from bayesterra.parameters import (
     SoilColumns,
     soil_array,
 )
-from bayesterra.stats.dependence import Dependence, GaussianCopula, JoinedDependence
+from bayesterra.stats.dependence import SINGULAR, Dependence, GaussianCopula, JoinedDependence, MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture_copula import SINGULAR, MixtureCopula
 
 PAPER_BOX: dict[str, Law | float] = {
     "Ks": Law("uniform", lower=0.1e6, upper=10e6),

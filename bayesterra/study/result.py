@@ -21,7 +21,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, check_kind
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter, field_values
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
@@ -182,6 +182,10 @@ class DrawnResult(AnalysisResult):
         """Draws of all parameters (n, d), of the group ``prior`` where that is asked for; SI, radians."""
         data = self.draws[group or self.GROUP]
         return np.column_stack([data[name].to_numpy().ravel() for name in self.names])
+
+    def column(self, name: str, group: str = "") -> FloatArray:
+        """Draws (n,) of one parameter, field units."""
+        return field_values(name, self.draws[group or self.GROUP][name].to_numpy().ravel())
 
     def to_dataframe(self) -> pd.DataFrame:
         """Draws, one row each: chain (ensemble), draw, then the parameters in SI and radians."""

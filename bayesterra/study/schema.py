@@ -37,7 +37,7 @@ from bayesterra.errors import StudyError, checked_name, checked_text, did_you_me
 from bayesterra.models import MODELS
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
-from bayesterra.stats.mixture_copula import MixtureCopula
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.study import entries
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error

@@ -21,9 +21,15 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
+from bayesterra.checking.calibration import (
+    CalibrationRequest,
+    Fit,
+    Fitted,
+    Progress,
+    ShortRuns,
+    calibrate_study,
+)
 from bayesterra.checking.ranks import Calibration
-from bayesterra.checking.replications import Fit, Fitted, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.study.noise import Noise
 

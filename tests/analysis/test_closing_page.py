@@ -14,8 +14,8 @@ from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import Table, Text
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.report.style import MARKS
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.diagnostics import hdi
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Prior

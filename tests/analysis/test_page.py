@@ -164,7 +164,7 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
 
 def _checks(*p: float) -> tuple[FitCheck, ...]:
     names = ("sinkage", "drawbar_pull", "resistance_moment")
-    return tuple(FitCheck(name, 5, value, estimated=False) for name, value in zip(names, p, strict=True))
+    return tuple(FitCheck(name, 5, value) for name, value in zip(names, p, strict=True))
 
 
 def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> None:

@@ -11,14 +11,13 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, Fit, Progress, ShortRuns, calibrate_study
 from bayesterra.checking.ranks import Calibration
-from bayesterra.checking.replications import Fit, ShortRuns
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
 
 from .conftest import MakeStudy, exact
-from .test_replications import troubled
+from .test_calibration_replications import troubled
 
 FILES = {"ranks.csv", "calibration.json", "report.html", "study.toml", "measurements.csv", "SHA256SUMS"}
 

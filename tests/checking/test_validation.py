@@ -39,8 +39,8 @@ def test_p_value_is_that_of_replicated_readings(small_result: Result) -> None:
 
 def test_a_scatter_far_below_the_noise_is_called_overstated() -> None:
     """P above 0.99 says that the noise was stated too large, lesser ones do not."""
-    assert validation.FitCheck("sinkage", 5, 0.995, estimated=False).overstated
-    assert not validation.FitCheck("sinkage", 5, 0.98, estimated=False).overstated
+    assert validation.FitCheck("sinkage", 5, 0.995).overstated
+    assert not validation.FitCheck("sinkage", 5, 0.98).overstated
 
 
 def test_published_values_are_only_those_that_were_published(small_result: Result) -> None:

@@ -26,7 +26,7 @@ from bayesterra.analysis import result as run_results
 from bayesterra.analysis.result import check_draws, read_pooled
 from bayesterra.analysis.run import load_single
 from bayesterra.analysis.terminal import print_overview
-from bayesterra.checking.replications import Outcome
+from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.follow.rows import References, read_row
 from bayesterra.follow.session import rows_of

@@ -19,21 +19,20 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.analysis.comparison import compare
-from bayesterra.analysis.prior_only import run_prior
-from bayesterra.checking.calibration import calibrate
+from bayesterra.analysis.inference import run_prior
+from bayesterra.checking.calibration import Fitted, calibrate
 from bayesterra.checking.holdout import leave_out
-from bayesterra.checking.replications import Fitted
 from bayesterra.design.recommendation import recommend
 from bayesterra.identifiability.identify import identify
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.pooling.run import run_pooled
-from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.prediction.forecast import forecast
 from bayesterra.prediction.outlook import predict_rover
 from bayesterra.prediction.page import predictions, rover_outlook
 from bayesterra.report.figures import white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.soiltests.analysis import analyse
 from bayesterra.soiltests.study import soil_test
 from bayesterra.stats.laws import Law

@@ -18,8 +18,8 @@ from bayesterra.identifiability.cloning import (
     scaled,
 )
 from bayesterra.likelihood.posterior import posterior
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.study.result import Result
 
 N = 4000

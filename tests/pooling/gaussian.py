@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.pooling.joint import JointPosterior, joint_posterior
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
+from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.pooling.degrees import (
     Evidences,
     Level,
@@ -19,7 +20,6 @@ from bayesterra.pooling.degrees import (
     level_of,
     with_roles,
 )
-from bayesterra.pooling.joint import JointPosterior
 from bayesterra.study.groups import Pooling, Population
 from bayesterra.study.study import Study
 from tests.support.two_wheels import HELD

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from numpy.random import default_rng
 
+from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.pooling import degrees
 from bayesterra.pooling.degrees import LEFT_OUT_COLUMNS, Degree, degrees_of
 from bayesterra.pooling.evidence import PriorShares, Weighed
-from bayesterra.pooling.joint import JointPosterior, joint_posterior
 from bayesterra.sampling.importance import Evidence
 from tests.support.two_wheels import made
 

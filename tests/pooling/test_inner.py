@@ -10,17 +10,17 @@ import pytest
 from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.degrees import _evidence
 from bayesterra.pooling.evidence import Weighed
-from bayesterra.pooling.family import JointFamily
 from bayesterra.pooling.inner import DefendedDrivers, OuterLaws, outer_laws
-from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.sampler import fit_laws
+from bayesterra.sampling.family import JointFamily
+from bayesterra.sampling.joint import fit_laws
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
+from tests.support.two_wheels import COHESION, FREE, FRICTION, SHEAR
 
 from .gaussian import STANDARD, gaussian
-from .test_joint_dependence import COHESION, FREE, FRICTION, SHEAR
 
 MakeStudy = Callable[..., Study]
 ROLES: dict[str, dict[str, Any]] = {

@@ -16,18 +16,18 @@ from markupsafe import escape
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis import run as analysis_run
-from bayesterra.analysis.prior_only import run_prior
+from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.run import load_result, load_single
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
+from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
-from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
-from bayesterra.pooling.sampler import PoolingOptions
 from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
+from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.sampling.sampler import ThinnedDraws
 from bayesterra.study.canonical import write_study
 from bayesterra.study.groups import law_sd

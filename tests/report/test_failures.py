@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesterra.analysis import inference, prior_only
+from bayesterra.analysis import inference
 from bayesterra.analysis.run import load_result, run_prior_study, run_study
 from bayesterra.checking import validation
 from bayesterra.errors import ResultError
@@ -118,7 +118,7 @@ def test_a_prior_stands_without_its_curves(
 ) -> None:
     """Curves and derived quantities that fail leave draws, summary and page of a prior."""
     for name in ("predict_curves", "derive"):
-        monkeypatch.setattr(prior_only, name, refuse)
+        monkeypatch.setattr(inference, name, refuse)
     result = run_prior_study(study, out=tmp_path / "prior")
     assert [one.part for one in failures_of(result.record)] == ["curves", "derived"]
     assert result.summary["parameter"].tolist() == ["c", "phi"]

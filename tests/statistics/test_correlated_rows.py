@@ -13,16 +13,16 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import kstest, multivariate_normal
 
 from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.checking.calibration import replicated
 from bayesterra.checking.folds import predictives
 from bayesterra.checking.loo import leave_one_out
 from bayesterra.checking.predictive import Modelled, ReplicateOptions, predict_curves, predict_rows
 from bayesterra.checking.predictive_checks import predictive_checks
-from bayesterra.checking.replications import replicated
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
+from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.likelihood.sensitivities import fisher_information, score_and_information
 from bayesterra.models import M1, Soil
-from bayesterra.pooling.joint import joint_posterior
 from bayesterra.study.study import Study
 from tests.support.joint_rows import (
     CASES,

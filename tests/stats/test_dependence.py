@@ -10,8 +10,7 @@ from scipy.stats import ks_2samp, kstest, norm, qmc
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.stats.dependence import GaussianCopula, JoinedDependence
-from bayesterra.stats.mixture_copula import MixtureCopula
+from bayesterra.stats.dependence import GaussianCopula, JoinedDependence, MixtureCopula
 
 BENT = MixtureCopula.of(
     np.array([0.4, 0.35, 0.25]),

@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from bayesterra.checking.calibration import ShortRuns, settings_of
 from bayesterra.checking.ranks import rank_test
-from bayesterra.checking.replications import ShortRuns
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
 CASES = sorted(path.parent.name for path in STUDY.glob("*/calibration.json"))
@@ -29,7 +29,7 @@ def test_stored_ranks_give_the_stored_verdict(case: str) -> None:
 def test_settings_keep_the_names_under_which_they_are_stored() -> None:
     """A calibration that an earlier version began goes on: its settings are compared by name and value."""
     stored = json.loads((STUDY / "m1" / "calibration.json").read_text(encoding="utf-8"))["settings"]
-    settings = {"ranked_among": stored["ranked_among"], **ShortRuns().record()}
+    settings = {"ranked_among": stored["ranked_among"], **settings_of(ShortRuns())}
     assert settings.keys() == stored.keys()
     for part in ("short", "adaptation", "long", "long_adaptation"):
         assert settings[part].keys() >= stored[part].keys()

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from numpy.random import default_rng
 
-from bayesterra.pooling.joint import joint_posterior
+from bayesterra.likelihood.joint import joint_posterior
 
 STORED = Path(__file__).parents[2] / "studies" / "many-wheels"
 

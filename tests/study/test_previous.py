@@ -17,8 +17,8 @@ import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.mixture_copula import MixtureCopula
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.canonical import write_study
 from bayesterra.study.previous import Fidelity, PosteriorPrior, taken

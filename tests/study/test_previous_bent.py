@@ -16,7 +16,7 @@ from bayesterra.__main__ import main
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS
-from bayesterra.stats.mixture_copula import MixtureCopula
+from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.study.canonical import tables, write_study
 from bayesterra.study.previous import PosteriorPrior, taken
 from bayesterra.study.priors import Entry, Prior, Source

@@ -4,16 +4,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 from paper_wheels import ABOUT_WH32
 from paper_wheels import WHEELS as PAPER_WHEELS
 
 from bayesterra.pooling import degrees
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.study.study import Study
 
 WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
 HELD = {name: ABOUT_WH32[name] for name in ("Ks", "n0", "n1", "c", "c1", "c2")}
+FREE = {name: value for name, value in HELD.items() if name != "c"}
+COHESION = {"dist": "norm", "loc": 1000.0, "scale": 300.0, "lower": 0.0}
+FRICTION = {"dist": "norm", "loc": np.radians(30.0), "scale": np.radians(4.0), "lower": 0.0, "upper": 1.0}
+SHEAR = {"dist": "norm", "loc": 0.012, "scale": 0.003, "lower": 0.002, "upper": 0.05}
 TABLE = pd.DataFrame(
     {
         "wheel": ["Wh11"] * 3 + ["Wh32"] * 3,
@@ -52,3 +59,22 @@ def few_walkers(sweeps: int = 40, draws: int = 2048, inner: int = 32) -> Iterato
         patch.setattr(degrees, "OUTER", draws)
         patch.setattr(degrees, "INNER", inner)
         yield
+
+
+@pytest.fixture(scope="session")
+def make() -> MakeStudy:
+    """See :func:`made`."""
+    return made
+
+
+@pytest.fixture(scope="session")
+def small() -> PoolingOptions:
+    """A small adaptation."""
+    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
+    return PoolingOptions((10, 20, 40), lone)
+
+
+@pytest.fixture(scope="session")
+def grid() -> Callable[[float, float, int], np.ndarray[Any, Any]]:
+    """Middles of equal cells of an interval."""
+    return lambda low, high, n: low + (high - low) * (np.arange(n) + 0.5) / n

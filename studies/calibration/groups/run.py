@@ -21,14 +21,14 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
+from bayesterra.checking.calibration import spaced
 from bayesterra.checking.ranks import CONVERGED, UNCONVERGED, Calibration, normalised_rank
-from bayesterra.checking.replications import spaced
-from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.runtime.engines import chosen, completed
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.sampler import thin
 from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.schema import SamplingOptions

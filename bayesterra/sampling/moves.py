@@ -30,8 +30,8 @@ from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.pooling.family import ConditionalLaw
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
+from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
 INDEPENDENT_DRIVERS = 8
@@ -296,7 +296,7 @@ class JointState:
 
     Attributes
     ----------
-    laws, walkers : see :class:`bayesterra.pooling.moves.PooledEnsemble`.
+    laws, walkers : see :class:`bayesterra.sampling.moves.PooledEnsemble`.
     words : state and increment of its generator, a PCG64, low word first (4,).
     has_half, half : whether half a word is left over, and which.
     kinds : names of moves, one per line, as bytes.

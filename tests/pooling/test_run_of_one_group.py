@@ -11,9 +11,8 @@ from scipy.stats import halfnorm, kstest, norm, truncnorm
 
 import bayesterra as bt
 from bayesterra.errors import StudyError
-from bayesterra.pooling.group import group_result
-from bayesterra.pooling.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.run import PooledResult, _dataset
+from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
+from bayesterra.pooling.run import PooledResult, _dataset, group_result
 from bayesterra.prediction import forecast
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.stats.laws import Law

@@ -10,12 +10,12 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.errors import ResultError
-from bayesterra.pooling import sampler
-from bayesterra.pooling.family import JointFamily
-from bayesterra.pooling.joint import JointPosterior, joint_posterior
-from bayesterra.pooling.moves import JointState
-from bayesterra.pooling.sampler import JointSamples, PoolingOptions, sample_joint
+from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.runtime.checkpoints import CheckpointStore, Segment, pack, unpack
+from bayesterra.sampling import joint as joint_sampling
+from bayesterra.sampling.family import JointFamily
+from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
+from bayesterra.sampling.moves import JointState
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
@@ -60,14 +60,13 @@ def joint(make: Callable[..., Study]) -> JointPosterior:
 def short_rounds() -> object:
     """Small laws, and rounds of some sweeps, with laws fitted anew after the second."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(sampler, "ROUND_SWEEPS", 6)
-    patch.setattr(sampler, "PATIENCE", 12)
-    patch.setattr(sampler, "LONE_STEPS", 20)
-    for module in (sampler, sampler):
-        patch.setattr(module, "FITTED", 512)
-    patch.setattr(sampler, "STARTS", 256)
-    patch.setattr(sampler, "FEWEST", 2)
-    patch.setattr(sampler, "MOST", 2)
+    patch.setattr(joint_sampling, "ROUND_SWEEPS", 6)
+    patch.setattr(joint_sampling, "PATIENCE", 12)
+    patch.setattr(joint_sampling, "LONE_STEPS", 20)
+    patch.setattr(joint_sampling, "FITTED", 512)
+    patch.setattr(joint_sampling, "STARTS", 256)
+    patch.setattr(joint_sampling, "FEWEST", 2)
+    patch.setattr(joint_sampling, "MOST", 2)
     yield
     patch.undo()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from numba.core.event import install_recorder
 
-from bayesterra.checking.replications import Replication, ShortRuns
+from bayesterra.checking.calibration import Replication, ShortRuns
 
 from .conftest import MakeStudy
 

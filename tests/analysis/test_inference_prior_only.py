@@ -10,7 +10,8 @@ import xarray as xr
 
 from bayesterra.__main__ import main
 from bayesterra.analysis import prior_page
-from bayesterra.analysis.prior_only import PriorResult, run_prior
+from bayesterra.analysis.inference import run_prior
+from bayesterra.analysis.result import PriorResult
 from bayesterra.analysis.run import load_result
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior

@@ -11,9 +11,9 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.family import fit_conditional
-from bayesterra.pooling.joint import log_population
-from bayesterra.pooling.sampler import refitted, warmed_up
+from bayesterra.likelihood.joint import log_population
+from bayesterra.sampling.family import fit_conditional
+from bayesterra.sampling.joint import refitted, warmed_up
 from bayesterra.stats.diagnostics import diagnose
 
 FREE = (-np.inf, np.inf)

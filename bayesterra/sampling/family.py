@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.joint import JointPosterior, log_population
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
-from bayesterra.pooling.joint import JointPosterior, log_population
 from bayesterra.sampling.coordinates import LEAVING, Block, Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive_component
@@ -33,7 +33,7 @@ def restricted(posterior: Posterior, names: Sequence[str]) -> Coordinates:
 
 @dataclass(frozen=True)
 class JointFamily:
-    """A joint posterior in coordinates: see :class:`bayesterra.pooling.moves.Family`.
+    """A joint posterior in coordinates: see :class:`bayesterra.sampling.moves.Family`.
 
     Shared parameters and those of a group have the coordinates of an ordinary posterior, each set on its own;
     population means have the normal score of their law, spreads the log.
@@ -103,14 +103,14 @@ class JointFamily:
         return self._own[group].from_physical(x)
 
     def log_prior(self, D: FloatArray) -> FloatArray:
-        """See :class:`bayesterra.pooling.moves.Family`."""
+        """See :class:`bayesterra.sampling.moves.Family`."""
         x, log_jacobian = self.shared_to_physical(D)
         finite = np.asarray(np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian))
         level = self.joint.log_prior_of_shared(np.where(finite[:, None], x, 0.0))
         return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf)
 
     def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
-        """See :class:`bayesterra.pooling.moves.Family`."""
+        """See :class:`bayesterra.sampling.moves.Family`."""
         return self._prior(self.shared_to_physical(D)[0], group, L)[0]
 
     def _prior(self, shared: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,7 +121,7 @@ class JointFamily:
         return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf), own
 
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`bayesterra.pooling.moves.Family`."""
+        """See :class:`bayesterra.sampling.moves.Family`."""
         shared, _ = self.shared_to_physical(D)
         population, own = self._prior(shared, group, L)
         likelihood = np.full(len(D), -np.inf)
@@ -134,7 +134,7 @@ class JointFamily:
     def rescaled(
         self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """See :class:`bayesterra.pooling.moves.Family`."""
+        """See :class:`bayesterra.sampling.moves.Family`."""
         own, log_jacobian = self.group_to_physical(group, L)
         before, after = self.shared_to_physical(D)[0], self.shared_to_physical(new)[0]
         inside = np.ones(len(L), dtype=bool)

@@ -17,9 +17,11 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.family import ConditionalLaw, JointFamily, fit_conditional
-from bayesterra.pooling.joint import JointPosterior
-from bayesterra.pooling.moves import (
+from bayesterra.likelihood.joint import JointPosterior
+from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, Segment
+from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
+from bayesterra.sampling.moves import (
     Counts,
     Family,
     Laws,
@@ -28,8 +30,6 @@ from bayesterra.pooling.moves import (
     begun_or_saved,
     load_or_run_segment,
 )
-from bayesterra.runtime.checkpoints import CheckpointStore, NoCheckpointStore, Segment
-from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
@@ -132,7 +132,7 @@ def sample_joint(
     plan: PoolingOptions | None = None,
     checkpoint_store: CheckpointStore | None = None,
 ) -> JointSamples:
-    """Sample a joint posterior with independent ensembles; see :mod:`bayesterra.pooling.moves`.
+    """Sample a joint posterior with independent ensembles; see :mod:`bayesterra.sampling.moves`.
 
     Ensemble e begins with what ensemble e of every group alone found, so that ensembles share nothing.
 

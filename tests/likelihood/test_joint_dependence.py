@@ -14,9 +14,7 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.evidence import weigh_joint
-from bayesterra.pooling.family import JointFamily
-from bayesterra.pooling.joint import (
+from bayesterra.likelihood.joint import (
     JointPosterior,
     draw_joint_prior,
     joint_posterior,
@@ -24,19 +22,17 @@ from bayesterra.pooling.joint import (
     population_score,
     population_value,
 )
-from bayesterra.pooling.moves import Walkers
+from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.pooling.page import joined_laws
-from bayesterra.pooling.sampler import PoolingOptions, sample_joint
+from bayesterra.sampling.family import JointFamily
+from bayesterra.sampling.joint import PoolingOptions, sample_joint
+from bayesterra.sampling.moves import Walkers
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
-from tests.support.two_wheels import HELD
+from tests.support.two_wheels import COHESION, FREE, FRICTION, SHEAR
 
 MakeStudy = Callable[..., Study]
 Grid = Callable[[float, float, int], FloatArray]
-FREE = {name: value for name, value in HELD.items() if name != "c"}
-COHESION = {"dist": "norm", "loc": 1000.0, "scale": 300.0, "lower": 0.0}
-FRICTION = {"dist": "norm", "loc": np.radians(30.0), "scale": np.radians(4.0), "lower": 0.0, "upper": 1.0}
-SHEAR = {"dist": "norm", "loc": 0.012, "scale": 0.003, "lower": 0.002, "upper": 0.05}
 STATED = {**FREE, "c": COHESION, "phi": FRICTION, "K": SHEAR}
 ROLES = {
     "shared with shared": {"shared": ["c", "phi"], "separate": ["K"]},

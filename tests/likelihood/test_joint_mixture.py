@@ -8,9 +8,9 @@ from numpy.random import default_rng
 from scipy.stats import ks_2samp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.pooling.family import JointFamily
-from bayesterra.pooling.joint import JointPosterior, draw_joint_prior, joint_posterior
-from bayesterra.pooling.moves import Walkers
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.sampling.family import JointFamily
+from bayesterra.sampling.moves import Walkers
 from bayesterra.stats.dependence import GaussianCopula
 from tests.support.two_wheels import HELD, MakeStudy
 
