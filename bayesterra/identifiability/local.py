@@ -189,11 +189,6 @@ class Collinearity:
     table: pd.DataFrame
     importance: pd.DataFrame
 
-    def gamma(self, *names: str) -> float:
-        """Index of the subset of these parameters."""
-        subset = " ".join(name for name in self.names if name in names)
-        return float(self.table.loc[self.table["subset"] == subset, "gamma"].iloc[0])
-
     def largest(self, critical: float = CRITICAL) -> tuple[str, ...]:
         """The largest determined subset: index up to ``critical``, each parameter seen (``INFORMATIVE``).
 

@@ -116,14 +116,15 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
     integral = method == "IM1"
-    steps = integral_steps(rows, _m1(study)) if integral else decoupled_steps(method, rows, study.model)
+    steps = integral_steps(rows, _m1(study.model)) if integral else decoupled_steps(method, rows, study.model)
     todo = plan(method, steps, settings)
     passes = _passes(method, todo, settings)
     theta = passes.path[-1] if passes.path else settings.start
+    judged = {step.channel: step.error(theta) for step in todo.judged}
     return Fit(
         method=method,
         soil=settings.soil(theta),
-        errors=_errors(todo, theta),
+        errors={name: judged.get(name, np.nan) for name in FORCES},
         converged=passes.converged,
         passes=len(passes.path),
         path=tuple(settings.soil(point) for point in passes.path),
@@ -210,15 +211,9 @@ def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) 
     return starts
 
 
-def _m1(study: Study) -> M1:
-    """M1 with the options of the study's model."""
-    model: WheelSoilModel = study.model
+def _m1(model: WheelSoilModel) -> M1:
+    """M1 with the options of another model."""
     return M1(**{field.name: getattr(model, field.name) for field in fields(M1)})
-
-
-def _errors(todo: Plan, theta: FloatArray) -> dict[str, float]:
-    judged = {step.channel: step.error(theta) for step in todo.judged}
-    return {name: judged.get(name, np.nan) for name in FORCES}
 
 
 def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:

@@ -51,7 +51,11 @@ def prediction(
     ax.plot(curve.slip, modelled[1], color=POSTERIOR)
     if at is not None:
         noisy = at.modelled if np.isnan(at.readings[:, :, column]).all() else at.readings
-        _points(ax, at.slip, bands(noisy, column) / scale)
+        low, middle, high = bands(noisy, column) / scale
+        ax.errorbar(
+            at.slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5,
+            capsize=2.5, elinewidth=0.9, zorder=6,
+        )  # fmt: skip
     _limit(ax, modelled, readings)
     _ground(ax, curve)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
@@ -83,14 +87,6 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
 def bands(values: FloatArray, column: int) -> FloatArray:
     """5, 50 and 95 % of the draws that have an answer at each slip, (3, k)."""
     return np.column_stack([quantiles(values[:, i, column])[[0, 2, 4]] for i in range(values.shape[1])])
-
-
-def _points(ax: Axes, slip: FloatArray, band: FloatArray) -> None:
-    low, middle, high = band
-    ax.errorbar(
-        slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5, capsize=2.5,
-        elinewidth=0.9, zorder=6,
-    )  # fmt: skip
 
 
 def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
