@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,16 +19,10 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Calibration, normalised_rank
-from bayesterra.errors import (
-    BayesterraError,
-    ResultError,
-    StudyError,
-    SupportError,
-    check_kind,
-    check_number,
-    check_seed,
-)
+from bayesterra.checking.short_runs import FAILURES, Fit, Fitted, settings_of, short_runs
+from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_number, check_seed
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior, of_group
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
@@ -36,100 +30,10 @@ from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.status import job_folder
-from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.sampler import Samples, sample, thin
-from bayesterra.stats.diagnostics import R_HAT_LIMIT, Diagnosis
 from bayesterra.study.canonical import FORM
 from bayesterra.study.drive import Drive
 from bayesterra.study.result import versions
-from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
-
-STEPS_PER_TAU = 7.0
-"""Autocorrelation times that a short run must last."""
-LONG_RUNS_ONLY = ("steps for", "slowest walker")
-"""Beginnings of the checks that are not asked of short runs: their thresholds are made for 50 times τ."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A sampled posterior.
-
-    Attributes
-    ----------
-    draws : near-independent draws (n, d), in the order of the posterior's names.
-    ess : smallest effective sample size behind them.
-    r_hat : largest R-hat across ensembles.
-    converged : whether the draws can be relied on.
-    """
-
-    draws: FloatArray
-    ess: float
-    r_hat: float
-    converged: bool
-
-    @property
-    def status(self) -> str:
-        """Word on whether the draws can be relied on."""
-        return CONVERGED if self.converged else UNCONVERGED
-
-
-Fit: TypeAlias = Callable[[Study, SeedSequence], Fitted]
-"""Samples the posterior of a study. It must be picklable where there are several workers."""
-FAILURES = (BayesterraError, ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Errors of a fit that cost its own outcome and no other."""
-
-
-@dataclass(frozen=True)
-class ShortRuns:
-    """The default sampler with small settings, and once more with larger ones where these were not enough.
-
-    Attributes
-    ----------
-    short, adaptation : of the first run, which takes ``short.max_steps`` steps.
-    long, long_adaptation : of the second, which ends by the rules of every run.
-    """
-
-    short: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
-    )
-    adaptation: AdaptationOptions = field(
-        default_factory=lambda: AdaptationOptions(particles=256, components=8)
-    )
-    long: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
-    )
-    long_adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
-
-    def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
-        """Sample the posterior of a study."""
-        first, second = seed.spawn(2)
-        target = posterior(study)
-        samples = sample(target, self.short, first, adaptation=self.adaptation)
-        if enough(samples.diagnosis):
-            return _fitted(samples, converged=True)
-        samples = sample(target, self.long, second, adaptation=self.long_adaptation)
-        return _fitted(samples, converged=samples.diagnosis.converged)
-
-
-def settings_of(fit: Fit) -> dict[str, Any]:
-    """Settings of a fit as they are saved: all of the default sampler, the name of any other."""
-    if isinstance(fit, ShortRuns):
-        return {**asdict(fit), "steps_per_tau": STEPS_PER_TAU, "r_hat_limit": R_HAT_LIMIT}
-    return {"fit": getattr(fit, "__qualname__", type(fit).__name__)}
-
-
-def enough(diagnosis: Diagnosis) -> bool:
-    """True where a short run suffices: effective draws, R-hat, no frozen walker, and a length of some τ."""
-    asked = [check for check in diagnosis.checks if not check.name.startswith(LONG_RUNS_ONLY)]
-    lasting = diagnosis.steps >= STEPS_PER_TAU * float(diagnosis.tau.max())
-    return lasting and all(check.passed for check in asked)
-
-
-def _fitted(samples: Samples, *, converged: bool) -> Fitted:
-    diagnosis = samples.diagnosis
-    return Fitted(thin(samples.chains).flat, diagnosis.ess, diagnosis.worst_r_hat, converged)
-
 
 LOG_LIKELIHOOD, LOG_PRIOR = "log_likelihood", "log_prior"
 AT_SLIP = "_at_largest_slip"
@@ -147,16 +51,26 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
     return first + AT_SLIP, second + AT_SLIP
 
 
-def quantity_names(names: tuple[str, ...], drive: Drive) -> tuple[str, ...]:
-    """All test quantities: free parameters, log likelihood, log prior, two predictive ones."""
-    return (*names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive_names(drive))
+def whole_posterior(study: Study) -> Posterior | JointPosterior:
+    """The posterior of all parameters of a study, with or without groups."""
+    return posterior(study) if study.pooling is None else joint_posterior(study)
 
 
-def quantities(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
+def quantity_names(study: Study) -> tuple[str, ...]:
+    """All test quantities: free parameters, log likelihood, log prior, two predictive ones of each group."""
+    target = whole_posterior(study)
+    predictive = (of_group(name, group) for group in target.groups for name in predictive_names(study.drive))
+    return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
+
+
+def quantities(target: Posterior | JointPosterior, x: FloatArray) -> dict[str, FloatArray]:
     """Every test quantity (n,) of parameter sets (n, d) inside the support, for the posterior's readings."""
-    prior, likelihood = posterior.log_prior_and_likelihood(x)
-    values = {name: x[:, i] for i, name in enumerate(posterior.names)}
-    return {**values, LOG_LIKELIHOOD: likelihood, LOG_PRIOR: prior, **_predicted(posterior, x)}
+    prior, likelihood = target.log_prior_and_likelihood(x)
+    values = {name: x[:, i] for i, name in enumerate(target.names)}
+    values |= {LOG_LIKELIHOOD: likelihood, LOG_PRIOR: prior}
+    for (group, alone), own in zip(target.groups.items(), target.values_of_groups(x), strict=True):
+        values |= {of_group(name, group): column for name, column in _predicted(alone, own).items()}
+    return values
 
 
 def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
@@ -218,7 +132,7 @@ class Replication:
 
     study: Study
     seed: int
-    fit: Fit = field(default_factory=ShortRuns)
+    fit: Fit
 
     def __call__(self, task: int) -> Outcome:
         """Run replication number ``task``."""
@@ -229,7 +143,7 @@ class Replication:
             fitted = self.fit(simulated, fitting)
             ranks = _ranks(simulated, truth, fitted, default_rng(ranking))
         except FAILURES as error:
-            names = quantity_names(self.study.prior.names, self.study.drive)
+            names = quantity_names(self.study)
             note, nothing = f"{type(error).__name__}: {error}", float("nan")
             seconds = time.process_time() - started
             return Outcome(task, FAILED, 0.0, nothing, seconds, note, dict.fromkeys(names, nothing))
@@ -240,35 +154,48 @@ class Replication:
 def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
     """Draw true values (1, d) from the cut prior, and the study with readings that they make.
 
-    Readings are made where the study has some, at its slips, wheels and loads; with the drive ``sinkage`` at
-    its sinkage. With ``both`` every load is drawn from its flat prior, and the soil anew where it does not
-    carry one of them.
+    With groups truth and readings are those of the joint posterior. Readings are made where the study has
+    some, at its slips, wheels and loads; with the drive ``sinkage`` at its sinkage. With ``both`` every load
+    is drawn from its flat prior, and the soil anew where it does not carry one of them.
 
     Raises
     ------
     SupportError : hardly any soil of the prior carries the loads.
     """
-    target, likelihood = posterior(study), posterior(study).likelihood
+    target = whole_posterior(study)
+    groups = target.groups.values()
     for _ in range(_ATTEMPTS):
-        truth = draw_cut_prior(target, 1, rng, batch=_BATCH).x
-        noise = target.noise_values(truth)
-        outcomes = likelihood.imagined(target.prior.soil_values(truth), noise, rng)
-        if not outcomes.status[0]:
+        truth = _true_values(study, rng)
+        own = target.values_of_groups(truth)
+        outcomes = [
+            alone.likelihood.imagined(alone.prior.soil_values(values), alone.noise_values(values), rng)
+            for alone, values in zip(groups, own, strict=True)
+        ]
+        if not any(made.status[0] for made in outcomes):
             break
     else:
         raise SupportError(f"none of {_ATTEMPTS} soils of the prior carries loads of the whole load range")
-    drawn = likelihood.draw(outcomes, noise, rng)[0]
-    drawn[np.isnan(likelihood.measured)] = np.nan
-    rows, readings = study.observations, {}
-    for i, name in enumerate(likelihood.channels):
-        readings[name] = rows.values[name].copy()
-        readings[name][rows.use] = drawn[:, i]
+    readings = {name: study.observations.values[name].copy() for name in study.noise}
+    for alone, values, made in zip(groups, own, outcomes, strict=True):
+        likelihood = alone.likelihood
+        drawn = likelihood.draw(made, alone.noise_values(values), rng)[0]
+        drawn[np.isnan(likelihood.measured)] = np.nan
+        rows = np.isin(study.observations.rows, likelihood.observations.rows)
+        for name, column in zip(likelihood.channels, drawn.T, strict=True):
+            readings[name][rows] = column
     return truth, study.with_data(readings)
+
+
+def _true_values(study: Study, rng: Generator) -> FloatArray:
+    """One draw (1, d) of the cut prior."""
+    if study.pooling is None:
+        return draw_cut_prior(posterior(study), 1, rng, batch=_BATCH).x
+    return draw_joint_prior(joint_posterior(study), 1, rng, batch=_BATCH, most=None)
 
 
 def _ranks(study: Study, truth: FloatArray, fitted: Fitted, rng: Generator) -> dict[str, float]:
     draws = spaced(fitted.draws, rng)
-    values = quantities(posterior(study), np.concatenate([truth, draws]))
+    values = quantities(whole_posterior(study), np.concatenate([truth, draws]))
     return {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
 
 
@@ -311,7 +238,7 @@ def check(study: Study, n: int) -> None:
         raise StudyError(f"'n' must be at least {FEWEST} replications, better 200 or more (got {n})")
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to calibrate")
-    draw_cut_prior(posterior(study), 1, default_rng(0))
+    _true_values(study, default_rng(0))
 
 
 def _calibrated(
@@ -324,7 +251,7 @@ def _calibrated(
     check(study, n)
     outcomes = {outcome.task: outcome for outcome in finished if outcome.task <= n}
     open_tasks = [task for task in range(1, n + 1) if task not in outcomes]
-    replication = Replication(study, job.seed, job.fit or ShortRuns())
+    replication = Replication(study, job.seed, job.fit or short_runs(study))
     started, before = time.perf_counter(), len(outcomes)
     report((), _progress(outcomes, n, None))
     for batch in ended(replication, open_tasks, job.engine or in_process()):
@@ -347,7 +274,7 @@ def table(outcomes: Iterable[Outcome], study: Study) -> pd.DataFrame:
     """One row per outcome; see :attr:`Calibration.table`."""
     rows = [asdict(outcome) for outcome in outcomes]
     ranks = [row.pop("ranks") for row in rows]
-    names = quantity_names(study.prior.names, study.drive)
+    names = quantity_names(study)
     return pd.DataFrame(rows).join(pd.DataFrame(ranks, columns=list(names)))
 
 
@@ -358,7 +285,7 @@ def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]
         "model": study.model.name,
         "drive": study.drive,
         "fingerprints": study.fingerprint,
-        "settings": {"ranked_among": DRAWS, **settings_of(fit or ShortRuns())},
+        "settings": {"ranked_among": DRAWS, **settings_of(fit or short_runs(study))},
         "versions": versions(),
     }
 

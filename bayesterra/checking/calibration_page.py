@@ -29,7 +29,7 @@ from bayesterra.report.figures import one_of, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import INK, POSTERIOR, PRIOR
-from bayesterra.report.symbols import listed, symbol
+from bayesterra.report.symbols import listed, symbol, whole_and_part
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
@@ -57,15 +57,15 @@ def calibration_page(calibration: Calibration) -> VerdictPage:
 def named(quantity: str) -> Markup:
     """A test quantity as in a sentence.
 
-    >>> named("phi"), named("drawbar_pull_at_largest_slip")
-    (Markup('<i>φ</i>'), Markup('<i>F</i><sub>DP</sub> at the largest slip'))
+    >>> named("phi"), named("drawbar_pull_at_largest_slip"), named("K[Wh11]")
+    (Markup('<i>φ</i>'), Markup('<i>F</i><sub>DP</sub> at the largest slip'), Markup('<i>K</i>[Wh11]'))
     """
     words = {LOG_LIKELIHOOD: "log likelihood", LOG_PRIOR: "log prior"}
     if quantity in words:
         return Markup("{}").format(words[quantity])
-    if quantity.endswith(AT_SLIP):
-        return Markup("{} at the largest slip").format(symbol(quantity.removesuffix(AT_SLIP)))
-    return symbol(quantity)
+    quantity, part = whole_and_part(quantity)
+    of = symbol(quantity.removesuffix(AT_SLIP)) + part
+    return Markup("{} at the largest slip").format(of) if quantity.endswith(AT_SLIP) else of
 
 
 def _warning(calibration: Calibration) -> Markup:
@@ -216,7 +216,7 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _power_section(calibration: Calibration) -> Blocks:
-    free = len(calibration.study.prior.names)
+    free = len(calibration.parameters)
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
     rows = tuple(
         (row["error"], percent(row["one"]), percent(row["all"]))
@@ -314,9 +314,10 @@ def _name(quantity: str) -> str:
     """A test quantity as the title of its plot."""
     if quantity in (LOG_LIKELIHOOD, LOG_PRIOR):
         return quantity.replace("_", " ")
+    quantity, part = whole_and_part(quantity)
     ending = " at the largest slip" if quantity.endswith(AT_SLIP) else ""
     quantities: Mapping[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED}
-    return f"${quantities[quantity.removesuffix(AT_SLIP)].latex}${ending}"
+    return f"${quantities[quantity.removesuffix(AT_SLIP)].latex}${part}{ending}"
 
 
 def calibration_overview(calibration: Calibration) -> Overview:
@@ -341,10 +342,10 @@ def _ranked(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
 
 def _short(quantity: str) -> str:
     """A test quantity in few letters: parameters by their names, channels by their symbols."""
-    channel = quantity.removesuffix(AT_SLIP)
-    if channel in CHANNELS:
-        return f"{CHANNELS[channel].symbol} at largest slip"
-    return quantity if quantity in PARAMETERS else quantity.replace("_", " ")
+    whole, part = whole_and_part(quantity)
+    if (channel := whole.removesuffix(AT_SLIP)) in CHANNELS:
+        return f"{CHANNELS[channel].symbol}{part} at largest slip"
+    return quantity if whole in PARAMETERS else quantity.replace("_", " ")
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantiles, frozen, spaced
-from bayesterra.checking.calibration import FAILURES, Fit, ShortRuns
 from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
 from bayesterra.checking.predictive import predict_curves
 from bayesterra.checking.ranks import FAILED
+from bayesterra.checking.short_runs import FAILURES, Fit, ShortRuns
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior

@@ -18,10 +18,10 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from bayesterra.checking.calibration import Fit, settings_of
 from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
+from bayesterra.checking.short_runs import Fit, settings_of
 from bayesterra.errors import StudyError, check_seed
 from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free

@@ -17,6 +17,7 @@ from scipy.special import ndtri
 from scipy.stats import binom, chi2, ncx2, norm
 
 from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 from bayesterra.study.study import Study
@@ -210,6 +211,12 @@ class Calibration(AnalysisResult):
         return tuple(name for name in self.table.columns if name not in COLUMNS)
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Free parameters, of all groups where there are any."""
+        study = self.study
+        return study.prior.names if study.pooling is None else joint_posterior(study).names
+
+    @property
     def tested(self) -> tuple[str, ...]:
         """Quantities that vary: a flat prior, say, leaves nothing to rank."""
         return tuple(name for name in self.quantities if self.table[name].notna().any())
@@ -256,7 +263,7 @@ class Calibration(AnalysisResult):
         these are lower bounds.
         """
         test, level = rank_test(self.ranked), self.threshold
-        free = len(self.study.prior.names)
+        free = len(self.parameters)
         alone = [test.power(error.of_value(), level) for error in ERRORS]
         jointly = [test.power(error.of_density(free), level) for error in ERRORS]
         names = [error.name for error in ERRORS]

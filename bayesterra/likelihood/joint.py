@@ -22,6 +22,11 @@ from bayesterra.study.study import Study
 MEAN, SPREAD = "mean", "spread"
 
 
+def of_group(name: str, group: str) -> str:
+    """Name of a group's own value, ``K[Wh11]``; the name itself without groups."""
+    return f"{name}[{group}]" if group else name
+
+
 @dataclass(frozen=True)
 class JointPosterior:
     """Posterior density of all parameters of a study with groups.
@@ -80,7 +85,8 @@ class JointPosterior:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """All parameters: shared values, then those of each group in turn, ``K[Wh11]``."""
-        return (*self.shared_and_hyper, *(f"{name}[{group}]" for group in self.groups for name in self.local))
+        own = (of_group(name, group) for group in self.groups for name in self.local)
+        return (*self.shared_and_hyper, *own)
 
     @cached_property
     def copula(self) -> Split | None:
@@ -188,7 +194,7 @@ class JointPosterior:
 
     def joined(self, shared: FloatArray, group_values: FloatArray) -> FloatArray:
         """The inverse of :meth:`split`, for any leading shape: (..., k) and (..., groups, d)."""
-        flat = group_values.reshape(*group_values.shape[:-2], -1)
+        flat = group_values.reshape(*group_values.shape[:-2], len(self.groups) * len(self.local))
         return np.concatenate([shared, flat], axis=-1)
 
     def of_group(self, shared: FloatArray, own: FloatArray) -> FloatArray:
@@ -196,6 +202,11 @@ class JointPosterior:
         x, (columns, own_columns) = np.empty((len(shared), len(self.first.names))), self._columns
         x[:, columns], x[:, own_columns] = shared[:, : len(columns)], own
         return x
+
+    def values_of_groups(self, x: FloatArray) -> tuple[FloatArray, ...]:
+        """Parameter sets (n, names of a group) of every group, of parameter sets (n, all)."""
+        shared, group_values = self.split(x)
+        return tuple(self.of_group(shared, own) for own in group_values)
 
     def log_prior_of_shared(self, shared: FloatArray) -> FloatArray:
         """Log density (n,) of shared parameters, means and spreads under their stated laws."""
@@ -241,16 +252,22 @@ class JointPosterior:
         ------
         ValueError : ``x`` does not have one column per parameter.
         """
+        prior, likelihood = self.log_prior_and_likelihood(x)
+        return prior + np.where(np.isfinite(prior), likelihood, 0.0)
+
+    def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior and log likelihood, each (n,), both −inf outside the support."""
         x = checked_sets(x, self.names)
         finite = np.asarray(np.isfinite(x).all(axis=1))
         D, L = self.split(np.where(finite[:, None], x, 0.0))
-        total = np.where(finite, self.log_prior_of_shared(D), -np.inf)
+        prior, likelihood = np.where(finite, self.log_prior_of_shared(D), -np.inf), np.zeros(len(D))
         for group, own in zip(self.groups, L, strict=True):
-            alive = np.flatnonzero(np.isfinite(total))
-            total[alive] += self.log_prior_of_group(D[alive], own[alive])
-            alive = alive[np.isfinite(total[alive])]
-            total[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
-        return total
+            alive = np.flatnonzero(np.isfinite(prior))
+            prior[alive] += self.log_prior_of_group(D[alive], own[alive])
+            alive = alive[np.isfinite(prior[alive])]
+            likelihood[alive] += self.log_likelihood_of_group(group, D[alive], own[alive])
+            prior = np.where(likelihood > -np.inf, prior, -np.inf)
+        return prior, np.where(np.isfinite(prior), likelihood, -np.inf)
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
@@ -303,22 +320,29 @@ def joint_posterior(study: Study) -> JointPosterior:
 
 
 def draw_joint_prior(
-    joint: JointPosterior, n: int, rng: Generator, *, batch: int = 20000, most: int = 400
+    joint: JointPosterior, n: int, rng: Generator, *, batch: int = 20000, most: int | None = 400
 ) -> FloatArray:
     """Parameter sets (n, d) of the joint prior cut to the support of every group, by rejection.
 
     Where that would take too long, survivors are drawn again after every group (sequential importance
     resampling): then draws have values of earlier groups in common.
 
+    Parameters
+    ----------
+    batch : sets tried at once.
+    most : tried sets per draw beyond which they are drawn again; None for draws that are all apart.
+
     Raises
     ------
-    SupportError : no draw of a batch lies in the support of a group.
+    SupportError : no draw of a batch lies in the support of a group, or none of very many in that of all.
     """
     kept: list[FloatArray] = []
     tried = accepted = 0
     while accepted < n:
-        if tried >= 10 * batch and accepted * most < 10 * n:
+        if most is not None and tried >= 10 * batch and accepted * most < 10 * n:
             return _resampled(joint, n, rng, batch)
+        if tried >= MOST_BATCHES * batch and not accepted:
+            raise SupportError(f"none of {tried} draws of the prior fits the conditions of all groups")
         D = joint.draw_shared(batch, rng)
         L = np.empty((len(joint.groups), batch, len(joint.local)))
         alive = np.arange(batch)
@@ -347,6 +371,7 @@ def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> Flo
     return joint.joined(D, np.moveaxis(L, 0, 1))[:n]
 
 
+MOST_BATCHES = 10_000
 Range = tuple[float, float]
 FAINTEST = -690.0
 """Log probability below which a score goes no further out, as in :meth:`bayesterra.stats.laws.Law.score`."""

@@ -78,6 +78,15 @@ class Posterior:
         """Free parameters: soil parameters first, then ``noise_<channel>``."""
         return self.prior.names
 
+    @property
+    def groups(self) -> Mapping[str, Posterior]:
+        """The one group of a study without groups, which has no name."""
+        return {"": self}
+
+    def values_of_groups(self, x: FloatArray) -> tuple[FloatArray, ...]:
+        """Parameter sets (n, d) of every group: ``x`` itself."""
+        return (x,)
+
     @cached_property
     def _noise_columns(self) -> list[int]:
         return [i for i, name in enumerate(self.names) if name.startswith(SIZES)]

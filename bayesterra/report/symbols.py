@@ -22,12 +22,27 @@ _PLAIN = re.compile(
 )
 
 
+def whole_and_part(name: str) -> tuple[str, str]:
+    """A parameter of a joint posterior: its quantity, and which of its values.
+
+    >>> whole_and_part("K[Wh11]"), whole_and_part("K.mean"), whole_and_part("K")
+    (('K', '[Wh11]'), ('K', '.mean'), ('K', ''))
+    """
+    quantity = re.split(r"[.\[]", name, maxsplit=1)[0]
+    return quantity, name.removeprefix(quantity)
+
+
 def symbol(name: str) -> Markup:
     """The symbol of a parameter, channel or derived quantity.
 
-    >>> symbol("Ks"), symbol("drawbar_pull")
-    (Markup('<i>K</i><sub>s</sub>'), Markup('<i>F</i><sub>DP</sub>'))
+    >>> symbol("Ks"), symbol("drawbar_pull"), symbol("K[Wh11]")
+    (Markup('<i>K</i><sub>s</sub>'), Markup('<i>F</i><sub>DP</sub>'), Markup('<i>K</i>[Wh11]'))
     """
+    name, part = whole_and_part(name)
+    return _symbol(name) + part if part else _symbol(name)
+
+
+def _symbol(name: str) -> Markup:
     if name in DERIVED:
         return Markup("").join(_part(part) for part in re.split(r"(\bF_DP\b)", DERIVED[name].symbol))
     return letters(QUANTITIES[name].symbol)

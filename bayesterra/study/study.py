@@ -260,7 +260,7 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
         for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
     ]
     return [
-        f"groups by {pooling.by}: {groups}; 'run' pools them, 'predict' takes what it finds, other commands"
-        " let all share every parameter",
+        f"groups by {pooling.by}: {groups}; 'run' and 'calibrate' pool them, 'predict' takes pooled results;"
+        " other commands let all share every parameter",
         *mixtures,
     ]

@@ -1,9 +1,10 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
-Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-noise-halved, m2-jacobian-dropped,
-m2-rounding-ignored (default: all). Every case takes its replications one by one in this process, goes on
-where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and its
-memory in ``memory.csv`` there.
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-noise-halved, m2-jacobian-dropped,
+m2-rounding-ignored, m2-correlation-ignored (default: all). Every case takes its replications one by one in
+this process, those of groups in a process for each processor, goes on where an interrupted run ended, and
+leaves its ranks, record and report in a folder of its name, and the memory of this process in ``memory.csv``
+there.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ import pandas as pd
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import (
-    CalibrationRequest,
-    Fit,
-    Fitted,
-    Progress,
-    ShortRuns,
-    calibrate_study,
-)
+from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
 from bayesterra.checking.ranks import Calibration
+from bayesterra.checking.short_runs import Fit, Fitted, ShortGroupRuns, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.study.noise import Noise
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "support"))
+
+from paper_wheels import ABOUT_WH32  # noqa: E402
+from paper_wheels import WHEELS as PAPER_WHEELS  # noqa: E402
+
+WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 """Standard deviations, SI."""
@@ -41,6 +42,11 @@ STEPS = {"sinkage": 4e-3, "resistance_moment": 1.0}
 """Steps, SI, to which the readings of the cases with intervals are rounded."""
 LIMITS = ("<4", "", "", "", "", ">18")
 """Pulls, N, of which these cases know a limit only: in the first row below 4 N, in the last above 18 N."""
+GROUP_SLIPS = (0.1, 0.25, 0.5)
+COHESION = {"dist": "norm", "loc": "1 kPa", "scale": "0.3 kPa", "lower": "0 kPa"}
+FRICTION = {"dist": "norm", "loc": "30 deg", "scale": "4 deg", "lower": "0 deg", "upper": "60 deg"}
+CORRELATION = 0.8
+"""Prior correlation of c and φ in the cases with groups."""
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
 
 
@@ -72,6 +78,37 @@ def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Stud
         priors={"set": "paper-box"},
         **tables,
     )
+
+
+def groups(*, correlated: bool = True) -> bt.Study:
+    """Two wheels at three slips each: c and φ shared, with a prior correlation, K from a population."""
+    rows = [{"wheel": name, "slip": slip, "load [N]": 80.0} for name in WHEELS for slip in GROUP_SLIPS]
+    held = {name: ABOUT_WH32[name] for name in ("Ks", "n0", "n1", "c1", "c2")}
+    tied = {"correlation": {"c, phi": CORRELATION}} if correlated else {}
+    tables: dict[str, Any] = {"noise": {name: NOISE[name] for name in ("drawbar_pull", "resistance_moment")}}
+    return bt.Study(
+        pd.DataFrame(rows).assign(**{"drawbar_pull [N]": 10.0, "resistance_moment [N m]": 3.0}),
+        WHEELS,
+        title="Calibration of two wheels in one posterior",
+        model="M2",
+        slip_reference="shearing",
+        kind="simulated",
+        source="studies/calibration/run.py",
+        priors={**held, "c": COHESION, "phi": FRICTION, **tied},
+        pooling={"shared": ["c", "phi"], "hierarchical": {"K": {}}},
+        **tables,
+    )
+
+
+@dataclass(frozen=True)
+class CorrelationIgnored:
+    """A wrong posterior: it takes c and φ for independent before the data."""
+
+    fit: ShortRuns = field(default_factory=ShortGroupRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the joint posterior of a study without the correlation of its prior."""
+        return self.fit(groups(correlated=False).with_data(simulated.observations.values), seed)
 
 
 @dataclass(frozen=True)
@@ -132,27 +169,30 @@ class JacobianDropped:
 
 
 class Case(NamedTuple):
-    """A model, the number of replications, how they are sampled, the noise (1: ``NOISE``), and steps."""
+    """A model, number and sampling of its replications, the noise (1: ``NOISE``), steps, and groups."""
 
     model: str
     n: int
     fit: Fit | None = None
     noise: float = 1.0
     intervals: bool = False
+    groups: bool = False
 
     @property
     def study(self) -> bt.Study:
         """What is calibrated."""
-        return study(self.model, self.noise, intervals=self.intervals)
+        return groups() if self.groups else study(self.model, self.noise, intervals=self.intervals)
 
 
 CASES = {
     "m2": Case("M2", 1000),
     "m1": Case("M1", 300),
     "m2-intervals": Case("M2", 200, intervals=True),
+    "m2-groups": Case("M2", 200, groups=True),
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
     "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
+    "m2-correlation-ignored": Case("M2", 60, CorrelationIgnored(), groups=True),
 }
 
 
@@ -174,9 +214,9 @@ def run(case: str) -> Calibration:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    found = calibrate_study(
-        CalibrationRequest(todo.study, todo.n, fit=todo.fit), out, resume=True, quiet=True, watch=note
-    )
+    engine = bt.local_pool() if todo.groups else None
+    request = CalibrationRequest(todo.study, todo.n, engine=engine, fit=todo.fit)
+    found = calibrate_study(request, out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
     table.to_csv(out / "memory.csv", index=False, float_format="%.1f")
     return found

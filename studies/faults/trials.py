@@ -30,7 +30,7 @@ from short_runs import HELD, PAGE, make_runs_quick, quick_study
 
 from bayesterra.__main__ import main
 from bayesterra.checking import calibration_page
-from bayesterra.checking.calibration import Fitted, ShortRuns
+from bayesterra.checking.short_runs import Fitted, ShortRuns
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import warm_up

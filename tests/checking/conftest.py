@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.checking.calibration import Fitted, ShortRuns
+from bayesterra.checking.short_runs import Fitted, ShortRuns
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.sampling.adaptation import AdaptationOptions

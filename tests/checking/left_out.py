@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.analysis.simulation import simulate
-from bayesterra.checking.calibration import Fitted
+from bayesterra.checking.short_runs import Fitted
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.study.study import Study

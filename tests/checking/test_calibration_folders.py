@@ -11,8 +11,9 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking.calibration import CalibrationRequest, Fit, Progress, ShortRuns, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
 from bayesterra.checking.ranks import Calibration
+from bayesterra.checking.short_runs import Fit, ShortRuns
 from bayesterra.errors import ResultError
 from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
 

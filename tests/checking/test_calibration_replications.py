@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.checking.calibration import Fitted, ShortRuns, calibrate, replicated, spaced
+from bayesterra.checking.calibration import calibrate, replicated, spaced
+from bayesterra.checking.short_runs import Fitted, ShortRuns
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.runtime.engines import in_process, local_pool
 from bayesterra.study.study import Study

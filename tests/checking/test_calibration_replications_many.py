@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from numba.core.event import install_recorder
 
-from bayesterra.checking.calibration import Replication, ShortRuns
+from bayesterra.checking.calibration import Replication
+from bayesterra.checking.short_runs import ShortRuns
 
 from .conftest import MakeStudy
 

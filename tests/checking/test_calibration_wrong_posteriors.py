@@ -8,8 +8,9 @@ import pytest
 from numpy.random import SeedSequence
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import Fitted, ShortRuns, calibrate
+from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.ranks import shift_and_width
+from bayesterra.checking.short_runs import Fitted, ShortRuns
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.study.study import Study

@@ -12,10 +12,11 @@ from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
 from bayesterra.__main__ import main
-from bayesterra.checking.calibration import Fitted, replicated
+from bayesterra.checking.calibration import replicated
 from bayesterra.checking.folds import REFITS, LeaveOneOut, levels, predictives
 from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import clustered, skills, summarise
+from bayesterra.checking.short_runs import Fitted
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.canonical import write_study

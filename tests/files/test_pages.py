@@ -20,8 +20,9 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.analysis.comparison import compare
 from bayesterra.analysis.inference import run_prior
-from bayesterra.checking.calibration import Fitted, calibrate
+from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.holdout import leave_out
+from bayesterra.checking.short_runs import Fitted
 from bayesterra.design.recommendation import recommend
 from bayesterra.identifiability.identify import identify
 from bayesterra.likelihood.posterior import posterior

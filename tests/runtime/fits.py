@@ -5,7 +5,7 @@ import time
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.checking.calibration import Fitted
+from bayesterra.checking.short_runs import Fitted
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.study import Study
 

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 import bayesterra as bt
-from bayesterra.checking.calibration import ShortRuns
 from bayesterra.checking.folds import LeaveOneOut, levels
 from bayesterra.checking.holdout_scores import BASELINES, clustered
+from bayesterra.checking.short_runs import ShortRuns
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 

@@ -26,7 +26,8 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.checking.calibration import CalibrationRequest, Fitted, calibrate, calibrate_study
+from bayesterra.checking.calibration import CalibrationRequest, calibrate, calibrate_study
+from bayesterra.checking.short_runs import Fitted
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
 from bayesterra.runtime.engines import ended

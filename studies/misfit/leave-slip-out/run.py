@@ -19,11 +19,12 @@ from numpy.random import Generator, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.calibration import ShortRuns, replicated
+from bayesterra.checking.calibration import replicated
 from bayesterra.checking.folds import levels, predictives
 from bayesterra.checking.holdout import leave_out
 from bayesterra.checking.holdout_page import all_left_out
 from bayesterra.checking.holdout_scores import BASELINES, clustered, skills, summarise
+from bayesterra.checking.short_runs import ShortRuns
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.report.figures import white_png
 

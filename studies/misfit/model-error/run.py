@@ -24,8 +24,8 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 import bayesterra as bt
-from bayesterra.checking.calibration import ShortRuns
 from bayesterra.checking.folds import predictives
+from bayesterra.checking.short_runs import ShortRuns
 from bayesterra.checking.validation import trades
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import M1, M2
