@@ -19,8 +19,9 @@ def of(columns: FloatArray, names: tuple[str, ...], readings: int = 4) -> Collin
 
 
 def gamma(found: Collinearity, *names: str) -> float:
-    """Index of the subset of these parameters, in the package's order."""
-    return float(found.table.set_index("subset")["gamma"].to_dict()[" ".join(names)])
+    """Index of the subset of these parameters."""
+    subset = " ".join(name for name in found.names if name in names)
+    return float(found.table.loc[found.table["subset"] == subset, "gamma"].iloc[0])
 
 
 def test_two_parameters_have_the_index_of_their_angle() -> None:
