@@ -40,6 +40,11 @@ class Channel:
     dimension: str
     description: str
 
+    @property
+    def header(self) -> str:
+        """Column of a table, such as ``phi [deg]``."""
+        return self.name if self.unit == "-" else f"{self.name} [{self.unit}]"
+
     def field_text(self, value: float) -> str:
         """SI value in the field unit, to six digits."""
         return f"{value / self.scale:.6g} {self.unit.removesuffix('-')}".strip()

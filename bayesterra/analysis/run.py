@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -96,12 +95,7 @@ def run_study(
         resumed = bool(unfinished(part)[1])
         for sentence in checkpoints.notes if not quiet else ():
             note(sentence)
-        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
-
-            def update(progress: Progress) -> None:
-                progress.note_in(status)
-                show(progress)
-
+        with progress_bar(status, quiet=quiet) as update:
             update(Progress("drawing from the prior", 0.0))
             how: dict[str, Any] = {"seed": seed, "report": update, "checkpoint_store": checkpoints}
             with _from_segments(part) if resumed else nullcontext():

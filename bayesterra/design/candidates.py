@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, known
-from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, reference_load
+from bayesterra.likelihood.forward import Forward, Outcomes, load_of, offset_of, reference_load
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions, Wheel
@@ -70,45 +71,39 @@ class Candidate:
         return f"wheel {self.wheel[0]}, {self.load[0]:.4g} N, slip {self.slip[0]:.3g}"
 
 
-@dataclass(frozen=True)
-class CandidateOptions:
-    """Wishes of a person; everything has a default.
+def candidates(
+    study: Study,
+    slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (),
+    wheels: Mapping[str, Wheel] = MappingProxyType({}),
+    sensors: Sequence[str] = (),
+) -> list[Candidate]:
+    """Every wheel under every load at every slip, read as in the study and with new sensors too.
 
-    Attributes
+    With new sensors there is one candidate more: they alone, on the rows of the study driven again.
+
+    Parameters
     ----------
     slips : on the shearing radius; by default the driven ones and a quarter of their range beyond.
     loads : N or texts with units; by default those of the study.
     wheels : by name; by default those of the study.
     sensors : channels to be read beside the study's, ``name`` or ``name=0.15 N m`` with its noise.
-    about : parameters that the drive is to tell of; by default all that are free.
-    """
-
-    slips: Sequence[float] = ()
-    loads: Sequence[float | str] = ()
-    wheels: Mapping[str, Wheel] = field(default_factory=dict)
-    sensors: Sequence[str] = ()
-    about: Sequence[str] = ()
-
-
-def candidates(study: Study, wishes: CandidateOptions) -> list[Candidate]:
-    """Every wheel under every load at every slip, read as in the study and with new sensors too.
-
-    With new sensors there is one candidate more: they alone, on the rows of the study driven again.
 
     Raises
     ------
     StudyError : a slip, load or channel that cannot be, or no load is known.
     """
-    wheels, loads, slips = wishes.wheels or study.wheels, _loads(study, wishes), _slips(study, wishes)
+    under = [load_of(study, load) for load in loads or _measured_loads(study)]
+    at = checked_slips(slips) if len(slips) else _default_slips(study)
     own = tuple(study.noise.values())
-    added = tuple(_sensor(study, text) for text in wishes.sensors)
+    added = tuple(_sensor(study, text) for text in sensors)
     sets = [own, _ordered((*own, *added))] if added else [own]
     grid = [
         Candidate((name,), (wheel,), np.array([slip]), np.array([load]), noise)
-        for name, wheel in wheels.items()
-        for load in loads
+        for name, wheel in (wheels or study.wheels).items()
+        for load in under
         for noise in sets
-        for slip in slips
+        for slip in at
     ]
     return [*grid, _again(study, _ordered(added))] if added else grid
 
@@ -133,34 +128,21 @@ def parameters_of_interest(study: Study, about: Sequence[str]) -> tuple[str, ...
     return wanted or free
 
 
-def _slips(study: Study, wishes: CandidateOptions) -> FloatArray:
-    if len(wishes.slips):
-        return checked_slips(wishes.slips)
+def _default_slips(study: Study) -> FloatArray:
     driven = study.observations.used().slip
     low, high = float(driven.min()), float(driven.max())
     margin = MARGIN * (high - low) if high > low else 0.2
     return np.linspace(max(0.0, low - margin), min(0.95, high + margin), SLIPS)
 
 
-def _loads(study: Study, wishes: CandidateOptions) -> list[float]:
-    if wishes.loads:
-        return [_load(load) for load in wishes.loads]
+def _measured_loads(study: Study) -> Sequence[float | None]:
+    """Loads of the study, ``LOADS`` at most; None, which stands for the reference load, without any."""
     rows = study.observations.used()
     measured = rows.known_loads[~np.isnan(rows.known_loads)]
     distinct = np.unique([float(f"{load:.3g}") for load in measured])
     if distinct.size > LOADS:
         distinct = np.quantile(measured, (0.0, 0.5, 1.0))
-    loads = distinct.tolist() or [reference_load(study)]
-    if np.isnan(loads).any():
-        raise StudyError("'load' must be given, as the study holds neither load nor normal force")
-    return [float(load) for load in loads]
-
-
-def _load(value: float | str) -> float:
-    load = quantity(value, "N", "load", bare=True)
-    if load <= 0:
-        raise StudyError(f"'load' must be above 0 (got {load:g} N)")
-    return load
+    return distinct.tolist() or [None]
 
 
 def _sensor(study: Study, text: str) -> Noise:

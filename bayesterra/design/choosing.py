@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
 from types import MappingProxyType
@@ -30,6 +30,9 @@ METHODS = {"mixture": estimate, "regression": normal_estimate}
 class Grid:
     """Candidates and the draws that they are judged by; for one place of a plan all have the same noise.
 
+    It is the task as well: a question in, an estimate out. One serves a whole design and keeps what it needs
+    again.
+
     Attributes
     ----------
     situation, candidates : what is known before, and what may be driven.
@@ -46,9 +49,24 @@ class Grid:
     def _readings(self) -> dict[int, tuple[Reading, ...]]:
         return {}
 
+    @cached_property
+    def _beside(self) -> dict[tuple[int | None, ...], Pairs | None]:
+        return {}
+
     def __getstate__(self) -> dict[str, Any]:
         """Without what can be computed again."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __call__(self, question: Question) -> Estimate:
+        """Judge a candidate beside the rows that stand already."""
+        readings, beside = self.pairs(question.candidate, question.place), self._together(question.picks)
+        return METHODS[question.method](readings if beside is None else beside + readings, self.interest)
+
+    def _together(self, picks: tuple[int | None, ...]) -> Pairs | None:
+        if picks not in self._beside:
+            self._beside.clear()  # they are large, and asked for in turn
+            self._beside[picks] = self.together(picks)
+        return self._beside[picks]
 
     def pairs(self, index: int, place: int) -> Pairs:
         """Readings of a candidate in some place of the plan."""
@@ -83,32 +101,6 @@ class Question(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """The task: a question in, an estimate out. One serves a whole design and keeps what it needs again."""
-
-    grid: Grid
-
-    @cached_property
-    def _beside(self) -> dict[tuple[int | None, ...], Pairs | None]:
-        return {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what can be computed again."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def __call__(self, question: Question) -> Estimate:
-        """Judge a candidate beside the rows that stand already."""
-        readings, beside = self.grid.pairs(question.candidate, question.place), self._together(question.picks)
-        return METHODS[question.method](readings if beside is None else beside + readings, self.grid.interest)
-
-    def _together(self, picks: tuple[int | None, ...]) -> Pairs | None:
-        if picks not in self._beside:
-            self._beside.clear()  # they are large, and asked for in turn
-            self._beside[picks] = self.grid.together(picks)
-        return self._beside[picks]
-
-
-@dataclass(frozen=True)
 class Progress:
     """Progress of a design.
 
@@ -132,22 +124,21 @@ Report = Callable[[Mapping[int, Estimate], Progress], None]
 
 @dataclass
 class Judge:
-    """Has candidates judged, time after time, and counts the tasks: each has a number that tells it for good.
+    """Has candidates judged, ranks them and exchanges them; each task has a number that tells it for good.
 
     Attributes
     ----------
+    by : one of ``CRITERIA``.
     finished : estimates by number of the task that are known already.
     report : called with new ones, and the progress.
     """
 
     grid: Grid
-    engine: Engine = field(default_factory=in_process)
-    finished: Mapping[int, Estimate] = field(default_factory=dict)
-    report: Report = lambda estimates, progress: None
+    by: str
+    engine: Engine
+    finished: Mapping[int, Estimate]
+    report: Report
     count: int = 0
-
-    def __post_init__(self) -> None:
-        self._task = Evaluation(self.grid)
 
     def estimates(self, method: str, picks: Sequence[int | None], place: int) -> tuple[Estimate, ...]:
         """Every candidate in one place, beside the rows in the others."""
@@ -158,12 +149,39 @@ class Judge:
         started, before = time.perf_counter(), len(judgements)
         self.report({}, Progress(place + 1, before, n, first + before, None))
         todo = [Question(i, place, beside, method) for i in range(n) if i not in judgements]
-        for batch in ended(self._task, todo, self.engine, short=True):
+        for batch in ended(self.grid, todo, self.engine, short=True):
             judgements |= {question.candidate: judgement for question, judgement in batch}
             left = (time.perf_counter() - started) / (len(judgements) - before) * (n - len(judgements))
             new = {first + question.candidate: judgement for question, judgement in batch}
             self.report(new, Progress(place + 1, len(judgements), n, first + len(judgements), left))
         return tuple(judgements[i] for i in range(n))
+
+    def rank(self, picks: Sequence[int | None], place: int) -> Ranking:
+        """Every candidate in one place, beside the rows in the others."""
+        judgements = self.estimates("mixture", picks, place)
+        effective = [judgement.effective for judgement in judgements if np.isfinite(judgement.values[0])]
+        if not effective:
+            raise StudyError(
+                "no drive that was asked for has an answer for enough draws: try other loads or slips"
+            )
+        if min(effective) >= EFFECTIVE:
+            return self._ranking(judgements, "mixture")
+        return self._ranking(self.estimates("regression", picks, place), "regression")
+
+    def _ranking(self, judgements: tuple[Estimate, ...], method: str) -> Ranking:
+        before = self.grid.interest.values.std(axis=0, ddof=1)
+        scores = [score(judgement, self.by, before) for judgement in judgements]
+        return Ranking(judgements, method, np.array(scores))
+
+    def exchanged(self, picks: list[int]) -> list[int]:
+        """The plan with rows exchanged as long as that makes it better (Fedorov 1972, one row at a time)."""
+        for _ in range(PASSES if len(picks) > 1 else 0):
+            before = list(picks)
+            for place in range(len(picks)):
+                picks[place] = self.rank(picks, place).best
+            if picks == before:
+                break
+        return picks
 
 
 def as_content(judgement: Estimate) -> dict[str, Any]:
@@ -311,7 +329,7 @@ class Design(AnalysisResult):
         columns: dict[str, float] = {}
         for i, name in enumerate(self.about):
             parameter = PARAMETERS[name]
-            column = f"sd_{name}" + ("" if parameter.unit == "-" else f" [{parameter.unit}]")
+            column = f"sd_{parameter.header}"
             columns[column] = float(self.before[i] / parameter.scale)
             columns[f"{column} after"] = float(judgement.values[2 + i] / parameter.scale)
             columns[f"{column} error"] = float(judgement.errors[2 + i] / parameter.scale)
@@ -360,41 +378,6 @@ def described(candidate: Candidate) -> dict[str, object]:
     }
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """Ranks candidates, and exchanges them."""
-
-    judge: Judge
-    by: str
-
-    def rank(self, picks: Sequence[int | None], place: int) -> Ranking:
-        """Every candidate in one place, beside the rows in the others."""
-        judgements = self.judge.estimates("mixture", picks, place)
-        effective = [judgement.effective for judgement in judgements if np.isfinite(judgement.values[0])]
-        if not effective:
-            raise StudyError(
-                "no drive that was asked for has an answer for enough draws: try other loads or slips"
-            )
-        if min(effective) >= EFFECTIVE:
-            return self._ranking(judgements, "mixture")
-        return self._ranking(self.judge.estimates("regression", picks, place), "regression")
-
-    def _ranking(self, judgements: tuple[Estimate, ...], method: str) -> Ranking:
-        before = self.judge.grid.interest.values.std(axis=0, ddof=1)
-        scores = [score(judgement, self.by, before) for judgement in judgements]
-        return Ranking(judgements, method, np.array(scores))
-
-    def exchanged(self, picks: list[int]) -> list[int]:
-        """The plan with rows exchanged as long as that makes it better (Fedorov 1972, one row at a time)."""
-        for _ in range(PASSES if len(picks) > 1 else 0):
-            before = list(picks)
-            for place in range(len(picks)):
-                picks[place] = self.rank(picks, place).best
-            if picks == before:
-                break
-        return picks
-
-
 def score(judgement: Estimate, by: str, before: FloatArray) -> FloatArray:
     """Criterion to maximise (1 + groups,), nats."""
     if by == "information":
@@ -420,10 +403,7 @@ def choose(
 
     Parameters
     ----------
-    number : rows to choose; the same drive may be chosen again.
-    by : ``information`` or ``sd``, see ``CRITERIA``.
-    seed : of the readings that are drawn.
-    engine : judges the candidates; by default this process.
+    number, by, seed, engine : as of :func:`bayesterra.design.recommendation.recommend`.
     finished : what was judged before, by the numbers that ``report`` was told.
     report : called with new estimates by number, and the progress.
 
@@ -434,13 +414,13 @@ def choose(
     names = situation.posterior.names
     interest = Interest(situation.draws, tuple(names.index(name) for name in about))
     grid = Grid(situation, tuple(candidates), interest, seed)
-    choice = _Choice(Judge(grid, engine or in_process(), finished, report), by)
-    ranking = last = choice.rank((), 0)
+    judge = Judge(grid, by, engine or in_process(), finished, report)
+    ranking = last = judge.rank((), 0)
     picks = [ranking.best]
     for place in range(1, number):
-        last = choice.rank(picks, place)
+        last = judge.rank(picks, place)
         picks.append(last.best)
-    picks = choice.exchanged(picks)
+    picks = judge.exchanged(picks)
     joint = [grid.together(picks[: i + 1]) for i in range(number)]
     return Design(
         situation, tuple(about), tuple(candidates), by, ranking, tuple(picks),

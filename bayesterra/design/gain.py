@@ -182,13 +182,14 @@ def normal_estimate(densities: Pairs, interest: Interest) -> Estimate:
     terms = _terms(densities.readings[kept])
     scores, values = interest.scores[kept], interest.values[kept]
     targets = np.column_stack([scores, values / values.std(axis=0)])
-    products = np.stack([_products(terms[group == g], targets[group == g]) for g in range(GROUPS)])
+    both = np.column_stack([terms, targets])
+    products = np.stack([part.T @ part for part in (both[group == g] for g in range(GROUPS))])
     rows = []
     for left_out in (-1, *range(GROUPS)):
         on = [g for g in range(GROUPS) if g != left_out]
         before, after = _covariances(products[on].sum(axis=0), terms.shape[1])
-        gains = [_log_ratio(before, after, list(c)) for c in _sets(interest)]
         d = scores.shape[1]
+        gains = [_log_ratio(before, after, list(c)) for c in (interest.columns, range(d))]
         rows.append([*gains, *(np.sqrt(np.diagonal(after)[d:]) * values.std(axis=0))])
     return Estimate(np.array(rows), float(densities.answered.mean()), np.inf)
 
@@ -201,11 +202,6 @@ def _terms(readings: FloatArray) -> FloatArray:
     chosen = [(a, b) for a in range(k) for b in range(a, k if every else a + 1)]
     products = [y[:, a] * y[:, b] for a, b in chosen]
     return np.column_stack([np.ones(n), y, *(products if 2 * k < n / PER_TERM else ())])
-
-
-def _products(terms: FloatArray, targets: FloatArray) -> FloatArray:
-    both = np.column_stack([terms, targets])
-    return np.asarray(both.T @ both)
 
 
 def _covariances(products: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
@@ -221,10 +217,6 @@ def _covariances(products: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
 def _log_ratio(before: FloatArray, after: FloatArray, columns: list[int]) -> float:
     square = np.ix_(columns, columns)
     return float(0.5 * (np.linalg.slogdet(before[square])[1] - np.linalg.slogdet(after[square])[1]))
-
-
-def _sets(interest: Interest) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    return interest.columns, tuple(range(interest.draws.shape[1]))
 
 
 BLOCK = 500
@@ -300,11 +292,8 @@ class Pairs:
 
     def __add__(self, other: Pairs) -> Pairs:
         """Readings of both, which are independent given the parameters."""
-        conditional = (
-            None
-            if self.conditional is None or other.conditional is None
-            else self.conditional + other.conditional
-        )
+        parts = self.conditional, other.conditional
+        conditional = None if parts[0] is None or parts[1] is None else parts[0] + parts[1]
         both = np.column_stack([self.readings, other.readings])
         return Pairs(self.log + other.log, conditional, self.answered & other.answered, both)
 

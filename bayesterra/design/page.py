@@ -22,6 +22,8 @@ from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
 
 SHOWN = 15
 """Rows of the ranking on the page; the table in the folder has all."""
+FEW = 4
+"""Parameters of interest whose spread the page shows."""
 
 
 def design_page(design: Design) -> VerdictPage:
@@ -82,7 +84,7 @@ def _times(design: Design, where: str) -> str:
 def _promise(design: Design) -> Verdict:
     """Verdict on the expected spread of the parameters of interest."""
     last = design.together[-1]
-    changes = [_change(design, i, last) for i in range(min(len(design.about), 4))]
+    changes = [_change(design, i, last) for i in range(len(design.about[:FEW]))]
     bits = last.values[0] / BIT
     grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
     sentence = Markup("Standard deviation of {}.").format(listed(changes))
@@ -126,7 +128,7 @@ def _ranking_section(design: Design) -> Blocks:
     ).format(symbols(design.about))
     header: tuple[Cell, ...] = (
         "", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ",
-        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
+        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:FEW]),
     )  # fmt: skip
     rows = tuple(_row(design, rank, i) for rank, i in enumerate(design.ranking.order[:SHOWN], start=1))
     more = len(design.candidates) - SHOWN
@@ -135,10 +137,10 @@ def _ranking_section(design: Design) -> Blocks:
         "over {} % of the draws."
     ).format(
         f"; {more} more in design.csv" if more > 0 else "",
-        listed(_now(design, i) for i in range(min(len(design.about), 4))),
+        listed(_now(design, i) for i in range(len(design.about[:FEW]))),
         f"{100 * UNANSWERED:g}",
     )
-    table = Table(below, "rllrrrr" + "r" * len(design.about[:4]), header, rows)
+    table = Table(below, "rllrrrr" + "r" * len(design.about[:FEW]), header, rows)
     return (Gallery("whole", (picture,), caption), table)
 
 
@@ -152,31 +154,31 @@ def _row(design: Design, rank: int, index: int) -> tuple[Cell, ...]:
     candidate, estimate = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     mark = " !" if 1 - estimate.answered > UNANSWERED else ""
-    finite = np.isfinite(estimate.values[0])
-    gain = with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT) if finite else (NOTHING, NOTHING)
-    behind = with_error(lag, lag_error) if finite and lag > 0 else (NOTHING, NOTHING)
-    after = (figures_of(design, i, estimate)[1] for i in range(min(len(design.about), 4)))
-    return (
-        str(rank), candidate.where + mark, symbols(candidate.channels), *gain, *behind, *after,
-    )  # fmt: skip
+    behind = with_error(lag, lag_error) if lag > 0 else (NOTHING, NOTHING)
+    after = (figures_of(design, i, estimate)[1] for i in range(len(design.about[:FEW])))
+    where = candidate.where + mark
+    return (str(rank), where, symbols(candidate.channels), *_gain(estimate), *behind, *after)
+
+
+def _gain(estimate: Estimate) -> tuple[str, str]:
+    """Gain in bits with its error; nothing where too few draws have an answer."""
+    return with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
 
 
 def _plan_section(design: Design) -> Blocks:
     header: tuple[Cell, ...] = (
         "", "drive", "together [bit]", "± ",
-        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:4]),
+        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:FEW]),
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for number, (index, estimate) in enumerate(zip(design.picks, design.together, strict=True), start=1):
-        gain = with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
-        after = (figures_of(design, i, estimate)[1] for i in range(min(len(design.about), 4)))
-        rows.append((str(number), design.candidates[index].where, *gain, *after))
+        after = (figures_of(design, i, estimate)[1] for i in range(len(design.about[:FEW])))
+        rows.append((str(number), design.candidates[index].where, *_gain(estimate), *after))
     bound = " Too few draws remain effective: gains are lower bounds, by regression."
     caption = Markup("All recommended drives; each line with those above it.{}").format(
         bound if design.method == "regression" else ""
     )
-    table = Table(caption, "rlrr" + "r" * len(design.about[:4]), header, tuple(rows))
-    return (table,)
+    return (Table(caption, "rlrr" + "r" * len(design.about[:FEW]), header, tuple(rows)),)
 
 
 def _method_section(design: Design) -> Blocks:
@@ -306,11 +308,7 @@ def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
     mark = " !" if 1 - estimate.answered > UNANSWERED else ""
-    gain = (
-        with_error(estimate.values[0] / BIT, estimate.errors[0] / BIT)
-        if np.isfinite(estimate.values[0])
-        else (NOTHING,)
-    )
+    gain = _gain(estimate) if np.isfinite(estimate.values[0]) else (NOTHING,)
     behind = " ± ".join(with_error(lag, lag_error)) if lag > 0 else ""
     changes = (" → ".join(figures_of(design, i, estimate)[:2]) for i in range(deviations))
     return (candidate.where + mark, symbols, " ± ".join(gain), behind, *changes)
@@ -319,7 +317,7 @@ def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
 def design_lines(design: Design) -> list[str]:
     """Lines on the recommendation, the gain to expect, and the cautions."""
     last = design.together[-1]
-    gain, error = with_error(last.values[0] / BIT, last.errors[0] / BIT)
+    gain, error = _gain(last)
     drives = "; ".join(candidate.where for candidate in design.chosen)
     lines = [f"Recommended: {drives}: {gain} ± {error} bit about {', '.join(design.about)}."]
     for i, name in enumerate(design.about):

@@ -12,13 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.random import default_rng
 
-from bayesterra.design.candidates import (
-    Candidate,
-    CandidateOptions,
-    Situation,
-    candidates,
-    parameters_of_interest,
-)
+from bayesterra.design.candidates import Candidate, Situation, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
 from bayesterra.design.gain import Estimate
 from bayesterra.errors import StudyError, check_seed, did_you_mean
@@ -120,8 +114,7 @@ def design_request(
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
-    wishes = CandidateOptions(slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
-    grid = candidates(study, wishes)
+    grid = candidates(study, slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator, SeedSequence, default_rng
+from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.errors import enumerated
@@ -114,22 +114,27 @@ def analyse(
     engine : traces the profiles; by default this process.
     report : called with the name of each part as it begins.
     """
-    clock, (tracing, *streams) = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
+    clock, streams = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
+    tracing, coupled, informing, cloned, scaling = streams
     profiled = clock(
         "profiles",
         lambda: profiles(
             posterior, rng=tracing, draws=draws, prior_draws=prior, references=mode, engine=engine
         ),
     )
-    best = clock(
-        "local analysis", lambda: local_analysis(posterior, profiled.best["posterior"], prior, draws)
-    )
-    spread = clock(
-        "local analysis", lambda: local_analysis(posterior, spaced(draws, LOCAL_DRAWS), prior, draws)
-    )
+
+    def local(x: FloatArray) -> LocalAnalysis:
+        return clock("local analysis", lambda: local_analysis(posterior, x, prior, draws))
+
+    best, spread = local(profiled.best["posterior"]), local(spaced(draws, LOCAL_DRAWS))
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
-    drawn = _from_draws(posterior, prior, draws, streams, clock)
+    drawn = FromDraws(
+        clock("coupling", lambda: coupling(posterior, prior, draws, coupled)),
+        clock("information", lambda: information(posterior, prior, draws, informing)),
+        clock("data cloning", lambda: cloning(posterior, prior, draws, cloned, powers=CLONES)),
+        clock("power-scaling", lambda: power_scaling(posterior, prior, draws, scaling)),
+    )
     assessment = Assessment(posterior, prior, draws, seen, spread, profiled, drawn)
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, drawn,
@@ -150,18 +155,6 @@ class _Clock:
         result = work()
         self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
         return result
-
-
-def _from_draws(
-    posterior: Posterior, prior: FloatArray, draws: FloatArray, streams: Sequence[Generator], clock: _Clock
-) -> FromDraws:
-    first, second, third, fourth = streams
-    return FromDraws(
-        clock("coupling", lambda: coupling(posterior, prior, draws, first)),
-        clock("information", lambda: information(posterior, prior, draws, second)),
-        clock("data cloning", lambda: cloning(posterior, prior, draws, third, powers=CLONES)),
-        clock("power-scaling", lambda: power_scaling(posterior, prior, draws, fourth)),
-    )
 
 
 @dataclass(frozen=True)
@@ -285,6 +278,14 @@ GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
+NOT_FIXED = {
+    "repeats its prior": ("{} repeats its prior", "{} repeat their priors"),
+    "moved": ("{} moved away from its prior", "{} moved away from their priors"),
+    STRUCTURAL: ("no data of this design can determine {}",) * 2,
+}
+"""What is said of one parameter of a verdict, and of several."""
+
+
 def in_a_sentence(
     counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str]
 ) -> str:
@@ -301,16 +302,9 @@ def in_a_sentence(
         _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
     ]
     texts = [enumerated(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
-    if names := [symbol(name) for name, word in verdicts.items() if word == "repeats its prior"]:
-        texts.append(
-            f"{enumerated(names)} {'repeats its prior' if len(names) == 1 else 'repeat their priors'}"
-        )
-    if names := [symbol(name) for name, word in verdicts.items() if word == "moved"]:
-        texts.append(
-            f"{enumerated(names)} moved away from {'its prior' if len(names) == 1 else 'their priors'}"
-        )
-    if names := [symbol(name) for name, word in verdicts.items() if word == STRUCTURAL]:
-        texts.append(f"no data of this design can determine {enumerated(names)}")
+    for verdict, forms in NOT_FIXED.items():
+        if names := [symbol(name) for name, word in verdicts.items() if word == verdict]:
+            texts.append(forms[len(names) > 1].format(enumerated(names)))
     return f"These data fix {'; '.join(texts)}."
 
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -36,7 +36,7 @@ from bayesterra.arrays import FloatArray, spaced
 from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.adaptation import Densities
-from bayesterra.sampling.coordinates import NormalScore, coordinates
+from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
@@ -133,15 +133,7 @@ def cloning(
     start = target.coordinates.from_physical(spaced(draws, DRAWS))
     samples = clouds(target.densities, start, powers, rng)
     physical = [replace(cloud, u=target.coordinates.to_physical(cloud.u)[0]) for cloud in samples]
-    laws = posterior.prior.laws.values()
-    return cloned(posterior.names, powers, physical, prior, partial(_scores, tuple(laws)))
-
-
-def _scores(laws: Sequence[Law], x: FloatArray) -> FloatArray:
-    """Normal scores (n, d) of parameter sets (n, d) under their stated laws, which are smooth."""
-    return np.column_stack(
-        [NormalScore(law).from_physical(column) for law, column in zip(laws, x.T, strict=True)]
-    )
+    return cloned(posterior.names, powers, physical, prior, posterior.prior.scores)
 
 
 def clouds(densities: Densities, start: FloatArray, powers: Sequence[int], rng: Generator) -> list[Cloud]:
@@ -209,7 +201,14 @@ def cloned(
         eigenvalues=np.array([variances for variances, _ in along]),
         parameters=_slopes("parameter", names, powers, own, sound=sound),
         directions=_slopes("combination", words, powers, along, sound=sound),
-        sampling=_sampling(powers, samples),
+        sampling=pd.DataFrame(
+            {
+                "power": list(powers),
+                **{name: [getattr(cloud, name) for cloud in samples] for name in ("effective", "k_hat")},
+                "limit": [pareto_limit(len(cloud.u)) for cloud in samples],
+                "reliable": [cloud.reliable for cloud in samples],
+            }
+        ),
     )
 
 
@@ -223,18 +222,6 @@ def _spread(x: FloatArray, directions: FloatArray, weights: FloatArray) -> Sprea
     squared = (along - weights @ along) ** 2
     variances = weights @ squared
     return variances, np.sqrt(weights**2 @ (squared / variances - 1.0) ** 2)
-
-
-def _sampling(powers: Sequence[int], samples: Sequence[Cloud]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "power": list(powers),
-            "effective": [cloud.effective for cloud in samples],
-            "k_hat": [cloud.k_hat for cloud in samples],
-            "limit": [pareto_limit(len(cloud.u)) for cloud in samples],
-            "reliable": [cloud.reliable for cloud in samples],
-        }
-    )
 
 
 def _slopes(
@@ -405,11 +392,6 @@ def power_word(own: float, cut_own: float, strongest: float, likelihood: float) 
     if own >= max(REPEATED * cut_own, SENSITIVE):
         return "repeats its prior"
     return "another's prior" if strongest >= SENSITIVE else "unmoved"
-
-
-def log_normal(law: Law, x: FloatArray) -> FloatArray:
-    """Log density (n,) of the normal scores of values under their law, up to a constant."""
-    return np.asarray(-0.5 * law.score(x) ** 2)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis, in_a_sentence
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
@@ -26,7 +26,7 @@ from bayesterra.identifiability.verdicts import (
     identifiability,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, records
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, name_cells, own_axes, styled
 from bayesterra.report.numbers import MINUS, NOTHING, number, plain
 from bayesterra.report.sections import origin_rows
@@ -150,12 +150,15 @@ def contraction(result: Result, ax: Axes | None = None) -> Axes:
     places = np.arange(len(rows))
     values = np.clip([row.contraction for row in rows.values()], 0.0, 1.0)
     ax.barh(places, values, height=0.55, color=POSTERIOR, alpha=0.75)
+    return _named_bars(ax, places, rows, "contraction 1 − var(posterior) / var(prior)")
+
+
+def _named_bars(ax: Axes, places: IntArray, names: Iterable[str], title: str) -> Axes:
+    """Name the parameters of bars of contraction, and draw the limits of the verdicts."""
     for limit in (WEAK, DETERMINED):
         ax.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    names = [label(PARAMETERS[name], unit=False) for name in rows]
-    ax.set(
-        yticks=places, yticklabels=names, xlim=(0, 1), xlabel="contraction 1 − var(posterior) / var(prior)"
-    )
+    labels = [label(PARAMETERS[name], unit=False) for name in names]
+    ax.set(yticks=places, yticklabels=labels, xlim=(0, 1), xlabel=title)
     ax.tick_params(axis="y", length=0)
     return ax
 
@@ -175,8 +178,9 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
         if abs(value) >= 0.15:
             ax.text(j + 0.5, i + 0.5, f"{value:+.1f}".replace("-", "−"), ha="center", va="center", fontsize=7)
     places = np.arange(len(weights)) + 0.5
+    shares = [f"{share:.2f}" for share in np.clip(basis.contractions, 0.0, 1.0)]
     names = [label(PARAMETERS[name], unit=False) for name in result.names]
-    ax.set(xticks=places, xticklabels=names, yticks=places, yticklabels=[f"{c:.2f}" for c in _clipped(basis)])
+    ax.set(xticks=places, xticklabels=names, yticks=places, yticklabels=shares)
     ax.set(ylabel="contraction", ylim=(len(weights), 0))
     ax.tick_params(length=0)
     ax.xaxis.tick_top()
@@ -195,10 +199,6 @@ def _weights(basis: Identifiability) -> FloatArray:
     rows = basis.directions.T
     greatest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
     return np.asarray(rows / greatest[:, None])
-
-
-def _clipped(basis: Identifiability) -> FloatArray:
-    return np.clip(basis.contractions, 0.0, 1.0)
 
 
 LOWEST = 1e-6
@@ -227,13 +227,9 @@ def spectrum(local: LocalAnalysis, ax: Axes | None = None) -> Axes:
 
 def coupling_section(coupling: Coupling) -> Blocks:
     """Coupling of parameters and of groups."""
-    blocks: list[Block] = []
-    if len(coupling.names) > 1:
-        blocks.append(_couplings(coupling))
-    if len(coupling.between):
-        blocks.append(_between(coupling))
-    alone = Text("There is a single free parameter: nothing to be coupled with.")
-    return tuple(blocks) or (alone,)
+    if len(coupling.names) == 1:
+        return (Text("There is a single free parameter: nothing to be coupled with."),)
+    return (_couplings(coupling), *((_between(coupling),) if len(coupling.between) else ()))
 
 
 def _couplings(coupling: Coupling) -> Gallery:
@@ -277,7 +273,9 @@ def _between(coupling: Coupling) -> Table:
 def information_section(information: Information) -> Blocks:
     """Section on what the data contract, of parameters and of directions of the groups."""
     bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
-    rows = tuple((*count_row(row), *_elsewhere(row)) for row in records(information.counts))
+    elsewhere = ("determined_plain", "determined_sampling")
+    counts = records(information.counts)
+    rows = tuple((*count_row(row), *(str(row[name]) for name in elsewhere)) for row in counts)
     header = ("group", "others", "determined", "effective", "by the cut", "plain", "sampling")
     extra = Markup(" Last columns: determined in plain parameters and in sampling coordinates.")
     caption = (
@@ -286,10 +284,6 @@ def information_section(information: Information) -> Blocks:
     )
     table = Table(GROUPS + extra, "llrrrrr", header, rows)
     return (table, Gallery("half", (bars,), caption))
-
-
-def _elsewhere(row: dict[str, object]) -> tuple[str, str]:
-    return str(row["determined_plain"]), str(row["determined_sampling"])
 
 
 def local_section(analysis: Analysis) -> Blocks:
@@ -317,10 +311,9 @@ def local_section(analysis: Analysis) -> Blocks:
     return (Text(text), table, Gallery("half", (picture,), caption))
 
 
-def _spreads(row: dict[str, object]) -> Sequence[Cell]:
-    name = str(row["parameter"])
-    values = (float(str(row[key])) for key in ("prior_sd", "local_sd", "posterior_sd"))
-    return [*(plain(value / PARAMETERS[name].scale) for value in values), unit(name) or NOTHING]
+def _spreads(row: Record) -> tuple[Cell, ...]:
+    scale, names = PARAMETERS[row["parameter"]].scale, ("prior_sd", "local_sd", "posterior_sd")
+    return (*(plain(row[name] / scale) for name in names), unit(row["parameter"]) or NOTHING)
 
 
 def further_section(analysis: Analysis) -> Blocks:
@@ -395,7 +388,7 @@ def coupling_map(coupling: Coupling, ax: Axes | None = None) -> Axes:
     ax.pcolormesh(np.ma.masked_invalid(values), cmap="PuOr_r", vmin=-1.6, vmax=1.6, edgecolors="none")
     starred = _starred(coupling)
     for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
-        text = _number(values[i, j]) + ("*" if lower[i, j] and {i, j} in starred else "")
+        text = number(values[i, j], 2) + ("*" if lower[i, j] and {i, j} in starred else "")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5)
     ax.plot([0, count], [0, count], color=GRID, linewidth=0.7)
     _boxes(ax, coupling.groups)
@@ -413,10 +406,6 @@ def _starred(coupling: Coupling) -> list[set[int]]:
     return [{places[a], places[b]} for a, b in zip(rows["first"], rows["second"], strict=True)]
 
 
-def _number(value: float) -> str:
-    return f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
-
-
 def _boxes(ax: Axes, groups: Mapping[str, Sequence[int]]) -> None:
     """Frame the pairs within each group of the paper."""
     for group, columns in groups.items():
@@ -424,7 +413,8 @@ def _boxes(ax: Axes, groups: Mapping[str, Sequence[int]]) -> None:
             continue  # parameters that do not stand side by side
         corner, size = (columns[0], columns[0]), len(columns)
         ax.add_patch(Rectangle(corner, size, size, fill=False, edgecolor=INK, linewidth=1.3, clip_on=False))
-        ax.text(columns[0] + 0.5, columns[0] + 0.5, _group(group), color=DATA, fontsize=9, ha="center",
+        name = rf"$P_\mathrm{{{group.removeprefix('P_')}}}$" if group.startswith("P_") else group
+        ax.text(columns[0] + 0.5, columns[0] + 0.5, name, color=DATA, fontsize=9, ha="center",
                 va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
 
 
@@ -446,19 +436,13 @@ def group_coupling(coupling: Coupling, ax: Axes | None = None) -> Axes:
     ax.set(yticks=places, yticklabels=names, xlabel="mutual information [nat]")
     ax.set_xlim(left=min(0.0, float(table["nearest"].min())) if len(table) else 0.0)
     ax.tick_params(axis="y", length=0, labelsize=9)
-    near = Line2D(
-        [], [], color=DATA, marker="o", markerfacecolor="none", linestyle="none", label="neighbours"
-    )
-    bars = [
+    handles = [
         Patch(color=POSTERIOR, alpha=0.75, label="posterior"),
         Patch(color=PRIOR, alpha=0.75, label="prior after the cut"),
+        Line2D([], [], color=DATA, marker="o", markerfacecolor="none", linestyle="", label="neighbours"),
     ]
-    ax.legend(handles=[*bars, near], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    ax.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     return ax
-
-
-def _group(name: str) -> str:
-    return rf"$P_\mathrm{{{name.removeprefix('P_')}}}$" if name.startswith("P_") else name
 
 
 @styled
@@ -474,10 +458,5 @@ def contraction_bars(information: Information, ax: Axes | None = None) -> Axes:
     for column, shift, colour, said in bars:
         shares = np.clip(table[column].to_numpy(dtype=np.float64), 0.0, 1.0)
         ax.barh(places + shift, shares, height=0.32, color=colour, alpha=0.75, label=said)
-    for limit in (WEAK, DETERMINED):
-        ax.axvline(limit, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    names = [label(PARAMETERS[name], unit=False) for name in table["parameter"]]
-    ax.set(yticks=places, yticklabels=names, xlim=(0, 1), xlabel="contraction 1 − var(after) / var(before)")
-    ax.tick_params(axis="y", length=0)
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=1)
-    return ax
+    return _named_bars(ax, places, table["parameter"], "contraction 1 − var(after) / var(before)")

@@ -16,10 +16,11 @@ from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, in_a_sentence, outlook
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.parameters import PARAMETERS, field_values
+from bayesterra.report.blocks import records
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.tables import Count, Record
-from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, sample, thin
+from bayesterra.sampling.sampler import PRIOR_DRAWS, sample, thin
 from bayesterra.study.result import AnalysisResult, Result, check_single, versions
 from bayesterra.study.study import Study
 
@@ -63,11 +64,9 @@ class Identified(AnalysisResult):
 
     def in_words(self, symbol: Callable[[str], str]) -> str:
         """The finding in a sentence, parameters written as ``symbol`` says."""
-        rows = [
-            {str(key): value for key, value in row.items()} for row in self.found.counts.to_dict("records")
-        ]
-        words = self.found.verdicts.set_index("parameter")["verdict"].to_dict()
-        return in_a_sentence(rows, {str(name): word for name, word in words.items()}, symbol)
+        verdicts = self.found.verdicts
+        words = dict(zip(verdicts["parameter"], verdicts["verdict"], strict=True))
+        return in_a_sentence(records(self.found.counts), words, symbol)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Everything that was measured; field units, named in a column ``unit`` or a header."""
@@ -85,7 +84,7 @@ class Identified(AnalysisResult):
             "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
             "local": in_field_units(analysis.spread.table, SPREADS),
             "local_at_best": in_field_units(analysis.best.table, SPREADS),
-            "spectrum": pd.DataFrame(analysis.spread.spectra, columns=_numbered(len(analysis.names))),
+            "spectrum": pd.DataFrame(analysis.spread.spectra).rename(columns=lambda i: f"eigenvalue_{i + 1}"),
             "collinearity": analysis.collinearity.table,
             "importance": analysis.collinearity.importance,
             "structure": analysis.structure.table,
@@ -128,11 +127,7 @@ def _of_study(study: Study, seed: int, engine: Engine | None, report: Report) ->
     target = posterior(study)
     analysing, sampling, drawing = SeedSequence(seed).spawn(3)
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(drawing)).x
-
-    def update(progress: Progress) -> None:
-        report(progress.stage)
-
-    samples = sample(target, study.sampling, sampling, update)
+    samples = sample(target, study.sampling, sampling, lambda progress: report(progress.stage))
     draws = thin(samples.chains).flat
     analysis = analyse(target, prior, draws, analysing, engine=engine, report=report)
     source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
@@ -179,28 +174,17 @@ def in_field_units(table: pd.DataFrame, columns: Sequence[str], name: str = "par
     return converted
 
 
-def _numbered(count: int) -> list[str]:
-    return [f"eigenvalue_{i + 1}" for i in range(count)]
-
-
 def _points(analysis: Analysis) -> pd.DataFrame:
     """Every point of every profile, with the path of all parameters."""
     frames, names = [], analysis.names
     for kind, profiles in analysis.profiles.found.items():
         for profile in profiles:
-            path = pd.DataFrame(
-                {_headed(n): field_values(n, x) for n, x in zip(names, profile.path.T, strict=True)}
-            )
+            columns = zip(names, profile.path.T, strict=True)
+            path = {PARAMETERS[name].header: field_values(name, x) for name, x in columns}
             values = {"value": field_values(profile.name, profile.values), "rise": profile.rise}
-            head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit, **values}
-            frames.append(pd.DataFrame(head).join(path))
+            head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit}
+            frames.append(pd.DataFrame({**head, **values, **path}))
     return pd.concat(frames, ignore_index=True)
-
-
-def _headed(name: str) -> str:
-    """A column of a table, such as ``phi [deg]``."""
-    unit = PARAMETERS[name].unit
-    return name if unit == "-" else f"{name} [{unit}]"
 
 
 def expected_contraction(made: Foreseen) -> FloatArray:

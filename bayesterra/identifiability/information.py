@@ -255,7 +255,7 @@ def coupling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Ge
     singles = {name: [i] for i, name in enumerate(names)}
     pairs = _compared(singles, prior, draws, rng)
     correlations = {
-        f"{prefix}{kind}": _pairs(_correlation(values))
+        f"{prefix}{kind}": _correlation(values)[np.triu_indices(len(names), 1)]
         for prefix, x in (("", draws), ("prior_", prior))
         for kind, values in (("pearson", x), ("spearman", rankdata(x, axis=0)))
     }
@@ -308,11 +308,6 @@ def strength(information: float) -> float:
 
 def _correlation(values: FloatArray) -> FloatArray:
     return np.atleast_2d(np.corrcoef(values.T))
-
-
-def _pairs(matrix: FloatArray) -> FloatArray:
-    """Entries above the diagonal, in the order of ``itertools.combinations``."""
-    return matrix[np.triu_indices(len(matrix), 1)]
 
 
 def _compared(sets: Columns, prior: FloatArray, draws: FloatArray, rng: Generator) -> pd.DataFrame:

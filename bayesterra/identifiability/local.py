@@ -32,7 +32,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.identifiability.structure import NEGLIGIBLE, combination
+from bayesterra.identifiability.structure import NEGLIGIBLE
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import read_where, weighted_sensitivities
 
@@ -77,38 +77,12 @@ class LocalAnalysis:
         return np.asarray(np.linalg.svd(self.roots, compute_uv=False) ** 2)
 
     @property
-    def information(self) -> FloatArray:
-        """Mean Fisher information (d, d) in units of the cut prior's standard deviations."""
-        return np.asarray(self.root.T @ self.root)
-
-    @cached_property
-    def _decomposed(self) -> tuple[FloatArray, FloatArray]:
-        _, values, rows = np.linalg.svd(self.root)
-        largest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
-        return values, rows * np.sign(largest)[:, None]
-
-    @property
-    def eigenvalues(self) -> FloatArray:
-        """Spectrum (d,) of the mean information, largest first."""
-        return self._decomposed[0] ** 2
-
-    @property
-    def directions(self) -> FloatArray:
-        """Eigenvectors, columns (d, d), in prior standard deviations; the largest weight is positive."""
-        return self._decomposed[1].T
-
-    @property
     def decades(self) -> float:
         """Decades that the median of the spectra spans; inf where a direction carries no information."""
         values = np.sqrt(np.median(self.spectra, axis=0))
         if values[-1] <= SINGULAR * values[0]:
             return np.inf
         return float(2.0 * np.log10(values[0] / values[-1]))
-
-    @property
-    def combinations(self) -> tuple[str, ...]:
-        """The eigenvectors' leading terms in words, in prior standard deviations: ``0.82 n0 − 0.57 c1``."""
-        return tuple(combination(self.names, vector) for vector in self._decomposed[1])
 
 
 def local_analysis(
@@ -214,11 +188,6 @@ class Collinearity:
     names: tuple[str, ...]
     table: pd.DataFrame
     importance: pd.DataFrame
-
-    def gamma(self, *names: str) -> float:
-        """Index of the subset of these parameters."""
-        subset = " ".join(name for name in self.names if name in names)
-        return float(self.table.loc[self.table["subset"] == subset, "gamma"].iloc[0])
 
     def largest(self, critical: float = CRITICAL) -> tuple[str, ...]:
         """The largest determined subset: index up to ``critical``, each parameter seen (``INFORMATIVE``).

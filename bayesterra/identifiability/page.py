@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -197,7 +196,7 @@ def _profile_section(made: Identified) -> Blocks:
         (
             symbol(row["parameter"]),
             row["class"],
-            f"{100 * row['trust']:.0f} %{_lost(row['failed'])}",
+            f"{100 * row['trust']:.0f} %" + (f", {row['failed']} not solved" if row["failed"] else ""),
             _moves(row["compensated_by"]),
         )
         for row in records(table[table["kind"] == "likelihood"])
@@ -211,11 +210,6 @@ def _profile_section(made: Identified) -> Blocks:
         rows,
     )
     return (Gallery("whole", (panels,), caption), moves)
-
-
-def _lost(failed: int) -> str:
-    """Note of how many points of a profile were not solved; nothing where all were."""
-    return f", {failed} not solved" if failed else ""
 
 
 def _moves(text: str) -> Cell:
@@ -283,16 +277,21 @@ def _panel(ax: Axes, profiles: Profiles, name: str) -> None:
 
 
 def _curve(ax: Axes, profile: Profile, scale: float) -> None:
-    colour, dashes, width = LINES[profile.kind]
+    colour, dashes, _ = LINES[profile.kind]
     grid, height = _smooth(profile)
-    style = (0, dashes) if dashes else "-"
-    ax.plot(grid / scale, height, color=colour, linewidth=width, linestyle=style, zorder=3 if dashes else 2)
+    ax.plot(grid / scale, height, zorder=3 if dashes else 2, **_line(profile.kind))
     lost = profile.values[profile.failed] / scale
     height = np.minimum(profile.rise[profile.failed], HIGHEST - 0.2)
     ax.plot(lost, height, "x", color=colour, markersize=4.0)
     for percent, level in LEVELS.items():
         ends = np.array(profile.crossings(percent)) / scale
         ax.plot(ends, [level, level], "o", color=colour, markersize=3.2)
+
+
+def _line(kind: str) -> dict[str, Any]:
+    """Look of a curve."""
+    colour, dashes, width = LINES[kind]
+    return {"color": colour, "linewidth": width, "linestyle": (0, dashes) if dashes else "-"}
 
 
 def _smooth(profile: Profile) -> tuple[FloatArray, FloatArray]:
@@ -330,28 +329,16 @@ def _title(profiles: Profiles, name: str) -> str:
 
 
 def _legend(figure: Figure, profiles: Profiles) -> None:
-    entries: list[Line2D | Patch] = []
-    for kind in profiles.found:
-        colour, dashes, width = LINES[kind]
-        entries.append(
-            Line2D(
-                [], [], color=colour, linestyle=(0, dashes) if dashes else "-", linewidth=width, label=kind
-            )
-        )
-    entries += [
-        Line2D([], [], color=INK, marker="o", markersize=3.2, linestyle="none", label="end of an interval"),
-        *_lost_range(profiles),
+    lost = any(profile.failed.any() for each in profiles.found.values() for profile in each)
+    cross = Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="", label="not solved")
+    entries: list[Line2D | Patch] = [
+        *(Line2D([], [], label=kind, **_line(kind)) for kind in profiles.found),
+        Line2D([], [], color=INK, marker="o", markersize=3.2, linestyle="", label="end of an interval"),
+        *([cross] if lost else []),
         Line2D([], [], color=PRIOR, linewidth=2.2, alpha=0.7, label="end of the prior's range"),
         Patch(color=PRIOR, alpha=0.18, linewidth=0, label="impossible"),
     ]
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
-
-
-def _lost_range(profiles: Profiles) -> list[Line2D]:
-    """The cross of points that failed, where there are any."""
-    if not any(profile.failed.any() for each in profiles.found.values() for profile in each):
-        return []
-    return [Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="none", label="not solved")]
 
 
 def profiles_in_words(profiles: Profiles) -> str:
@@ -367,7 +354,7 @@ def profiles_in_words(profiles: Profiles) -> str:
 
 def identifiability_overview(made: Identified) -> Overview:
     """The verdict on every parameter with its figures, and the finding."""
-    rows = made.found.verdicts.to_dict("records")
+    rows = records(made.found.verdicts)
     table = Table(made.study.title, "llrll", IDENTIFIED, tuple(_identified(row) for row in rows))
     lines = [f"! {PARAMETERS[row['parameter']].symbol}: {row['against']}." for row in rows if row["against"]]
     if not made.record["converged"]:
@@ -380,10 +367,10 @@ PROFILES = {"bounded only by the prior": "prior-bound"}
 """Classes of profiles in fewer letters, so that no row of the table breaks on 80 columns."""
 
 
-def _identified(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
+def _identified(row: Record) -> tuple[str, ...]:
     tied = row["tied_to"] != row["parameter"]
     tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
-    profile = PROFILES.get(row["profile"], row["profile"])
+    profile = PROFILES.get(str(row["profile"]), str(row["profile"]))
     symbol, word = PARAMETERS[row["parameter"]].symbol, shown(row["verdict"])
     return (symbol, word, _share(row["contraction"]), tie, profile)
 

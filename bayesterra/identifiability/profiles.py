@@ -78,11 +78,8 @@ class Profile:
         sides = sum(np.isfinite(self.crossings(95)))
         if sides:
             return CLASSES[0] if sides == 2 else CLASSES[1]
-        return CLASSES[3] if self._highest > LEVELS[68] else CLASSES[2]
-
-    @property
-    def _highest(self) -> float:
-        return float(self.sound.rise[np.isfinite(self.sound.rise)].max())
+        highest = self.sound.rise[np.isfinite(self.sound.rise)].max()
+        return CLASSES[3] if highest > LEVELS[68] else CLASSES[2]
 
     @property
     def best(self) -> float:

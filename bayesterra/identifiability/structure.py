@@ -165,13 +165,7 @@ def _words(parameters: tuple[str, ...], directions: FloatArray, straight: bool) 
         units = [PARAMETERS[name].unit for name in parameters]
         return f"only {inside} is determined" + (f" ({' and '.join(units)})" if set(units) != {"-"} else "")
     seen = f"{determined} of {all_of} directions {'is' if determined == 1 else 'are'} determined"
-    bent = (
-        ""
-        if straight
-        else ", which differs from soil to soil"
-        if determined == 1
-        else ", which differ from soil to soil"
-    )
+    bent = "" if straight else f", which {'differs' if determined == 1 else 'differ'} from soil to soil"
     return f"of {listed(parameters)} only {seen}{bent}"
 
 

@@ -23,6 +23,7 @@ import pandas as pd
 from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.identifiability.structure import combination
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import MODULI, PARAMETERS
 from bayesterra.sampling.coordinates import Bearing, Block, Contact, Coordinates, Moduli, coordinates
@@ -105,12 +106,8 @@ def _one_sided(facts: Evidence) -> bool:
     return facts.bound in ("lower", "upper") and facts.contraction >= WEAK
 
 
-def disagreements(facts: Evidence, verdict: str) -> tuple[str, ...]:
+def disagreements(facts: Evidence, verdict: str) -> Iterator[str]:
     """Objections to a verdict, in words."""
-    return tuple(_against(facts, verdict))
-
-
-def _against(facts: Evidence, verdict: str) -> Iterator[str]:
     determined, unknown = verdict == "determined", verdict in ("repeats its prior", STRUCTURAL)
     if determined and facts.profile not in ("", "two-sided"):
         yield f"the likelihood's profile is {facts.profile}"
@@ -258,16 +255,8 @@ def in_words(names: Sequence[str], weights: FloatArray, least: float = 0.1) -> s
 
     The heaviest parameter comes first and has the weight 1; weights below ``least`` of it are left out.
     """
-    order = np.argsort(-np.abs(weights), kind="stable")
-    relative = weights / weights[order[0]]
-    terms = [_term(names[i], float(relative[i])) for i in order[1:] if abs(relative[i]) >= least]
-    return " ".join([PARAMETERS[names[order[0]]].symbol, *terms])
-
-
-def _term(name: str, weight: float) -> str:
-    sign = "−" if weight < 0 else "+"
-    size = f"{abs(weight):.2g}"
-    return f"{sign} {PARAMETERS[name].symbol}" if size == "1" else f"{sign} {size} {PARAMETERS[name].symbol}"
+    relative = weights / weights[np.abs(weights).argmax()]
+    return combination(names, relative, least=least, terms=len(names))
 
 
 UNKNOWN = "not known"
@@ -348,16 +337,12 @@ def identifiability(
 
 def undetermined(names: Sequence[str], prior: FloatArray, draws: FloatArray) -> pd.DataFrame:
     """Table of an :class:`Identifiability` that could not be computed: every verdict is ``not known``."""
-    rows = [
-        {
-            "parameter": name, "verdict": UNKNOWN, "contraction": np.nan, "partner": name,
-            "correlation": np.nan, "tied_to": name, "tie": np.nan, "multiple": np.nan,
-            "given_others": np.nan, "bound": "none", "structural": True,
-            "shift": np.nan, "divergence": np.nan,
-        }
-        for name in names
-    ]  # fmt: skip
-    return pd.DataFrame(rows).assign(prior_sd=prior.std(axis=0), posterior_sd=draws.std(axis=0))
+    own, none = list(names), np.nan
+    return pd.DataFrame({"parameter": own}).assign(
+        verdict=UNKNOWN, contraction=none, partner=own, correlation=none, tied_to=own, tie=none,
+        multiple=none, given_others=none, bound="none", structural=True, shift=none, divergence=none,
+        prior_sd=prior.std(axis=0), posterior_sd=draws.std(axis=0),
+    )  # fmt: skip
 
 
 def own_scale(x: FloatArray, logs: BoolArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from time import perf_counter
 
@@ -79,7 +79,8 @@ def fit(
         raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
     fits: dict[str, Fit] = {}
     for method in sorted(methods, key=METHODS.index):
-        fits[method] = _RUN[method](method, study, overrides, fits)
+        run = _fit_joint if method == "joint" else _fit_groups
+        fits[method] = run(method, study, overrides, fits)
     if fits and all(not result.path for result in fits.values()):
         reasons = dict.fromkeys(note for result in fits.values() for note in result.notes)
         raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
@@ -115,14 +116,15 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
     integral = method == "IM1"
-    steps = integral_steps(rows, _m1(study)) if integral else decoupled_steps(method, rows, study.model)
+    steps = integral_steps(rows, _m1(study.model)) if integral else decoupled_steps(method, rows, study.model)
     todo = plan(method, steps, settings)
     passes = _passes(method, todo, settings)
     theta = passes.path[-1] if passes.path else settings.start
+    judged = {step.channel: step.error(theta) for step in todo.judged}
     return Fit(
         method=method,
         soil=settings.soil(theta),
-        errors=_errors(todo, theta),
+        errors={name: judged.get(name, np.nan) for name in FORCES},
         converged=passes.converged,
         passes=len(passes.path),
         path=tuple(settings.soil(point) for point in passes.path),
@@ -197,14 +199,6 @@ def _offset_note(study: Study) -> tuple[str, ...]:
     return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if stated else ()
 
 
-_RUN: Mapping[str, Callable[[str, Study, Overrides, Mapping[str, Fit]], Fit]] = {
-    "IM1": _fit_groups,
-    "IM2": _fit_groups,
-    "IM3": _fit_groups,
-    "joint": _fit_joint,
-}
-
-
 def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> list[FloatArray]:
     """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
     starts = []
@@ -217,15 +211,9 @@ def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) 
     return starts
 
 
-def _m1(study: Study) -> M1:
-    """M1 with the options of the study's model."""
-    model: WheelSoilModel = study.model
+def _m1(model: WheelSoilModel) -> M1:
+    """M1 with the options of another model."""
     return M1(**{field.name: getattr(model, field.name) for field in fields(M1)})
-
-
-def _errors(todo: Plan, theta: FloatArray) -> dict[str, float]:
-    judged = {step.channel: step.error(theta) for step in todo.judged}
-    return {name: judged.get(name, np.nan) for name in FORCES}
 
 
 def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:

@@ -40,7 +40,7 @@ need them all, for its sum of squares has a kink there."""
 
 @dataclass(frozen=True)
 class Step:
-    """Fit of one parameter group to one channel.
+    """Fit of one parameter group to one channel: its values are misfits relative to the largest reading.
 
     Parameters
     ----------
@@ -67,22 +67,12 @@ class Step:
         """Fit the group from its start values, the other parameters as in ``theta`` (p,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
-        residual = Misfit(self.curve, self.measured, self.complete)
         box = Box(settings.lower, settings.upper, columns)
-        return minimise(residual, start, box, evaluations=EVALUATIONS * len(columns))
+        return minimise(self, start, box, evaluations=EVALUATIONS * len(columns))
 
     def error(self, theta: FloatArray) -> float:
         """Error figure (16) in percent, NaN without readings."""
         return error_figure(np.where(self.complete, self.measured, np.nan), self.curve.values(theta))
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """Residual of one channel relative to its largest reading."""
-
-    curve: Curve
-    measured: FloatArray
-    complete: BoolArray
 
     @property
     def _scale(self) -> float:
@@ -198,13 +188,16 @@ class ForceCurve:
 def integral_steps(readings: Readings, model: M1) -> list[Step]:
     """The three inner fits of IM1, in the order of Table 17."""
     clipped = ClippedModel(Forward(model, Drive.SINKAGE, readings.conditions, readings.sinkage))
+    fitted = {"P_I": "normal_force", "P_II": "resistance_moment", "P_III": "drawbar_pull"}
+    return [
+        _step(readings, group, channel, ForceCurve(clipped, FORCES.index(channel)), (channel,))
+        for group, channel in fitted.items()
+    ]
 
-    def step(group: str, channel: str) -> Step:
-        measured = readings.forces[channel]
-        curve = ForceCurve(clipped, FORCES.index(channel))
-        return Step(group, channel, curve, measured, ~np.isnan(measured), (channel,))
 
-    return [step("P_I", "normal_force"), step("P_II", "resistance_moment"), step("P_III", "drawbar_pull")]
+def _step(readings: Readings, group: str, channel: str, curve: Curve, needs: tuple[str, ...]) -> Step:
+    complete = np.all([~np.isnan(readings.forces[name]) for name in needs], axis=0)
+    return Step(group, channel, curve, readings.forces[channel], complete, needs)
 
 
 @dataclass(frozen=True)
@@ -410,12 +403,10 @@ def decoupled_steps(method: str, readings: Readings, model: WheelSoilModel) -> l
     """The three fits of IM2 or IM3."""
     at = contact(readings, model)
 
-    def step(
-        group: str, channel: str, equation: Callable[[Complex, Contact], Complex], needs: tuple[str, ...]
-    ) -> Step:
-        whole = np.all([~np.isnan(readings.forces[name]) for name in needs], axis=0)
-        return Step(
-            group, channel, Formula(lambda theta: equation(theta, at)), readings.forces[channel], whole, needs
-        )
+    def formula(equation: Callable[[Complex, Contact], Complex]) -> Formula:
+        return Formula(lambda theta: equation(theta, at))
 
-    return [step(*row) for row in EQUATIONS[method]]
+    return [
+        _step(readings, group, channel, formula(equation), needs)
+        for group, channel, equation, needs in EQUATIONS[method]
+    ]

@@ -135,7 +135,8 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     columns, likelihood = settings.free(settings.names), posterior.likelihood
     _check_count(likelihood, len(columns))
     box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
-    misfit = _misfit(posterior, settings, _prior_medians(posterior))
+    medians = {noise.channel: noise.law.median for noise in likelihood.noise if noise.law}
+    misfit = _misfit(posterior, settings, medians)
     minima = [
         minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
         for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], box)
@@ -147,7 +148,9 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
         misfit = _misfit(posterior, settings, _residual_sd(posterior, misfit, best.theta, len(columns)))
         best = _refined(misfit, best, box)
         path.append(best.theta)
-    sd, errors = _summary(likelihood, misfit, best.theta)
+    predicted, channels = misfit.predicted(best.theta), likelihood.channels
+    sd = {name: float(np.median(misfit.sd[:, i])) for i, name in enumerate(channels)}
+    errors = {name: error_figure(misfit.measured[:, i], predicted[:, i]) for i, name in enumerate(channels)}
     return JointFit(best, tuple(path), sd, errors, reached, len(minima))
 
 
@@ -181,10 +184,6 @@ def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
     """Ranges (k,) of the parameters; held ones have none, for they cannot move."""
     held = np.isin(settings.names, settings.held)
     return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
-
-
-def _prior_medians(posterior: Posterior) -> dict[str, float]:
-    return {noise.channel: noise.law.median for noise in posterior.likelihood.noise if noise.law}
 
 
 def _residual_sd(
@@ -222,18 +221,6 @@ def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], box: Box) -> lis
     if not kept:
         raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
     return kept
-
-
-def _summary(
-    likelihood: Likelihood, misfit: WeightedMisfit, theta: FloatArray
-) -> tuple[dict[str, float], dict[str, float]]:
-    predicted = misfit.predicted(theta)
-    sd = {name: float(np.median(misfit.sd[:, i])) for i, name in enumerate(likelihood.channels)}
-    errors = {
-        name: error_figure(misfit.measured[:, i], predicted[:, i])
-        for i, name in enumerate(likelihood.channels)
-    }
-    return sd, errors
 
 
 _C1, _C2 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2"))

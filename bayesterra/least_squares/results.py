@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,6 @@ from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior
 from bayesterra.models import Soil
 from bayesterra.parameters import CHANNELS, HELD, MODEL_PARAMETERS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.study.study import Study
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table as RichTable
-
 
 FORCES = ("normal_force", "drawbar_pull", "resistance_moment")
 """The channels that IM1, IM2 and IM3 fit."""
@@ -109,35 +104,22 @@ def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, 
         yield fit.method, f"error_{channel}", "%", error, np.nan, np.nan
 
 
-def print_fits(fits: Mapping[str, Fit], study: Study, console: Console | None = None) -> None:
+def print_fits(fits: Mapping[str, Fit], study: Study) -> None:
     """Print the fits side by side, with published values where there are any, and what to know of each."""
-    from bayesterra.report.terminal import PlainConsole
+    from bayesterra.report.blocks import Table, Text
+    from bayesterra.report.terminal import show
 
-    console = console or PlainConsole()
-    console.print(_table(fits, study))
-    console.print("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
-    for fit in fits.values():
-        console.print(f"{fit.method}: {_sentence(fit)}", highlight=False)
-
-
-def _table(fits: Mapping[str, Fit], study: Study) -> RichTable:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    rows = report_table(fits)
-    reference = study.published or study.truth
+    rows, reference = report_table(fits), study.published or study.truth
+    known = ("truth" if reference is study.truth else "published",) if reference else ()
+    lines = []
+    for name, unit in rows.drop_duplicates("parameter")[["parameter", "unit"]].itertuples(index=False):
+        stated = (_known(reference.values, name),) if reference else ()
+        lines.append((_label(name), unit, *(_cell(fit, name, rows) for fit in fits.values()), *stated))
+    header = ("parameter", "unit", *fits, *known)
     title = f"Least squares: {study.title}" if study.title else "Least squares"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
-    for header in ("parameter", "unit"):
-        table.add_column(header)
-    for header in (*fits, *(["truth" if reference is study.truth else "published"] if reference else [])):
-        table.add_column(header, justify="right")
-    units = rows.drop_duplicates("parameter")
-    for name, unit in zip(units["parameter"], units["unit"], strict=True):
-        cells = [_cell(fit, name, rows) for fit in fits.values()]
-        reference_cell = [_known(reference.values, name)] if reference else []
-        table.add_row(_label(name), unit, *cells, *reference_cell)
-    return table
+    table = Table(title, "ll" + "r" * (len(header) - 2), header, tuple(lines))
+    key = Text("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
+    show((table, key), *(f"{fit.method}: {_sentence(fit)}" for fit in fits.values()))
 
 
 def _label(name: str) -> str:
@@ -170,10 +152,7 @@ def of_fit(fitted: Fit) -> dict[str, Any]:
         "converged": fitted.converged,
         "passes": fitted.passes,
         "errors_percent": dict(fitted.errors),
-        "held": list(fitted.held),
-        "at_bound": list(fitted.at_bound),
-        "missing": list(fitted.missing),
-        "notes": list(fitted.notes),
+        **{name: list(getattr(fitted, name)) for name in ("held", "at_bound", "missing", "notes")},
     }
 
 

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
+from bayesterra.errors import StudyError
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
 from bayesterra.models.forces import SINKAGE
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
+from bayesterra.study.units import quantity
 
 Codes = NDArray[np.int8]
 
@@ -176,6 +178,21 @@ def reference_load(study: Study) -> float:
     """
     loads = study.observations.used().carried
     return float(np.median(loads[~np.isnan(loads)])) if not np.isnan(loads).all() else study.middle_load
+
+
+def load_of(study: Study, load: float | str | None) -> float:
+    """A load (N) that was asked for, a number or text with a unit; None stands for the reference load.
+
+    Raises
+    ------
+    StudyError : it is not above 0, or not known.
+    """
+    value = reference_load(study) if load is None else quantity(load, "N", "load", bare=True)
+    if np.isnan(value):
+        raise StudyError("'load' must be given, as the study holds neither load nor normal force")
+    if value <= 0:
+        raise StudyError(f"'load' must be above 0 (got {value:g} N)")
+    return value
 
 
 def traction(

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
 from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import UNANSWERED, of_group, quantiles, spread, wheel_remarks
+from bayesterra.prediction.prediction import (
+    UNANSWERED,
+    of_group,
+    quantile_columns,
+    quantiles,
+    spread,
+    wheel_remarks,
+)
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.prediction.statics import (
     OUTCOMES,
@@ -29,7 +36,7 @@ from bayesterra.prediction.statics import (
     sweep,
 )
 from bayesterra.runtime.tables import Count, Number, Record
-from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
+from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import measured_loads, prior_phi, resolved
@@ -173,13 +180,12 @@ class RoverOutlook(AnalysisResult):
             ("greatest_tow", "N", 1.0, self.tows, "all"),
             ("greatest_tow", "N", 1.0, self.tows_driven, "driven"),
         ):
-            values = zip(CURVE_QUANTILES, quantiles(peak.value) / scale, strict=True)
             rows.append(
                 {
                     "quantity": name,
                     "unit": unit,
                     "slips": most,
-                    **{f"q{100 * level:02.0f}": value for level, value in values},
+                    **quantile_columns(peak.value, scale),
                     "at_slip_q50": quantiles(peak.slip)[2],
                     "draws": len(peak.value),
                     "no_answer": int(np.isnan(peak.value).sum()),
@@ -193,15 +199,11 @@ class RoverOutlook(AnalysisResult):
         """Probability to climb slopes in steps of half a degree, at all slips and at the driven ones."""
         steepest = np.nanmax(self.slopes.value, initial=0.0) / DEGREE
         slopes = np.arange(0, np.ceil(steepest) + 0.75, 0.5)
-        return pd.DataFrame(
-            {
-                "slope [deg]": slopes,
-                "probability": [self.probability_to_climb(slope * DEGREE) for slope in slopes],
-                "probability_driven_slips": [
-                    self.probability_to_climb(slope * DEGREE, driven=True) for slope in slopes
-                ],
-            }
-        )
+        chances = {
+            name: [self.probability_to_climb(slope * DEGREE, driven=driven) for slope in slopes]
+            for name, driven in (("probability", False), ("probability_driven_slips", True))
+        }
+        return pd.DataFrame({"slope [deg]": slopes, **chances})
 
     def to_dataframe(self) -> pd.DataFrame:
         """Every draw at every slope and tow force asked for: its state, and how the question ended."""
@@ -279,7 +281,6 @@ def _place(states: State, i: int) -> str:
 
 def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, float]) -> dict[str, object]:
     name, scale, unit = QUANTITIES[field]
-    values = quantiles(getattr(states, field)[:, i, axle] / scale)
     codes = states.outcome[:, i]
     slip = quantiles(states.slip[:, i, axle])[2]
     return {
@@ -288,7 +289,7 @@ def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, floa
         "axle": AXLES[axle],
         "quantity": name,
         "unit": unit,
-        **{f"q{100 * level:02.0f}": value for level, value in zip(CURVE_QUANTILES, values, strict=True)},
+        **quantile_columns(getattr(states, field)[:, i, axle] / scale, 1.0),
         "draws": len(codes),
         "cannot": float(cannot(states)[i]),
         "unanswered": float(unanswered(states)[i]),
@@ -352,6 +353,7 @@ def predict_rover(
     sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
     pulled = sweep(rover, ground, len(draws), "tow")
     asked = _joined([states_at(rover, ground, sweeps[tow], alphas) for tow in pulls])
+    steepest = max(alphas.max(), SLOPES[-1])
     rows = study.observations.used().slip
     driven = (float(rows.min()), float(rows.max()))
     return RoverOutlook(
@@ -359,7 +361,7 @@ def predict_rover(
         model=study.model.name,
         rover=rover,
         asked=asked,
-        over_slope=states_at(rover, ground, sweeps[pulls[0]], _curve(alphas.max(), SLOPES[-1])),
+        over_slope=states_at(rover, ground, sweeps[pulls[0]], np.linspace(0.0, steepest, CURVE)),
         over_tow=_over_tow(rover, ground, float(alphas[0]), pulls, pulled),
         slopes=greatest(rover, ground, sweeps[0.0]),
         slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]),
@@ -394,10 +396,6 @@ def checked_tows(tows: Sequence[float | str]) -> FloatArray:
     if not values.size or values[0] < 0:
         raise StudyError(f"'tow' must not be below 0 N (got {f'{values[0]:g} N' if values.size else 'none'})")
     return values
-
-
-def _curve(last: float, least: float) -> FloatArray:
-    return np.linspace(0.0, max(last, least), CURVE)
 
 
 def _over_tow(rover: Rover, ground: SoftGround, slope: float, tows: FloatArray, flat: Sweep) -> State | None:

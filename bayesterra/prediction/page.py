@@ -17,7 +17,7 @@ from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cann
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
 from bayesterra.prediction.statics import Greatest, State
-from bayesterra.report.blocks import Cell, Overview, Table, Text
+from bayesterra.report.blocks import Cell, Overview, Table, Text, records
 from bayesterra.report.figures import fan, figure_of, label, literal, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
@@ -51,7 +51,11 @@ def prediction(
     ax.plot(curve.slip, modelled[1], color=POSTERIOR)
     if at is not None:
         noisy = at.modelled if np.isnan(at.readings[:, :, column]).all() else at.readings
-        _points(ax, at.slip, bands(noisy, column) / scale)
+        low, middle, high = bands(noisy, column) / scale
+        ax.errorbar(
+            at.slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5,
+            capsize=2.5, elinewidth=0.9, zorder=6,
+        )  # fmt: skip
     _limit(ax, modelled, readings)
     _ground(ax, curve)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
@@ -83,14 +87,6 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
 def bands(values: FloatArray, column: int) -> FloatArray:
     """5, 50 and 95 % of the draws that have an answer at each slip, (3, k)."""
     return np.column_stack([quantiles(values[:, i, column])[[0, 2, 4]] for i in range(values.shape[1])])
-
-
-def _points(ax: Axes, slip: FloatArray, band: FloatArray) -> None:
-    low, middle, high = band
-    ax.errorbar(
-        slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5, capsize=2.5,
-        elinewidth=0.9, zorder=6,
-    )  # fmt: skip
 
 
 def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
@@ -153,12 +149,12 @@ def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Predictio
     if any(not c.driven[0] <= s <= c.driven[1] for c, _ in cases for s in c.slip[[0, -1]]):
         entries.append(Patch(color=GRID, alpha=0.6, label="slip not driven"))
     if any(curve.marked for curve, _ in cases):
-        entries.append(
-            Patch(
-                facecolor="none", edgecolor=DOUBTFUL, hatch="////", label="over 5 % of draws without answer"
-            )
-        )
+        entries.append(_hatched(DOUBTFUL, "over 5 % of draws without answer"))
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+
+
+def _hatched(colour: str, label: str) -> Patch:
+    return Patch(facecolor="none", edgecolor=colour, hatch="////", label=label)
 
 
 def forecast_overview(forecast: Predicted) -> Overview:
@@ -191,7 +187,7 @@ def _cells(row: Mapping[str, float]) -> tuple[str, str, str]:
 
 def _derived(at: Prediction) -> Table:
     rows = []
-    for row in at.derived_table.to_dict("records"):
+    for row in records(at.derived_table):
         after = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         before = interval(row["prior_q05"], row["prior_q95"])
         rows.append((str(row["quantity"]).replace("_", " "), str(row["unit"]), *after, before))
@@ -230,24 +226,12 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     figure = new_figure(10.4, 2.5 * rows + 0.9)
     axes = np.asarray(figure.subplots(rows, 4, squeeze=False))
     _row(axes[0], outlook, outlook.over_slope, "slope")
-    _chance(
-        axes[0, 3],
-        outlook.slopes,
-        outlook.slopes_driven,
-        DEGREE,
-        "slope α [°]",
-        "share of draws that climb it",
-    )
+    _chance(axes[0, 3], outlook.slopes, outlook.slopes_driven, DEGREE)
+    axes[0, 3].set(xlabel="slope α [°]", ylabel="share of draws that climb it")
     if outlook.over_tow is not None:
         _row(axes[1], outlook, outlook.over_tow, "tow")
-        _chance(
-            axes[1, 3],
-            outlook.tows,
-            outlook.tows_driven,
-            1.0,
-            "tow force on the flat [N]",
-            "share of draws that hold it",
-        )
+        _chance(axes[1, 3], outlook.tows, outlook.tows_driven, 1.0)
+        axes[1, 3].set(xlabel="tow force on the flat [N]", ylabel="share of draws that hold it")
     _legend(axes, outlook)
     return axes
 
@@ -286,23 +270,20 @@ def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> 
     ax.plot(x, levels[2], color=colour)
 
 
-def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float, label: str, share: str) -> None:
+def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float) -> None:
     """One minus the distribution of the greatest value."""
     values = np.nan_to_num(overall.value, nan=-np.inf) / scale
     x = np.linspace(0, 1.05 * max(float(values.max()), 1e-9), _STEPS)
     for peak, line in ((overall, "-"), (driven, "--")):
         least = np.nan_to_num(peak.value, nan=-np.inf) / scale
         ax.plot(x, (least >= x[:, None]).mean(axis=1), color=DATA, linestyle=line)
-    ax.set(xlabel=label, ylabel=share, xlim=(0, x[-1]), ylim=(0, 1.03))
+    ax.set(xlim=(0, x[-1]), ylim=(0, 1.03))
 
 
 def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
     entries: list[Line2D | Patch] = [
         *([Line2D([], [], color=BOTH, label="all wheels")] if outlook.rover.equal_slip else []),
-        *(
-            Line2D([], [], color=colour, label=f"{axle} axle")
-            for colour, axle in zip(COLOURS, AXLES, strict=True)
-        ),
+        *(Line2D([], [], color=c, label=f"{axle} axle") for c, axle in zip(COLOURS, AXLES, strict=True)),
         Patch(color=INK, alpha=0.5, label="50 %"),
         Patch(color=INK, alpha=0.2, label="90 % of the draws that hold"),
         Line2D([], [], color=DATA, linestyle="--", label="at driven slips"),
@@ -314,7 +295,7 @@ def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
         (unanswered, PRIOR, "over 5 % without answer"),
     ):
         if any((shares(curve) > UNANSWERED).any() for curve in curves):
-            entries.append(Patch(facecolor="none", edgecolor=colour, hatch="////", label=title))
+            entries.append(_hatched(colour, title))
     figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)
 
 
@@ -345,7 +326,7 @@ def _median_90(row: Mapping[Hashable, Any], least: float) -> str:
 def outlook_lines(outlook: RoverOutlook) -> list[str]:
     """The greatest slope and tow force, then what is doubtful and what is assumed."""
     lines = []
-    for row in outlook.greatest_table.to_dict("records"):
+    for row in records(outlook.greatest_table):
         middle, ends = estimate(row["q50"], row["q05"], row["q95"])
         where = "" if row["slips"] == "all" else " at driven slips"
         name, unit = str(row["quantity"]).replace("_", " "), "°" if row["unit"] == "deg" else " N"

@@ -21,8 +21,8 @@ from bayesterra.likelihood.forward import (
     Forward,
     Outcomes,
     derive_for,
+    load_of,
     offset_of,
-    reference_load,
     tractive_efficiency,
 )
 from bayesterra.likelihood.likelihood import Likelihood
@@ -34,7 +34,6 @@ from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study
-from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, measured_loads
 
 UNANSWERED = 0.05
@@ -192,11 +191,8 @@ class Prediction(Predicted):
 
     def _row(self, i: int, name: str) -> dict[str, object]:
         outcome, column = PREDICTED[name], list(PREDICTED).index(name)
-        bands = {
-            f"{kind}_q{100 * level:02.0f}": value / outcome.scale
-            for kind, values in ((_MODELLED, self.modelled), (_READING, self.readings))
-            for level, value in zip(CURVE_QUANTILES, quantiles(values[:, i, column]), strict=True)
-        }
+        modelled = quantile_columns(self.modelled[:, i, column], outcome.scale, f"{_MODELLED}_")
+        readings = quantile_columns(self.readings[:, i, column], outcome.scale, f"{_READING}_")
         codes, counts = np.unique(self.reasons[:, i][self.reasons[:, i] != 0], return_counts=True)
         return {
             "wheel": self.name,
@@ -204,7 +200,8 @@ class Prediction(Predicted):
             "slip": self.slip[i],
             "quantity": name,
             "unit": outcome.unit,
-            **bands,
+            **modelled,
+            **readings,
             "draws": len(self.reasons),
             "no_answer": int(counts.sum()),
             "marked": bool(self.unanswered[i] > UNANSWERED),
@@ -259,6 +256,12 @@ def quantiles(values: FloatArray) -> FloatArray:
     """Quantiles ``results.CURVE_QUANTILES`` of the finite ones among ``values`` (n,), NaN where none is."""
     answered = values[np.isfinite(values)]
     return np.quantile(answered, CURVE_QUANTILES) if answered.size else np.full(len(CURVE_QUANTILES), np.nan)
+
+
+def quantile_columns(values: FloatArray, scale: float, prefix: str = "") -> dict[str, float]:
+    """Quantiles of values (n,) by the names of their columns; ``scale``: SI value of a field unit."""
+    levels = zip(CURVE_QUANTILES, quantiles(values), strict=True)
+    return {f"{prefix}q{100 * level:02.0f}": value / scale for level, value in levels}
 
 
 def _derived_row(name: str, posterior: FloatArray, prior: FloatArray) -> dict[str, object]:
@@ -318,7 +321,7 @@ def predict(
     called, driven = chosen_wheel(result.study, wheel, name)
     result, basis = of_group(result, called, group, seed)
     study = result.study
-    at, carried = checked_slips(slip), _load(study, load)
+    at, carried = checked_slips(slip), load_of(study, load)
     draws, index = spread(result)
     forward = Forward(study.model, Drive.LOAD, Conditions.of(driven, at), np.full(len(at), carried))
     soil = study.prior.soil_values(draws)
@@ -372,15 +375,6 @@ def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
     take = np.arange(0, len(draws), max(1, -(-len(draws) // most)))
     chain, draw = np.divmod(take, result.draws["posterior"].sizes["draw"])
     return draws[take], np.column_stack([chain, draw])
-
-
-def _load(study: Study, load: float | str | None) -> float:
-    value = reference_load(study) if load is None else quantity(load, "N", "load", bare=True)
-    if np.isnan(value):
-        raise StudyError("'load' must be given, as the study holds neither load nor normal force")
-    if value <= 0:
-        raise StudyError(f"'load' must be above 0 (got {value:g} N)")
-    return value
 
 
 def _with_efficiency(outcomes: Outcomes, conditions: Conditions) -> FloatArray:

@@ -89,31 +89,17 @@ class Rover:
     assumptions: tuple[Assumption, ...] = ()
 
     def __post_init__(self) -> None:
-        radii = [wheel.radius for wheel in self.wheels]
-        least = sum(radii)
+        base, ahead, speed = self.wheelbase, self.centre_ahead, self.front_to_rear_speed
+        least = sum(wheel.radius for wheel in self.wheels)
+        between = f"must lie between the axles, 0 to {base:g} m"
         for key, value, good, rule in (
             ("weight", self.weight, self.weight > 0, "must be above 0 N"),
             ("gravity", self.gravity, self.gravity is None or self.gravity > 0, "must be above 0 m/s²"),
-            (
-                "wheelbase",
-                self.wheelbase,
-                self.wheelbase > least,
-                f"must exceed the radii of both wheels, {least:g} m",
-            ),
+            ("wheelbase", base, base > least, f"must exceed the radii of both wheels, {least:g} m"),
             ("centre_of_gravity.height", self.centre_height, self.centre_height > 0, "must be above 0 m"),
-            (
-                "centre_of_gravity.ahead_of_rear_axle",
-                self.centre_ahead,
-                0 < self.centre_ahead < self.wheelbase,
-                f"must lie between the axles, 0 to {self.wheelbase:g} m",
-            ),
+            ("centre_of_gravity.ahead_of_rear_axle", ahead, 0 < ahead < base, between),
             ("tow_height", self.tow_height, self.tow_height >= 0, "must not be below 0 m"),
-            (
-                "front_to_rear_speed",
-                self.front_to_rear_speed,
-                0.5 <= self.front_to_rear_speed <= 2,
-                "must lie between 0.5 and 2",
-            ),
+            ("front_to_rear_speed", speed, 0.5 <= speed <= 2, "must lie between 0.5 and 2"),
         ):
             if not good:
                 raise StudyError(f"'{key}' {rule} (got {value:g})")

@@ -294,16 +294,22 @@ class Sweep:
 
 def sweep(rover: Rover, ground: Ground, count: int, sought: Sought, fixed: float = 0.0) -> Sweep:
     """Slopes that ``count`` soils hold at every slip against the tow force ``fixed``, or the other way."""
-    soils = np.repeat(np.arange(count), len(SLIPS))
-    slowest, constant = np.tile(SLIPS, count), np.full(len(soils), fixed)
+    soils, shape = np.repeat(np.arange(count), len(SLIPS)), (count, len(SLIPS))
+    held, outcome = _held(rover, ground, soils, np.tile(SLIPS, count), sought, fixed)
+    return Sweep(sought, fixed, held.reshape(shape), outcome.reshape(shape))
+
+
+def _held(
+    rover: Rover, ground: Ground, soils: IntArray, slips: FloatArray, sought: Sought, fixed: float
+) -> tuple[FloatArray, IntArray]:
+    """Values that ``soils`` (p,) hold at slips (p,), NaN where there is no balanced state; outcomes (p,)."""
+    constant = np.full(len(slips), fixed)
     if sought == "slope":
-        state = settle(rover, ground, soils, slowest, tow=constant)
+        state = settle(rover, ground, soils, slips, tow=constant)
     else:
-        state = settle(rover, ground, soils, slowest, slope=constant)
+        state = settle(rover, ground, soils, slips, slope=constant)
     value = state.slope if sought == "slope" else state.tow
-    held = np.where(state.outcome == Outcome.HELD, value, np.nan)
-    shape = (count, len(SLIPS))
-    return Sweep(sought, fixed, held.reshape(shape), state.outcome.reshape(shape))
+    return np.where(state.outcome == Outcome.HELD, value, np.nan), state.outcome
 
 
 def states_at(rover: Rover, ground: Ground, traction: Sweep, values: FloatArray) -> State:
@@ -419,7 +425,9 @@ def greatest(rover: Rover, ground: Ground, traction: Sweep, most: float = 1.0) -
     for _ in range(_ZOOMS):
         width = (high - low)[soils]
         inner = low[soils, None] + width[:, None] * np.array([0.25, 0.5, 0.75, 1.0])
-        reached = _reached(rover, ground, traction, soils, inner)
+        rows, fixed = np.repeat(soils, inner.shape[1]), traction.fixed
+        held = _held(rover, ground, rows, inner.ravel(), traction.sought, fixed)[0].reshape(inner.shape)
+        reached = np.where(np.isnan(held), -np.inf, held)
         top = reached.argmax(axis=1)
         higher = reached[np.arange(len(soils)), top]
         better = higher > value[soils]
@@ -430,17 +438,3 @@ def greatest(rover: Rover, ground: Ground, traction: Sweep, most: float = 1.0) -
     answered = np.isfinite(value)
     rising = answered & (slip >= ends - 1e-9)
     return Greatest(np.where(answered, value, np.nan), np.where(answered, slip, np.nan), rising)
-
-
-def _reached(rover: Rover, ground: Ground, traction: Sweep, soils: IntArray, slips: FloatArray) -> FloatArray:
-    """Values that ``soils`` (p,) hold at slips (p, m) of their own; −inf where there is no balanced state."""
-    count = slips.shape[1]
-    constant = np.full(slips.size, traction.fixed)
-    rows = np.repeat(soils, count)
-    if traction.sought == "slope":
-        state = settle(rover, ground, rows, slips.ravel(), tow=constant)
-        value = state.slope
-    else:
-        state = settle(rover, ground, rows, slips.ravel(), slope=constant)
-        value = state.tow
-    return np.where(state.outcome == Outcome.HELD, value, -np.inf).reshape(slips.shape)

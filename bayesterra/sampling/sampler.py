@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -381,18 +382,20 @@ def of_samples(samples: Samples, every: int) -> dict[str, Any]:
 
 
 @contextmanager
-def progress_bar(*, show: bool) -> Iterator[Callable[[Progress], None]]:
-    """A progress bar on standard error; without ``show`` a silent one."""
+def progress_bar(status: Status, *, quiet: bool) -> Iterator[Callable[[Progress], None]]:
+    """A progress bar on standard error, on a terminal and unless ``quiet``; what it is told is noted too."""
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar
 
     from bayesterra.report.terminal import PlainConsole
 
     columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
-    with Bar(*columns, console=PlainConsole(stderr=True), disable=not show, transient=True) as bar:
+    silent = quiet or not sys.stderr.isatty()
+    with Bar(*columns, console=PlainConsole(stderr=True), disable=silent, transient=True) as bar:
         task = bar.add_task("reading", total=1.0, figures="")
 
         def update(progress: Progress) -> None:
+            progress.note_in(status)
             bar.update(task, description=progress.stage, completed=progress.done, figures=_figures(progress))
 
         yield update

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -116,20 +115,7 @@ def analyse(
     report: Callable[[Progress], None] = lambda progress: None,
     plan: AdaptationOptions = PLAN,
 ) -> SoilTestResult:
-    """Sample the posterior of a soil test and set it beside least squares.
-
-    Parameters
-    ----------
-    test : what to analyse.
-    seed : same seed, same draws on one machine.
-    report : called as the sampling goes on.
-    plan : size of the adaptation.
-
-    Raises
-    ------
-    StudyError : every parameter is fixed.
-    SupportError : the prior leaves no physical parameter set.
-    """
+    """Sample the posterior of a loaded test; see :func:`soil_test`. ``plan``: size of the adaptation."""
     started = time.perf_counter()
     posterior = TestPosterior.of(test)
     if not posterior.names:
@@ -437,12 +423,7 @@ def soil_test_into(
     test = load_soil_test(file)
     check_free(out, overwrite=overwrite)
     with job_folder(out, overwrite=overwrite) as (part, status):
-        with progress_bar(show=not quiet and sys.stderr.isatty()) as show:
-
-            def update(progress: Progress) -> None:
-                progress.note_in(status)
-                show(progress)
-
+        with progress_bar(status, quiet=quiet) as update:
             update(Progress("reading", 0.0))
             result = soil_test(test, seed=seed, progress=update)
             update(Progress("writing the report", 1.0))

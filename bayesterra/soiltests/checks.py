@@ -67,17 +67,12 @@ def _plate(readings: Readings) -> Fitted:
             f"plates of one radius: k_c and k_φ cannot be separated, k_c/b + k_φ ="
             f" {moduli[0] / QUANTITIES['kphi'].scale:.4g} kPa/m^n at b = {1e3 * radii[0]:g} mm"
         )
-        return Fitted(
-            {
-                "regression": {"n": n},
-                "nonlinear": {"n": _weighted(z, p, b, np.array([0.0, moduli[0], n]))[2]},
-            },
-            (note,),
-        )
+        direct = _weighted(z, p, b, np.array([0.0, moduli[0], n]))[2]
+        return Fitted({"regression": {"n": n}, "nonlinear": {"n": direct}}, (note,))
     kc, kphi = np.polyfit(1.0 / radii, moduli, 1)
     start = np.array([kc, kphi, n])
-    direct = _weighted(z, p, b, start)
-    named = (dict(zip(KINDS["plate"], map(float, values), strict=True)) for values in (start, direct))
+    fits = (start, _weighted(z, p, b, start))
+    named = (dict(zip(KINDS["plate"], map(float, values), strict=True)) for values in fits)
     return Fitted(dict(zip(METHODS, named, strict=True)), ())
 
 

@@ -31,7 +31,7 @@ from bayesterra.report.blocks import (
     records,
 )
 from bayesterra.report.failures import Failures, failed
-from bayesterra.report.figures import TAIL, Axis, figure_of, label, new_figure, own_axes, styled
+from bayesterra.report.figures import TAIL, Axis, fan, figure_of, label, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
 from bayesterra.report.sections import (
     Section,
@@ -345,10 +345,7 @@ def readings(result: SoilTestResult) -> FloatArray:
     for ax, level in zip(axes, levels, strict=True):
         bands = result.bands[np.isclose(result.bands[column], level / of.scale)]
         path = bands.iloc[:, 1].to_numpy()
-        for low, high, alpha in (("q05", "q95", 0.18), ("q25", "q75", 0.3)):
-            ax.fill_between(
-                path, bands[f"test_{low}"], bands[f"test_{high}"], color=POSTERIOR, alpha=alpha, linewidth=0
-            )
+        fan(ax, path, bands.filter(like="test_q").to_numpy().T, POSTERIOR, (0.18, 0.3))
         ax.plot(path, bands["curve_q50"], color=POSTERIOR)
         for number in np.flatnonzero(test.levels == level):
             own = test.test == number

@@ -185,15 +185,5 @@ _ADAPTER = TypeAdapter(Content)
 
 
 def checked(tables: Mapping[str, Any], *, bare: bool) -> Content:
-    """Check the tables of a soil-test file and convert them to SI.
-
-    Parameters
-    ----------
-    tables : by name, as in the file.
-    bare : take numbers as SI values, as calls from Python do.
-
-    Raises
-    ------
-    StudyError : naming table, key, what must hold and the value got.
-    """
+    """Check the tables of a soil-test file, as :func:`bayesterra.study.schema.checked` those of a study."""
     return checked_by(_ADAPTER, tables, bare=bare)

@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import StudyError, checked_path, did_you_mean, errors_in
+from bayesterra.parameters import Channel
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MOST_TOML, read_text
 from bayesterra.runtime.tables import csv_text
@@ -20,8 +21,10 @@ from bayesterra.soiltests.schema import (
     COLUMNS,
     KINDS,
     NOISE,
+    PATHS,
     QUANTITIES,
     REFERENCE,
+    STRESSES,
     Content,
     DataTable,
     ReferenceTable,
@@ -153,10 +156,9 @@ def _entries(content: Content) -> dict[str, Law | float]:
     if noise.independent:
         scatter = {"scatter": scatter["scatter"]}
     both = {**priors, **scatter}
-    _check_positive("noise", {name: both[name] for name in ("scatter", "memory") if name in both})
-    _check_positive("priors", {"K": both["K"]} if "K" in both else {})
-    if "seating" in both and both["seating"] != 0.0:
-        _check_positive("noise", {"seating": both["seating"]})
+    for table, name in (("noise", "scatter"), ("noise", "memory"), ("priors", "K"), ("noise", "seating")):
+        if name in both and (name, both[name]) != ("seating", 0.0):  # no seating is known
+            _check_positive(table, name, both[name])
     return {name: both[name] for name in QUANTITIES if name in both}
 
 
@@ -174,10 +176,9 @@ def _reference(content: Content) -> float:
     return float(sinkage)
 
 
-def _check_positive(table: str, entries: Mapping[str, Law | float]) -> None:
-    for name, entry in entries.items():
-        if (low := (entry.range[0] if isinstance(entry, Law) else entry)) <= 0:
-            raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
+def _check_positive(table: str, name: str, entry: Law | float) -> None:
+    if (low := (entry.range[0] if isinstance(entry, Law) else entry)) <= 0:
+        raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
 
 
 def load_soil_test(path: str | Path) -> SoilTest:
@@ -246,6 +247,8 @@ WANTED = {
     "shear": ("test", "normal_stress", "displacement", "shear_stress", "use"),
 }
 """Columns that a table may have, by kind of test."""
+GIVEN = {"plate": "plate_diameter", "shear": "normal_stress"}
+"""Column that is the same in all rows of a test."""
 
 
 @dataclass(frozen=True)
@@ -295,36 +298,26 @@ class Readings:
 
 
 def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readings, tuple[str, ...]]:
-    """Check a table of readings, convert it to SI and leave out what the options leave out.
+    """Check a table of readings, units in the headers, convert it to SI and leave out what the options say.
 
-    Parameters
-    ----------
-    table : columns as in the file, units in the headers.
-    kind : ``plate`` or ``shear``.
-    options : ranges and spacing.
-
-    Returns
-    -------
-    Readings, and a sentence on every kind of reading that was left out.
-
-    Raises
-    ------
-    StudyError : naming column, row, what must hold and the value got.
+    Beside them, a sentence on every kind of reading that was left out; StudyError names column and row.
     """
     columns = _columns(table, kind)
     tests = labels(columns["test"])
-    path, level, stress = _plate(columns) if kind == "plate" else _shear(columns)
-    used = used_rows(columns, len(table))
-    kept, notes = _kept(kind, (path, stress), used, options)
+    path, given = required(columns, PATHS[kind].name), _positive(columns, GIVEN[kind])
+    level = 0.5 * given if kind == "plate" else given
+    if "force" in columns:
+        stress = required(columns, "force") / (np.pi * level**2)
+    else:
+        stress = required(columns, STRESSES[kind].name)
+    kept, notes = _kept(kind, path, stress, used_rows(columns, len(table)), options)
     if not kept.any():
         raise StudyError(f"must hold at least one reading that is used (got none; {'; '.join(notes)})")
     numbers = {name: i for i, name in enumerate(dict.fromkeys(np.array(tests, dtype=object)[kept]))}
     test = np.array([numbers.get(name, -1) for name in tests])
     order = np.lexsort((path, test))
     order = order[kept[order]]
-    _check_levels(
-        test[order], level[order], tuple(numbers), "plate_diameter" if kind == "plate" else "normal_stress"
-    )
+    _check_levels(test[order], given[order], tuple(numbers), COLUMNS[GIVEN[kind]])
     wide = _spaced(test[order], np.log(path[order]), options.spacing)
     if wide.size < order.size:
         notes.append(
@@ -346,14 +339,11 @@ def _columns(table: pd.DataFrame, kind: str) -> dict[str, Column]:
     needed = ("test", "plate_diameter", "sinkage") if kind == "plate" else WANTED["shear"][:-1]
     for name in needed:
         if name not in columns:
-            raise StudyError(f"column '{_example(name)}' is missing")
+            header = COLUMNS[name].header if name in COLUMNS else name
+            raise StudyError(f"column '{header}' is missing")
     if kind == "plate" and ("force" in columns) == ("pressure" in columns):
         raise StudyError("plate tests need one column of 'force [N]' and 'pressure [kPa]', not both")
     return columns
-
-
-def _example(name: str) -> str:
-    return f"{name} [{COLUMNS[name].unit}]" if name in COLUMNS else name
 
 
 def _positive(columns: dict[str, Column], name: str) -> FloatArray:
@@ -364,34 +354,18 @@ def _positive(columns: dict[str, Column], name: str) -> FloatArray:
     return values
 
 
-def _plate(columns: dict[str, Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    radius = 0.5 * _positive(columns, "plate_diameter")
-    if "pressure" in columns:
-        return required(columns, "sinkage"), radius, required(columns, "pressure")
-    return required(columns, "sinkage"), radius, required(columns, "force") / (np.pi * radius**2)
-
-
-def _shear(columns: dict[str, Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    stress = _positive(columns, "normal_stress")
-    return required(columns, "displacement"), stress, required(columns, "shear_stress")
-
-
 def _kept(
-    kind: str, values: tuple[FloatArray, FloatArray], used: BoolArray, options: DataTable
+    kind: str, path: FloatArray, stress: FloatArray, used: BoolArray, options: DataTable
 ) -> tuple[BoolArray, list[str]]:
     """Mask (m,) of the readings that stay, and notes on why others do not."""
-    path, stress = values
-    names = ("sinkage", "pressure") if kind == "plate" else ("displacement", "shear stress")
     notes = [] if used.all() else [f"{int((~used).sum())} readings left out, as their 'use' is 0"]
     positive = (path > 0) & (stress > 0)
     if (used & ~positive).any():
-        count = int((used & ~positive).sum())
-        notes.append(f"{count} readings left out, as {names[0]} or {names[1]} is not above 0")
-    ranged, bounds = (
-        (stress, options.pressure_range) if kind == "plate" else (path, options.displacement_range)
-    )
-    kept = used & positive
+        count, names = int((used & ~positive).sum()), (PATHS[kind].name, STRESSES[kind].name)
+        notes.append(f"{count} readings left out, as {' or '.join(names)} is not above 0".replace("_", " "))
+    kept, bounds = used & positive, options.pressure_range or options.displacement_range
     if bounds is not None:
+        ranged = stress if kind == "plate" else path
         inside = (ranged >= bounds[0]) & (ranged <= bounds[1])
         notes.append(
             f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out"
@@ -400,18 +374,13 @@ def _kept(
     return np.asarray(kept), notes
 
 
-def _check_levels(test: IntArray, level: FloatArray, names: tuple[str, ...], column: str) -> None:
+def _check_levels(test: IntArray, given: FloatArray, names: tuple[str, ...], column: Channel) -> None:
     for before, after in pairwise(range(len(test))):
-        if test[before] == test[after] and level[before] != level[after]:
-            unit = COLUMNS[column]
-            got = (
-                f"{2 * level[before] / unit.scale:g}"
-                if column == "plate_diameter"
-                else f"{level[before] / unit.scale:g}"
-            )
+        if test[before] == test[after] and given[before] != given[after]:
             raise StudyError(
-                f"'{column}' must be the same in all rows of a test (got {got} {unit.unit} and another in"
-                f" test '{names[int(test[before])]}')"
+                f"'{column.name}' must be the same in all rows of a test (got"
+                f" {given[before] / column.scale:g} {column.unit} and another in test"
+                f" '{names[int(test[before])]}')"
             )
 
 

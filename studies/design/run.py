@@ -7,6 +7,7 @@ process; about five, twenty and five minutes.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from numpy.random import Generator, default_rng
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.design.candidates import Candidate, CandidateOptions, Situation, candidates, readings_of
+from bayesterra.design.candidates import Candidate, Situation, candidates, readings_of
 from bayesterra.design.choosing import CRITERIA, Design, choose
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M1
@@ -114,11 +115,11 @@ def posterior_of(study: bt.Study, rng: Generator) -> Weighted:
 
 
 def recommended(
-    study: bt.Study, known: Weighted, wishes: CandidateOptions, rng: Generator, **how: Any
+    study: bt.Study, known: Weighted, rng: Generator, *, slips: Sequence[float] = (), **how: Any
 ) -> Design:
     """Rows recommended for c and φ."""
     situation = Situation(study, known.density, known.draws(1000, rng), "posterior")
-    return choose(situation, candidates(study, wishes), ABOUT, seed=int(rng.integers(2**31)), **how)
+    return choose(situation, candidates(study, slips), ABOUT, seed=int(rng.integers(2**31)), **how)
 
 
 def addition(run: int) -> dict[str, Any]:
@@ -126,7 +127,7 @@ def addition(run: int) -> dict[str, Any]:
     rng, name = default_rng((1, run)), list(WHEELS)[run % len(WHEELS)]
     study = simulated(name, np.array(DRIVEN), rng)
     known = posterior_of(study, rng)
-    design = recommended(study, known, CandidateOptions(slips=GRID), rng)
+    design = recommended(study, known, rng, slips=GRID)
     after = np.array([_after(study, known, one, rng) for one in design.candidates])
     best, middle = after[design.ranking.best], np.median(after, axis=0)
     gains = np.array([one.values[0] for one in design.ranking.estimates])
@@ -161,7 +162,7 @@ def sets(run: int) -> dict[str, Any]:
     rng, name = default_rng((2, run)), list(WHEELS)[run % len(WHEELS)]
     study = simulated(name, np.array(DRIVEN), rng)
     known = posterior_of(study, rng)
-    designs = {by: recommended(study, known, CandidateOptions(), rng, number=MORE, by=by) for by in CRITERIA}
+    designs = {by: recommended(study, known, rng, number=MORE, by=by) for by in CRITERIA}
     slips = {by: np.sort([float(one.slip[0]) for one in found.chosen]) for by, found in designs.items()}
     grid = [float(one.slip[0]) for one in designs["sd"].candidates]
     slips["even"] = np.linspace(min(grid), max(grid), MORE)
@@ -187,7 +188,7 @@ def estimator(run: int) -> dict[str, Any]:
     ][run]
     study = _three_parameters(noise)
     density = bt.posterior(study)
-    (candidate,) = candidates(study, CandidateOptions(slips=[slip]))
+    (candidate,) = candidates(study, slips=[slip])
     gain, error = nested_gain(study, density, candidate, about, default_rng(run), Sizes(2000, 600))
     x = draw_cut_prior(density, 2000, default_rng((3, run))).x
     design = choose(Situation(study, density, x, "prior"), [candidate], about)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.design.candidates import SLIPS, CandidateOptions, candidates
+from bayesterra.design.candidates import SLIPS, candidates
 from bayesterra.design.recommendation import recommend
 from bayesterra.errors import StudyError
 from bayesterra.study.study import Study
@@ -16,7 +16,7 @@ Make = Callable[..., Study]
 
 def test_the_default_grid_goes_somewhat_beyond_what_was_driven(two_free: Study) -> None:
     """Slips from 0.1 to 0.5 and a quarter of that range beyond, under the study's load, all channels."""
-    grid = candidates(two_free, CandidateOptions())
+    grid = candidates(two_free)
     slips = [float(one.slip[0]) for one in grid]
     assert len(grid) == SLIPS
     assert [min(slips), max(slips)] == pytest.approx([0.0, 0.6])
@@ -27,14 +27,14 @@ def test_the_default_grid_goes_somewhat_beyond_what_was_driven(two_free: Study) 
 def test_many_loads_become_three(unmeasured: Make) -> None:
     """Of more than four loads the lowest, the median and the highest are considered."""
     table = pd.DataFrame({"slip": 0.3, "load [N]": [20.0, 30.0, 40.0, 60.0, 90.0]})
-    grid = candidates(unmeasured(data=table), CandidateOptions(slips=[0.3]))
+    grid = candidates(unmeasured(data=table), slips=[0.3])
     assert [float(one.load[0]) for one in grid] == [20.0, 40.0, 90.0]
 
 
 def test_a_new_sensor_is_tried_on_new_and_on_old_rows(unmeasured: Make) -> None:
     """Each drive comes without and with it; last, it alone on the rows of the study driven again."""
     study = unmeasured(noise={"sinkage": 0.002, "drawbar_pull": 3.0})
-    grid = candidates(study, CandidateOptions(slips=[0.2, 0.4], sensors=["resistance_moment = 0.2 N m"]))
+    grid = candidates(study, slips=[0.2, 0.4], sensors=["resistance_moment = 0.2 N m"])
     assert [one.channels[-1] for one in grid[:4]] == ["drawbar_pull"] * 2 + ["resistance_moment"] * 2
     assert grid[-1].channels == ("resistance_moment",)
     assert grid[-1].repeats

@@ -8,7 +8,7 @@ import pytest
 from nested import Sizes, nested_gain
 
 from bayesterra.arrays import FloatArray
-from bayesterra.design.candidates import CandidateOptions, Reading, Situation, candidates, readings_of
+from bayesterra.design.candidates import Reading, Situation, candidates, readings_of
 from bayesterra.design.choosing import choose
 from bayesterra.design.gain import Estimate, Interest, estimate, normal_estimate, pairs
 from bayesterra.design.recommendation import situation_of
@@ -81,7 +81,7 @@ def test_few_draws_give_no_bias() -> None:
 def test_brute_force_agrees(two_free: Study, about: tuple[str, ...]) -> None:
     """Nested Monte Carlo through M2 finds the same gain, about one parameter and about all."""
     density = posterior(two_free)
-    (candidate,) = candidates(two_free, CandidateOptions(slips=[0.5]))
+    (candidate,) = candidates(two_free, slips=[0.5])
     brute, error = nested_gain(two_free, density, candidate, about, np.random.default_rng(1), Sizes(800, 300))
     situation = situation_of(two_free, seed=2)
     found = choose(situation, [candidate], about).ranking.estimates[0]
@@ -113,7 +113,7 @@ def test_too_few_answers_give_nothing() -> None:
 def test_the_chosen_pair_is_the_best_pair(two_free: Study) -> None:
     """Two rows chosen one after the other and exchanged have the greatest joint gain of all pairs."""
     situation = situation_of(two_free, seed=4)
-    grid = candidates(two_free, CandidateOptions(slips=[0.02, 0.2, 0.7]))
+    grid = candidates(two_free, slips=[0.02, 0.2, 0.7])
     chosen = choose(situation, grid, ("phi", "K"), number=2, seed=1)
     interest = Interest(situation.draws, (0, 1))
     gains = {}
@@ -130,22 +130,18 @@ def test_the_chosen_pair_is_the_best_pair(two_free: Study) -> None:
 
 def test_a_drive_repeated_is_a_drive_with_less_noise(two_free: Study, unmeasured: Make) -> None:
     """Two readings of one drive, each with its own noise, tell what one does with noise less by √2."""
-    grid = candidates(two_free, CandidateOptions(slips=[0.4]))
+    grid = candidates(two_free, slips=[0.4])
     twice = choose(situation_of(two_free), grid, ("phi", "K"), number=2).together[1]
     finer = unmeasured(noise={name: sd / np.sqrt(2) for name, sd in NOISE.items()})
-    once = choose(
-        situation_of(finer), candidates(finer, CandidateOptions(slips=[0.4])), ("phi", "K")
-    ).together[0]
+    once = choose(situation_of(finer), candidates(finer, slips=[0.4]), ("phi", "K")).together[0]
     assert twice.values[0] == pytest.approx(once.values[0], abs=3 * np.hypot(twice.errors[0], once.errors[0]))
 
 
 def test_few_effective_draws_are_told(two_free: Study, unmeasured: Make) -> None:
     """With noise so small that hardly a draw remains, gains are lower bounds by regression and say so."""
     fine = unmeasured(noise={name: sd / 200 for name, sd in NOISE.items()})
-    found = choose(situation_of(fine), candidates(fine, CandidateOptions(slips=[0.3, 0.5])), ("phi",))
-    coarse = choose(
-        situation_of(two_free), candidates(two_free, CandidateOptions(slips=[0.3, 0.5])), ("phi",)
-    )
+    found = choose(situation_of(fine), candidates(fine, slips=[0.3, 0.5]), ("phi",))
+    coarse = choose(situation_of(two_free), candidates(two_free, slips=[0.3, 0.5]), ("phi",))
     assert found.ranking.method == "regression"
     assert coarse.ranking.method == "mixture"
     assert 0.2 < found.ranking.estimates[0].values[0] < 0.54  # brute force: 0.54 at slip 0.3
@@ -157,7 +153,7 @@ def test_a_latent_load_tells_less_the_worse_it_is_known(unmeasured: Make) -> Non
     latent = {"drive": "both", "load_range": ["20 N", "200 N"]}
     both = [unmeasured(**latent, noise={**NOISE, "normal_force": sd}) for sd in (0.01, 20.0)]
     for study in (unmeasured(), *both):
-        (candidate,) = candidates(study, CandidateOptions(slips=[0.5], loads=["80 N"]))
+        (candidate,) = candidates(study, slips=[0.5], loads=["80 N"])
         draws = draw_cut_prior(posterior(unmeasured()), 1500, np.random.default_rng(1)).x
         situation = Situation(study, posterior(study), draws, "prior")
         gains.append(choose(situation, [candidate], ("phi", "K")).ranking.estimates[0].values[0])
@@ -170,7 +166,7 @@ def test_the_sinkage_drive_reads_at_the_sinkage_that_the_load_makes(unmeasured: 
     table = pd.DataFrame({"slip": [0.1, 0.3], "sinkage [mm]": [5.0, 8.0]})
     noise = {"normal_force": 5.0, "drawbar_pull": 3.0}
     study = unmeasured(data=table, drive="sinkage", noise=noise)
-    (candidate,) = candidates(study, CandidateOptions(slips=[0.3], loads=["80 N"]))
+    (candidate,) = candidates(study, slips=[0.3], loads=["80 N"])
     (reading,) = readings_of(situation_of(study), candidate)
     assert tuple(one.channel for one in reading.noise) == ("normal_force", "drawbar_pull")
     assert np.median(reading.mean[:, 0]) == pytest.approx(80.0, rel=0.01)

@@ -82,7 +82,7 @@ def test_words_change_at_their_thresholds(found: Evidence, expected: str) -> Non
 )
 def test_methods_that_disagree_are_named(found: Evidence, expected: int) -> None:
     """What a profile, cloned data or the divergence say against the word is listed, and nothing else."""
-    assert len(disagreements(found, word(found))) == expected
+    assert len(list(disagreements(found, word(found)))) == expected
 
 
 def test_the_multiple_correlation_is_that_of_the_best_combination() -> None:

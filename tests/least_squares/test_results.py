@@ -1,12 +1,10 @@
 """The error figure, tables and printed fits."""
 
 from collections.abc import Callable, Mapping
-from io import StringIO
 
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from bayesterra.least_squares.fit import fit
 from bayesterra.least_squares.results import error_figure, print_fits, report_table
@@ -52,11 +50,12 @@ def test_table_has_the_columns_of_the_csv_file(without_torque: Study) -> None:
     assert "c3" not in rows.index
 
 
-def test_printed_table_marks_held_and_missing_parameters(without_torque: Study) -> None:
+def test_printed_table_marks_held_and_missing_parameters(
+    without_torque: Study, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Held values have a '=', what is missing a dash and its reason, and published values stand beside."""
-    text = StringIO()
-    print_fits(fit(without_torque, ("IM1", "IM3")), without_torque, Console(file=text, width=120))
-    printed = text.getvalue()
+    print_fits(fit(without_torque, ("IM1", "IM3")), without_torque)
+    printed = capsys.readouterr().out
     assert "= 2499" in printed
     assert "29.3" in printed
     assert "P_II (c, φ, K) was not identified: no row has driving resistance moment" in printed
