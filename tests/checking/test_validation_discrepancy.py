@@ -82,6 +82,7 @@ def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: Result) -> N
     assert other.modelled[:, 0, 1].std() > 3 * pull[:, 0].std()
     assert any("own error is part of it, as its readings tell it" in one for one in own.remarks)
     assert any("as stated before any reading" in one for one in other.remarks)
+    assert any("the wheel was not driven" in one for one in other.remarks)
     assert (own.readings[:, 0, 1] - pull[:, 0]).std() == pytest.approx(0.5, rel=0.25)
 
 
