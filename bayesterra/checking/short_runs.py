@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -66,16 +66,10 @@ class ShortRuns:
     long, long_adaptation : of the second, which ends by the rules of every run.
     """
 
-    short: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
-    )
-    adaptation: AdaptationOptions = field(
-        default_factory=lambda: AdaptationOptions(particles=256, components=8)
-    )
-    long: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
-    )
-    long_adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
+    short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
+    adaptation: AdaptationOptions = AdaptationOptions(particles=256, components=8)
+    long: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
+    long_adaptation: AdaptationOptions = AdaptationOptions()
 
     def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
         """Sample the posterior of a study."""
@@ -97,13 +91,9 @@ class ShortGroupRuns(ShortRuns):
     warm_ups : sweeps of the short run's warm-ups.
     """
 
-    short: SamplingOptions = field(
-        default_factory=lambda: SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=32, max_steps=80)
-    )
-    adaptation: AdaptationOptions = field(
-        default_factory=lambda: AdaptationOptions(
-            particles=256, components=6, refinements=(4, 4), more=(), shores=4
-        )
+    short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=32, max_steps=80)
+    adaptation: AdaptationOptions = AdaptationOptions(
+        particles=256, components=6, refinements=(4, 4), more=(), shores=4
     )
     warm_ups: tuple[int, ...] = (15, 30, 60)
 

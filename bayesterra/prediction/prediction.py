@@ -443,8 +443,9 @@ def _remarks(study: Study, wheel: Wheel, load: float, basis: str) -> Iterator[st
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield f"load {load:.4g} N is not among the measured loads, {named} N: extrapolated"
     if study.errors.discrepancy:
-        known = "as its readings tell it" if wheel in study.wheels.values() else "as stated before any reading"
-        yield f"the model's own error is part of it, {known}; derived quantities are those of the model alone"
+        driven = wheel in study.wheels.values()
+        told = "as its readings tell it" if driven else "as stated before any reading"
+        yield f"the model's own error is part of it, {told}; derived quantities are those of the model alone"
     yield from wheel_remarks(study, wheel, known=bool(basis))
 
 
