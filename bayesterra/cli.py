@@ -379,6 +379,9 @@ def design(
     by: Annotated[
         str, option("WHAT", "information (about all of them together) or sd (of each).")
     ] = "information",
+    group: Annotated[
+        str | None, option("NAME", "Group of a joint posterior that drives next; by default one not tested.")
+    ] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-design.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -401,6 +404,7 @@ def design(
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
     asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
+    asked |= {"group": group}
     with chosen(workers, scheduler) as engine:
         recommendation = design_into(
             opened_for_design(study_or_result),

@@ -175,7 +175,7 @@ def opened(path: Path) -> Study | Result:
 def opened_for_design(path: Path) -> Study | Result:
     """The result in a folder that ``run`` wrote, else the study, with or without readings."""
     if is_result(path) and not is_prior(path):
-        return read_result(path)
+        return load_result(path)
     check_sums(path, STUDY_FILE, "measurements.csv")
     return load_study(path, prior_only=True)
 

@@ -187,12 +187,14 @@ class Situation:
     posterior : its density, which knows which columns of the draws are noise.
     draws : parameter sets (n, d), of the posterior or of the cut prior.
     source : ``posterior`` or ``prior``.
+    basis : of one group of a joint posterior: where its parameters come from, a sentence.
     """
 
     study: Study
     posterior: Posterior
     draws: FloatArray
     source: str
+    basis: str = ""
 
 
 @dataclass(frozen=True)

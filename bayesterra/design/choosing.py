@@ -354,6 +354,7 @@ class Design(AnalysisResult):
             "title": study.title,
             "bayesterra": version("bayesterra"),
             "source": self.situation.source,
+            "basis": self.situation.basis,
             "fingerprints": study.fingerprint,
             "draws": len(self.situation.draws),
             "seed": self.seed,

@@ -38,6 +38,7 @@ def design_page(design: Design) -> VerdictPage:
             f"{len(design.candidates)} candidates",
             Markup("about {}").format(symbols(design.about)),
             f"from {len(design.situation.draws)} draws of the {design.situation.source}",
+            *([design.situation.basis] if design.situation.basis else []),
         ),
         warning=_warning(design),
         verdicts=(_next(design), _promise(design), _certainty(design)),
@@ -326,6 +327,8 @@ def design_lines(design: Design) -> list[str]:
         lines.append(f"  sd of {PARAMETERS[name].symbol} from {before} to {after} ± {off}{unit}")
     if "regression" in (design.method, design.ranking.method):
         lines.append("Few draws remain effective after such readings: gains are lower bounds, by regression.")
+    if design.situation.basis:
+        lines.append(f"Note: {design.situation.basis}.")
     if design.situation.source == "prior":
         lines.append(
             "From the prior alone, no readings used; a result folder in place of the study builds on them."

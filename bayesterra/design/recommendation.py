@@ -15,7 +15,7 @@ from numpy.random import default_rng
 from bayesterra.design.candidates import Candidate, Situation, candidates, parameters_of_interest
 from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
 from bayesterra.design.gain import Estimate
-from bayesterra.errors import StudyError, check_seed, did_you_mean
+from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.runtime.checkpoints import Checkpoints
@@ -24,7 +24,7 @@ from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.ownership import WORK
 from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
-from bayesterra.study.result import Result, check_single, versions
+from bayesterra.study.result import Result, versions
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import chosen_wheel
 
@@ -40,7 +40,8 @@ def situation_of(study_or_result: Result | Study, seed: int = 1) -> Situation:
     if isinstance(study_or_result, Result):
         draws = study_or_result.values()
         chosen = np.linspace(0, len(draws) - 1, min(len(draws), DRAWS)).astype(np.int64)
-        return Situation(study_or_result.study, posterior(study_or_result.study), draws[chosen], "posterior")
+        study, basis = study_or_result.study, study_or_result.basis
+        return Situation(study, posterior(study), draws[chosen], "posterior", basis)
     density = posterior(study_or_result)
     return Situation(study_or_result, density, draw_cut_prior(density, DRAWS, default_rng(seed)).x, "prior")
 
@@ -105,12 +106,17 @@ def design_request(
     number: int = 1,
     by: str = "information",
     seed: int = 1,
+    group: str | None = None,
 ) -> DesignRequest:
     """Put a question together, and find mistakes before any work; see :func:`recommend`."""
     if by not in CRITERIA:
         raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
     if not 1 <= number <= MOST:
         raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
+    if isinstance(study_or_result, Result):
+        study_or_result = study_or_result.of_group(group, seed=seed)
+    elif group is not None:
+        raise StudyError(f"'group' needs a result with groups (got {group!r} beside a study)")
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
@@ -131,6 +137,7 @@ def recommend(
     seed: int = 1,
     engine: Engine | None = None,
     progress: Callable[[Progress], None] = lambda update: None,
+    group: str | None = None,
 ) -> Design:
     """Rank drives by the information that their readings are expected to give.
 
@@ -148,16 +155,17 @@ def recommend(
     engine : judges the candidates: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
     progress : called as candidates are judged.
+    group : of a joint posterior, whose drives are judged; by default one that was not tested.
 
     Raises
     ------
     StudyError : nothing is free, an unknown name, a load or slip that cannot be, or no answer anywhere.
     """
-    check_single("bt.recommend", known, Study, Result)
+    check_kind("bt.recommend", known, Study, Result)
     check_seed(seed)
     question = design_request(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
-        seed=seed,
+        seed=seed, group=group,
     )  # fmt: skip
     return question.answered(engine, lambda estimates, update: progress(update))
 

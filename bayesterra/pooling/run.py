@@ -108,6 +108,54 @@ class PooledResult(Result):
         index = {"chain": np.repeat(np.arange(chain), draw), "draw": np.tile(np.arange(draw), chain)}
         return pd.DataFrame({**index, **columns})
 
+    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
+        """Draws of the parameters that one group has, shared and own, as a result without groups.
+
+        Parameters
+        ----------
+        group : name of a group; None for one that was not tested. Each draw of it has the shared values of a
+            joint draw; hierarchical values come from the population with that draw's mean and spread,
+            separate ones from their prior, as nothing tells more of them.
+        wheel : name of the wheel that is meant: where groups are wheels, its group in place of None.
+        seed : of the draws of a group that was not tested.
+
+        Raises
+        ------
+        StudyError : there is no such group.
+        """
+        joint, rng = joint_posterior(self.study), default_rng(seed)
+        if group is None and joint.pooling.by == "wheel" and wheel in self.groups:
+            group = wheel
+        if group is not None:
+            known("group", group, self.groups)
+        trees = {}
+        for name in ("posterior", "prior"):
+            data = self.draws[name].to_dataset()
+            shared = _stacked(data, joint.shared_and_hyper)
+            own = _stacked(data.sel(group=group), joint.local) if group else _new_values(joint, shared, rng)
+            chains = joint.of_group(shared, own).reshape(data.sizes["chain"], data.sizes["draw"], -1)
+            trees[name] = parameter_dataset(joint.first.names, chains)
+        kept = [column for column in ("parameter", "unit") if column in self.summary]
+        return Result(
+            study=self.study.of_group(group),
+            draws=xr.DataTree.from_dict(trees),
+            summary=self.summary[kept].iloc[:0],
+            record=self.record,
+            basis=_basis(joint, group),
+        )
+
+
+def _basis(joint: JointPosterior, group: str | None) -> str:
+    """Sentence on where the parameters of a group come from."""
+    names = ", ".join(joint.groups)
+    if group is not None:
+        return f"parameters are those of {group} in the joint posterior of {names}"
+    separate = [PARAMETERS[name].symbol for name in joint.local if name not in joint.populations]
+    known = [PARAMETERS[name].symbol for name in joint.populations]
+    drawn = [f"{', '.join(known)} drawn from the population of {names}"] if known else []
+    drawn += [f"{', '.join(separate)} from the prior, as {names} tell nothing of another"] if separate else []
+    return f"this {joint.pooling.by} was not tested: {'; '.join(drawn)}"
+
 
 def run_pooled(
     study: Study,
@@ -346,51 +394,6 @@ def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[i
     values = np.concatenate(terms, axis=1).reshape(*chains.shape[:2], -1)
     likelihoods = xr.Dataset({"readings": (("chain", "draw", "row"), values)}, coords={"row": rows})
     return likelihoods.sel(row=list(order))
-
-
-def group_result(result: PooledResult, group: str | None = None, *, seed: int = 1) -> Result:
-    """Draws of the parameters that one group has, shared and own, as a result without groups.
-
-    Parameters
-    ----------
-    result : of a study with a [pooling] table.
-    group : name of a group; None for one that was not tested. Each draw of it has the shared values of a
-        joint draw; hierarchical values come from the population with that draw's mean and spread, separate
-        ones from their prior, as nothing tells more of them.
-    seed : of the draws of a group that was not tested.
-
-    Raises
-    ------
-    StudyError : there is no such group.
-    """
-    if group is not None:
-        known("group", group, result.groups)
-    joint, rng = joint_posterior(result.study), default_rng(seed)
-    trees = {}
-    for name in ("posterior", "prior"):
-        data = result.draws[name].to_dataset()
-        shared = _stacked(data, joint.shared_and_hyper)
-        own = _stacked(data.sel(group=group), joint.local) if group else _new_values(joint, shared, rng)
-        x = joint.of_group(shared, own)
-        chains = x.reshape(data.sizes["chain"], data.sizes["draw"], -1)
-        trees[name] = parameter_dataset(joint.first.names, chains)
-    study = result.study.of_group(group)
-    kept = ("parameter", "unit")
-    summary = result.summary[[column for column in kept if column in result.summary]].iloc[:0]
-    return Result(study=study, draws=xr.DataTree.from_dict(trees), summary=summary, record=result.record)
-
-
-def basis(result: PooledResult, group: str | None) -> str:
-    """Sentence on where the parameters of a group's result come from."""
-    names = ", ".join(result.groups)
-    if group is not None:
-        return f"parameters are those of {group} in the joint posterior of {names}"
-    joint = joint_posterior(result.study)
-    separate = [PARAMETERS[name].symbol for name in joint.local if name not in joint.populations]
-    known = [PARAMETERS[name].symbol for name in joint.populations]
-    drawn = [f"{', '.join(known)} drawn from the population of {names}"] if known else []
-    drawn += [f"{', '.join(separate)} from the prior, as {names} tell nothing of another"] if separate else []
-    return f"this {joint.pooling.by} was not tested: {'; '.join(drawn)}"
 
 
 def _stacked(data: xr.Dataset, names: tuple[str, ...]) -> FloatArray:

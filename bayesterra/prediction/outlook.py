@@ -15,14 +15,7 @@ from numpy.typing import ArrayLike
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
 from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import (
-    UNANSWERED,
-    of_group,
-    quantile_columns,
-    quantiles,
-    spread,
-    wheel_remarks,
-)
+from bayesterra.prediction.prediction import UNANSWERED, quantile_columns, quantiles, spread, wheel_remarks
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.prediction.statics import (
     OUTCOMES,
@@ -339,7 +332,7 @@ def predict_rover(
     if not isinstance(rover, Rover):
         path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
-    result, basis = of_group(result, _driven(result.study, rover), group)
+    result = result.of_group(group, wheel=_driven(result.study, rover))
     study = result.study
     if study.errors.discrepancy:
         raise StudyError(
@@ -369,8 +362,8 @@ def predict_rover(
         tows_driven=greatest(rover, ground, pulled, driven[1]),
         index=index,
         driven=driven,
-        remarks=tuple(_remarks(study, rover, asked, known=bool(basis))),
-        basis=basis,
+        remarks=tuple(_remarks(study, rover, asked, known=bool(result.basis))),
+        basis=result.basis,
     )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.errors import check_kind, check_seed
 from bayesterra.likelihood.forward import (
     Forward,
     Outcomes,
@@ -319,7 +319,7 @@ def predict(
     check_kind("bt.predict", result, Result)
     check_seed(seed)
     called, driven = chosen_wheel(result.study, wheel, name)
-    result, basis = of_group(result, called, group, seed)
+    result = result.of_group(group, wheel=called, seed=seed)
     study = result.study
     at, carried = checked_slips(slip), load_of(study, load)
     draws, index = spread(result)
@@ -345,28 +345,8 @@ def predict(
         driven=(float(rows.min()), float(rows.max())),
         derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
-        remarks=tuple(_remarks(study, driven, carried, basis)),
+        remarks=tuple(_remarks(study, driven, carried, result.basis)),
     )
-
-
-def of_group(result: Result, wheel: str, group: str | None, seed: int = 1) -> tuple[Result, str]:
-    """The result that predicts a wheel, and a sentence on it where it is one group of a joint posterior.
-
-    Raises
-    ------
-    StudyError : there is no such group, or the result has none.
-    """
-    if result.study.pooling is None:
-        if group is not None:
-            raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
-        return result, ""
-    from bayesterra.pooling.run import PooledResult, basis, group_result
-
-    if not isinstance(result, PooledResult):  # of the prior alone
-        raise StudyError("a prediction needs a joint posterior (got a prior of several groups)")
-    if group is None and result.study.pooling.by == "wheel" and wheel in result.groups:
-        group = wheel
-    return group_result(result, group, seed=seed), basis(result, group)
 
 
 def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:

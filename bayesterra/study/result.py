@@ -211,6 +211,7 @@ class Result(DrawnResult):
     least_squares : point estimates of every method and where they stand in the posterior.
     identifiability : one row per parameter: verdict, contraction, strongest coupling.
     predictive : per row and channel: reading and predictive quantiles, in field units.
+    basis : of one group of a joint posterior: where its parameters come from, a sentence.
     """
 
     TABLES = ("summary", "least_squares", "identifiability", "predictive")
@@ -220,6 +221,18 @@ class Result(DrawnResult):
     least_squares: pd.DataFrame = field(default_factory=pd.DataFrame)
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
     predictive: pd.DataFrame = field(default_factory=pd.DataFrame)
+    basis: str = ""
+
+    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
+        """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.
+
+        Raises
+        ------
+        StudyError : there is no such group.
+        """
+        if group is not None:
+            raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
+        return self
 
 
 def check_single(call: str, value: object, *kinds: type) -> None:

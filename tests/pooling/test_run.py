@@ -125,15 +125,30 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
         read_result(tmp_path / "out")
 
 
+def test_the_next_drive_is_that_of_a_group(
+    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of one that was driven by name, else of one that was not: judged by its draws, and said so."""
+    found = bt.recommend(result, slips=[0.2, 0.4], group="Wh32")
+    alone = bt.recommend(result.of_group("Wh32"), slips=[0.2, 0.4])
+    pd.testing.assert_frame_equal(found.table, alone.table)
+    assert set(found.table["wheel"]) == {"Wh32"}
+    result.save(tmp_path / "out")
+    asked = ["design", str(tmp_path / "out"), "--slip", "0.2,0.4", "--quiet"]
+    for options, said in (
+        (["--group", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),
+        ([], "this wheel was not tested: K drawn from the population of Wh11, Wh32"),
+    ):
+        assert main([*asked, *options, "--out", str(tmp_path / "next"), "--overwrite"]) == 0
+        assert f"Note: {said}." in " ".join(capsys.readouterr().out.split())
+        assert said in (tmp_path / "next" / "report.html").read_text(encoding="utf-8")
+        assert said in (tmp_path / "next" / "design.json").read_text(encoding="utf-8")
+    assert main([*asked, "--group", "Wh23", "--out", str(tmp_path / "none")]) == 2
+    assert "unknown group 'Wh23'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
-    "call",
-    [
-        lambda result: bt.compare({"a": result, "b": result}),
-        bt.identify,
-        bt.recommend,
-        bt.leave_out,
-        bt.Stream,
-    ],
+    "call", [lambda result: bt.compare({"a": result, "b": result}), bt.identify, bt.leave_out, bt.Stream]
 )
 def test_what_needs_one_soil_refuses_several(call: Callable[[object], object], result: PooledResult) -> None:
     """A joint posterior is a result of a run, and no posterior of one soil."""

@@ -12,7 +12,7 @@ from scipy.stats import halfnorm, kstest, norm, truncnorm
 import bayesterra as bt
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.run import PooledResult, _dataset, group_result
+from bayesterra.pooling.run import PooledResult, _dataset
 from bayesterra.prediction import forecast
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.stats.laws import Law
@@ -54,7 +54,7 @@ def fixture_file(tmp_path: Path) -> Path:
 
 def test_a_group_has_its_own_values_and_the_shared_ones(result: PooledResult) -> None:
     """In the order of an ordinary result, with the group's rows and wheel."""
-    alone, draws = group_result(result, "Wh32"), result.draws["posterior"]
+    alone, draws = result.of_group("Wh32"), result.draws["posterior"]
     assert alone.names == ("phi", "K")
     np.testing.assert_array_equal(alone.values()[:, 0], draws["phi"].to_numpy().ravel())
     np.testing.assert_array_equal(alone.values()[:, 1], draws["K"].sel(group="Wh32").to_numpy().ravel())
@@ -66,7 +66,7 @@ def test_a_group_has_its_own_values_and_the_shared_ones(result: PooledResult) ->
 
 def test_a_group_that_was_not_tested_is_drawn_from_the_population(result: PooledResult) -> None:
     """Given each draw's mean and spread its values are uniform under the population's law, and no wheel's."""
-    alone, draws = group_result(result), result.draws["posterior"]
+    alone, draws = result.of_group(), result.draws["posterior"]
     law = result.study.prior.laws["K"]
     mean, spread = (draws[f"K.{part}"].to_numpy().ravel() for part in ("mean", "spread"))
     ends = [(end - mean) / spread for end in law.range]
@@ -74,16 +74,16 @@ def test_a_group_that_was_not_tested_is_drawn_from_the_population(result: Pooled
     assert kstest(truncnorm.cdf((K - mean) / spread, *ends), "uniform").pvalue > 1e-3
     np.testing.assert_array_equal(alone.values()[:, 0], draws["phi"].to_numpy().ravel())
     assert not any((draws["K"].sel(group=group).to_numpy().ravel() == K).any() for group in result.groups)
-    again = group_result(result, seed=1).values()
+    again = result.of_group(seed=1).values()
     np.testing.assert_array_equal(again, alone.values())
-    assert (group_result(result, seed=2).values()[:, 1] != K).all()
+    assert (result.of_group(seed=2).values()[:, 1] != K).all()
 
 
 def test_the_law_of_a_new_group_is_that_of_the_hierarchy(make: MakeStudy) -> None:
     """Mean and variance of a normal hierarchy without limits: those of its mean, and both variances."""
     mean, spread = Law("norm", {"loc": 0.012, "scale": 1e-4}), Law("halfnorm", {"scale": 3e-4})
     study = make(pooling={"shared": ["phi"], "hierarchical": {"K": {"mean": mean, "spread": spread}}})
-    K = group_result(_result(study)).values()[:, 1]
+    K = _result(study).of_group().values()[:, 1]
     rng, n = default_rng(7), 400_000
     exact = norm.rvs(0.012, 1e-4, n, random_state=rng) + halfnorm.rvs(
         0, 3e-4, n, random_state=rng
@@ -94,14 +94,14 @@ def test_the_law_of_a_new_group_is_that_of_the_hierarchy(make: MakeStudy) -> Non
 def test_separate_values_of_a_new_group_are_those_of_the_prior(make: MakeStudy) -> None:
     """As no group tells anything of another."""
     study = make(pooling={"shared": ["phi"], "separate": ["K"]})
-    K = group_result(_result(study)).values()[:, 1]
+    K = _result(study).of_group().values()[:, 1]
     assert kstest(study.prior.laws["K"].cdf(K), "uniform").pvalue > 1e-3
 
 
 def test_a_wheel_of_the_study_is_predicted_by_its_own_group(result: PooledResult) -> None:
     """As an ordinary result with these draws would predict it."""
     ours = bt.predict(result, [0.2, 0.4], wheel="Wh32")
-    theirs = bt.predict(group_result(result, "Wh32"), [0.2, 0.4], wheel="Wh32")
+    theirs = bt.predict(result.of_group("Wh32"), [0.2, 0.4], wheel="Wh32")
     np.testing.assert_array_equal(ours.modelled, theirs.modelled)
     assert ours.notes[0] == "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"
     other = bt.predict(result, [0.2, 0.4], wheel="Wh32", group="Wh11")
@@ -113,7 +113,7 @@ def test_a_wheel_in_a_file_is_predicted_by_the_population(
 ) -> None:
     """And the first note says where its parameters are from."""
     found = bt.predict(result, [0.2, 0.4], wheel=file)
-    untested = group_result(result)
+    untested = result.of_group()
     soil = untested.values()[:: -(-DRAWS // 2000)]
     assert len(found.index) == len(soil)
     assert found.notes[0] == "this wheel was not tested: K drawn from the population of Wh11, Wh32"
@@ -140,7 +140,7 @@ def test_a_rover_says_where_its_parameters_are_from(make: MakeStudy, monkeypatch
 
     own = driven("Wh32", "Wh32")
     assert own.notes[0] == "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"
-    alone = bt.predict_rover(group_result(result, "Wh32"), own.rover, slopes=["5 deg"])
+    alone = bt.predict_rover(result.of_group("Wh32"), own.rover, slopes=["5 deg"])
     pd.testing.assert_frame_equal(own.table, alone.table)
     assert driven("Wh32", "Wh32", "Wh11").notes[0].startswith("parameters are those of Wh11")
     mixed = driven("Wh11", "Wh32")
@@ -166,5 +166,5 @@ def test_an_unknown_group_is_refused(result: PooledResult) -> None:
     with pytest.raises(StudyError, match=r"unknown group 'Wh23' \(.*Wh32"):
         bt.predict(result, 0.3, group="Wh23")
     with pytest.raises(StudyError, match=r"'group' needs a result with groups, of a study with \[pooling\]"):
-        bt.predict(group_result(result, "Wh11"), 0.3, group="Wh11")
+        bt.predict(result.of_group("Wh11"), 0.3, group="Wh11")
     assert list(WHEELS) == list(result.groups)
