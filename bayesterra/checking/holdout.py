@@ -131,12 +131,12 @@ def _held_out(
     tolerance: float,
     seed: int,
     engine: Engine | None,
-    fit: Fit = REFITS,
+    fit: Fit | None = None,
 ) -> Holdout:
     """Leave every level out once; ``report`` is told how many of how many are done, and the seconds left."""
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to fit again")
-    folds = levels(study, by, tolerance)
+    folds, fit = levels(study, by, tolerance), fit or REFITS
     task = LeaveOneOut(study, folds, seed, fit)
     done: dict[int, Outcome] = {}
     n, started = len(folds), time.perf_counter()
@@ -197,7 +197,7 @@ def leave_out(
     study = what.study if isinstance(what, Result) else what
     return _held_out(
         study, lambda done, of, _: progress(_at_work(done, of)),
-        by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit or REFITS,
+        by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit,
     )  # fmt: skip
 
 

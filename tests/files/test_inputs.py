@@ -176,7 +176,9 @@ def test_records_of_results(base: targets.Base, data: st.DataObject) -> None:
     targets.result(b"\0" + json.dumps(content, default=str).encode())
 
 
-@pytest.mark.parametrize("number", range(1, 7))
+@pytest.mark.parametrize(
+    "number", [pytest.param(i, marks=[pytest.mark.slow] if i > 2 else []) for i in range(1, 7)]
+)
 @FEW
 @given(data=st.data())
 def test_tables_of_results(base: targets.Base, number: int, data: st.DataObject) -> None:

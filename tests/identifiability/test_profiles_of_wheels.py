@@ -188,7 +188,13 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", CASES)
+QUICK = ("both", "sinkage drive", "one width")
+"""Kinds that share most with the others; all are tested with the slow tests."""
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[] if case in QUICK else [pytest.mark.slow]) for case in CASES]
+)
 def test_every_kind_of_study_has_profiles(case: str) -> None:
     """All drives, estimated and relative noise, moduli, ties and zero errors: search finds nothing better."""
     density = posterior(study_of(**CASES[case]))

@@ -128,6 +128,7 @@ def test_a_funnel_that_all_proposals_miss_a_part_of_is_not_called_reliable(seed:
     assert abs(found.log_z - FLAT) < 3 * found.error
 
 
+@pytest.mark.slow
 def test_ensembles_that_agree_leave_value_and_error_as_they_are() -> None:
     """Independent normal laws: still reliable, the closed form within errors of a hundredth."""
     found, _ = adapted(plain, 1)

@@ -62,6 +62,7 @@ def test_two_radii_give_both_moduli_back_and_one_does_not(analysed: Analysed) ->
     assert known["sd"] < 0.2 * known["median"]
 
 
+@pytest.mark.slow
 def test_two_stresses_separate_cohesion_from_friction_and_one_does_not(analysed: Analysed) -> None:
     """With one normal stress only the strength there is determined."""
     assert words(analysed("shear"))["phi"] == "determined"

@@ -76,7 +76,7 @@ def tails(x: FloatArray, weights: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_next_posterior_has_the_tails_of_quadrature(d: int) -> None:
     """A reading that cuts across the bend: correlations miss its tails, the mixture tells them."""
     joint = taken(Source(result_of(banana(16_000, 1)[:, :d])))
