@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayesterra.analysis.result import read_result
+from bayesterra.analysis.result import is_pooled, read_pooled, read_result
 from bayesterra.checking.loo import CrossValidation, Difference, difference
-from bayesterra.errors import ResultError, StudyError, checked_path
+from bayesterra.errors import ResultError, StudyError, check_kind, checked_path
 from bayesterra.likelihood.forward import reference_load
 from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
-from bayesterra.study.result import AnalysisResult, Result, check_single
+from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.wheels import GRID, chosen_wheel
 
 MOST = 6
@@ -237,6 +237,7 @@ def compare(
     Parameters
     ----------
     results : two to six by the names they are to go by, or their folders. Others are compared with the first.
+        Of a joint posterior each group is one of them.
     load : under which all predict, N or text with a unit; by default the first result's median load.
     wheel : that all drive, by its name in one of the studies or in a file. By default each drives its own:
         the one that the study of the first calls its first, or else its first.
@@ -246,7 +247,7 @@ def compare(
     ResultError : too few or too many results, or a folder that cannot be read.
     StudyError : an unknown wheel, or no load is known to compare them under.
     """
-    named = _named(results)
+    named = _by_group(_named(results))
     check_count(named)
     first = next(iter(named.values()))
     common = None
@@ -278,7 +279,7 @@ def _named(results: object) -> Mapping[str, Result]:
     """The results to compare by name, read where they are folders."""
     if isinstance(results, Mapping):
         for result in results.values():
-            check_single("bt.compare", result, Result)
+            check_kind("bt.compare", result, Result)
         return {str(name): result for name, result in results.items()}
     if not isinstance(results, list | tuple):
         got = repr(results) if isinstance(results, str) else type(results).__name__
@@ -287,13 +288,24 @@ def _named(results: object) -> Mapping[str, Result]:
     return load_results([checked_path("bt.compare", folder, what) for folder in results])
 
 
+def _by_group(results: Mapping[str, Result]) -> dict[str, Result]:
+    """The results, a joint posterior as one of each of its groups."""
+    return {
+        f"{name}: {group}" if group else name: result.of_group(group) if group else result
+        for name, result in results.items()
+        for group in result.groups or ("",)
+    }
+
+
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     """Read result folders, by the names of the folders, made different where they are the same."""
     results: dict[str, Result] = {}
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
         same = sum(earlier.partition(" (")[0] == name for earlier in results)
-        results[f"{name} ({same + 1})" if same else name] = read_result(folder)
+        results[f"{name} ({same + 1})" if same else name] = (
+            read_pooled(folder) if is_pooled(folder) else read_result(folder)
+        )
     return results
 
 
@@ -306,7 +318,6 @@ def compare_folders(
     overwrite: bool = False,
 ) -> Comparison:
     """Compare result folders and write the page and its tables to ``out``; options as :func:`compare`."""
-    check_count(folders)
     check_free(out, overwrite=overwrite, mark=Comparison.MARK)
     comparison = compare(folders, load=load, wheel=wheel)
     comparison.save(out, overwrite=overwrite)

@@ -15,7 +15,14 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import known
-from bayesterra.likelihood.joint import MEAN, SPREAD, JointPosterior, draw_joint_prior, joint_posterior
+from bayesterra.likelihood.joint import (
+    MEAN,
+    SPREAD,
+    JointPosterior,
+    draw_joint_prior,
+    joint_posterior,
+    of_group,
+)
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.pooling.degrees import (
@@ -39,7 +46,7 @@ from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
-from bayesterra.sampling.summary import parameter_rows
+from bayesterra.sampling.summary import array_diagnosis, parameter_rows, summary_row
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
@@ -129,20 +136,30 @@ class PooledResult(Result):
         if group is not None:
             known("group", group, self.groups)
         trees = {}
-        for name in ("posterior", "prior"):
+        for name in ("prior", "posterior"):
             data = self.draws[name].to_dataset()
             shared = _stacked(data, joint.shared_and_hyper)
             own = _stacked(data.sel(group=group), joint.local) if group else _new_values(joint, shared, rng)
             chains = joint.of_group(shared, own).reshape(data.sizes["chain"], data.sizes["draw"], -1)
             trees[name] = parameter_dataset(joint.first.names, chains)
-        kept = [column for column in ("parameter", "unit") if column in self.summary]
         return Result(
             study=self.study.of_group(group),
             draws=xr.DataTree.from_dict(trees),
-            summary=self.summary[kept].iloc[:0],
+            summary=pd.DataFrame([self._row(joint, name, group, trees) for name in joint.first.names]),
             record=self.record,
             basis=_basis(joint, group),
         )
+
+    def _row(
+        self, joint: JointPosterior, name: str, group: str | None, draws: Mapping[str, xr.Dataset]
+    ) -> dict[str, Any]:
+        """Row of the summary for a parameter of a group; values of one that was not tested have no mode."""
+        if group is None and name not in joint.shared:
+            chains, prior = draws["posterior"][name].to_numpy(), draws["prior"][name].to_numpy().ravel()
+            return summary_row(PARAMETERS[name], chains, prior, np.nan, array_diagnosis(chains))
+        whole = name if name in joint.shared else of_group(name, group or "")
+        row = self.summary[self.summary["parameter"] == whole].iloc[0]
+        return {**{str(column): value for column, value in row.items()}, "parameter": name}
 
 
 def _basis(joint: JointPosterior, group: str | None) -> str:

@@ -75,7 +75,7 @@ def _derived_rows(
     for name, quantity in DERIVED.items():
         if _varies(drawn[name]) and np.isfinite(before[name]).any():
             values = drawn[name].reshape(subset.shape[:2])
-            diagnosis = _array_diagnosis(values)
+            diagnosis = array_diagnosis(values)
             rows.append(summary_row(quantity, values, before[name], float(best[name][0]), diagnosis))
     return rows
 
@@ -86,7 +86,7 @@ def _varies(values: FloatArray) -> bool:
     return bool(finite.size and np.ptp(finite) > 0)
 
 
-def _array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:
+def array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:
     """ArviZ's bulk and tail sizes and R-hat; draws without an answer stand at the median."""
     chains = np.where(np.isfinite(chains), chains, np.nanmedian(chains))
     return array_ess(chains, "bulk"), array_ess(chains, "tail"), array_r_hat(chains)

@@ -223,6 +223,11 @@ class Result(DrawnResult):
     predictive: pd.DataFrame = field(default_factory=pd.DataFrame)
     basis: str = ""
 
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups of a joint posterior."""
+        return ()
+
     def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
         """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.
 

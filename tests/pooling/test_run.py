@@ -147,9 +147,29 @@ def test_the_next_drive_is_that_of_a_group(
     assert "unknown group 'Wh23'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "call", [lambda result: bt.compare({"a": result, "b": result}), bt.identify, bt.leave_out, bt.Stream]
-)
+def test_groups_are_compared_as_results(
+    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each with its parameters, shared and own, and its predictions; also from one folder."""
+    found = bt.compare({"both": result})
+    assert found.names == ("both: Wh11", "both: Wh32")
+    rows = found.parameters.set_index(["result", "quantity"])
+    stated = result.summary.set_index("parameter")
+    for wheel in ("Wh11", "Wh32"):
+        for name, whole in (("phi", "phi"), ("K", f"K[{wheel}]")):
+            for column in ("mode", "median", "sd", "hdi90_hi", "prior_mean"):
+                got, wanted = rows[column][f"both: {wheel}", name], stated[column][whole]
+                assert got == pytest.approx(wanted, rel=1e-12)
+    assert set(found.predictions["wheel"]) == {"Wh11", "Wh32"}
+    assert found.evidences["log_evidence"].isna().all()
+    result.save(tmp_path / "both")
+    out = tmp_path / "out"
+    assert main(["compare", str(tmp_path / "both"), "--out", str(out)]) == 0
+    assert "both: Wh32" in capsys.readouterr().out
+    assert "both: Wh32" in (out / "comparison.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("call", [bt.identify, bt.leave_out, bt.Stream])
 def test_what_needs_one_soil_refuses_several(call: Callable[[object], object], result: PooledResult) -> None:
     """A joint posterior is a result of a run, and no posterior of one soil."""
     with pytest.raises(StudyError, match=r"^bt\.\w+ needs a result without groups \(got a joint posterior"):

@@ -79,6 +79,15 @@ def test_a_group_that_was_not_tested_is_drawn_from_the_population(result: Pooled
     assert (result.of_group(seed=2).values()[:, 1] != K).all()
 
 
+def test_a_group_that_was_not_tested_has_a_summary_without_a_mode(result: PooledResult) -> None:
+    """Of its own draws; shared rows are those of the joint posterior."""
+    alone = result.of_group()
+    row = alone.summary.set_index("parameter").loc["K"]
+    assert row["median"] == pytest.approx(1e3 * np.median(alone.values()[:, 1]))
+    assert np.isnan(row["mode"])
+    assert row["unit"] == "mm"
+
+
 def test_the_law_of_a_new_group_is_that_of_the_hierarchy(make: MakeStudy) -> None:
     """Mean and variance of a normal hierarchy without limits: those of its mean, and both variances."""
     mean, spread = Law("norm", {"loc": 0.012, "scale": 1e-4}), Law("halfnorm", {"scale": 3e-4})
