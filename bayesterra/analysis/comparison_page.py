@@ -26,11 +26,16 @@ from bayesterra.study.study import Study
 def comparison_page(comparison: Comparison) -> VerdictPage:
     """Put the page together."""
     titles = dict.fromkeys(result.study.title for result in comparison.results.values())
+    kinds = dict.fromkeys(result.study.kind for result in comparison.results.values())
     first = next(iter(comparison.results.values()))
     curve = comparison.curves[comparison.names[0]]
     return VerdictPage(
         title=next(iter(titles)) if len(titles) == 1 else f"{len(comparison.names)} results side by side",
-        facts=(*keys(comparison), f"{driven_by(comparison)}, {given(round(curve.load, 1))} N"),
+        facts=(
+            f"{', '.join(kinds)} data",
+            *keys(comparison),
+            f"{driven_by(comparison)}, {given(round(curve.load, 1))} N",
+        ),
         warning=_warning(comparison),
         verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
         sections=(

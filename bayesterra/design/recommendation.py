@@ -114,7 +114,7 @@ def design_request(
     if not 1 <= number <= MOST:
         raise StudyError(f"'number' must lie in 1 to {MOST} (got {number})")
     if isinstance(study_or_result, Result):
-        study_or_result = study_or_result.of_group(group, seed=seed)
+        study_or_result = _of_group(study_or_result, group, wheels, seed)
     elif group is not None:
         raise StudyError(f"'group' needs a result with groups (got {group!r} beside a study)")
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
@@ -122,6 +122,19 @@ def design_request(
     names = parameters_of_interest(study, about)
     grid = candidates(study, slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
+
+
+def _of_group(result: Result, group: str | None, wheels: Sequence[str | Wheel], seed: int) -> Result:
+    """The result itself, or that of the group whose drives are judged."""
+    pooling = result.study.pooling
+    if group is None and pooling is not None and pooling.by == "wheel":
+        if len(wheels) != 1:
+            raise StudyError(
+                f"say whose drives: 'group' must be one of {', '.join(result.groups)}, or 'wheel' one that"
+                " was not tested"
+            )
+        group = next((name for name in result.groups if name == wheels[0]), None)
+    return result.of_group(group, seed=seed)
 
 
 def recommend(
@@ -155,7 +168,8 @@ def recommend(
     engine : judges the candidates: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
     progress : called as candidates are judged.
-    group : of a joint posterior, whose drives are judged; by default one that was not tested.
+    group : of a joint posterior, whose drives are judged; by default one that was not tested. Where groups
+        are wheels, one wheel that is given says it too.
 
     Raises
     ------

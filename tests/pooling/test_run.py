@@ -135,9 +135,14 @@ def test_the_next_drive_is_that_of_a_group(
     assert set(found.table["wheel"]) == {"Wh32"}
     result.save(tmp_path / "out")
     asked = ["design", str(tmp_path / "out"), "--slip", "0.2,0.4", "--quiet"]
+    untested = tmp_path / "new.toml"
+    untested.write_text(
+        'radius = "140 mm"\nwidth = "160 mm"\nlug_height = "5 mm"\nlug_count = 24\n', encoding="utf-8"
+    )
     for options, said in (
         (["--group", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),
-        ([], "this wheel was not tested: K drawn from the population of Wh11, Wh32"),
+        (["--wheel", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),
+        (["--wheel", str(untested)], "this wheel was not tested: K drawn from the population of Wh11, Wh32"),
     ):
         assert main([*asked, *options, "--out", str(tmp_path / "next"), "--overwrite"]) == 0
         assert f"Note: {said}." in " ".join(capsys.readouterr().out.split())
@@ -145,6 +150,8 @@ def test_the_next_drive_is_that_of_a_group(
         assert said in (tmp_path / "next" / "design.json").read_text(encoding="utf-8")
     assert main([*asked, "--group", "Wh23", "--out", str(tmp_path / "none")]) == 2
     assert "unknown group 'Wh23'" in capsys.readouterr().err
+    assert main([*asked, "--out", str(tmp_path / "none")]) == 2
+    assert "say whose drives: 'group' must be one of Wh11, Wh32, or 'wheel' one" in capsys.readouterr().err
 
 
 def test_groups_are_compared_as_results(
@@ -166,7 +173,9 @@ def test_groups_are_compared_as_results(
     out = tmp_path / "out"
     assert main(["compare", str(tmp_path / "both"), "--out", str(out)]) == 0
     assert "both: Wh32" in capsys.readouterr().out
-    assert "both: Wh32" in (out / "comparison.html").read_text(encoding="utf-8")
+    page = (out / "comparison.html").read_text(encoding="utf-8")
+    assert "both: Wh32" in page
+    assert "simulated data" in page
 
 
 @pytest.mark.parametrize("call", [bt.identify, bt.leave_out, bt.Stream])
