@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,19 +17,9 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
-from bayesterra.report.sections import (
-    UNSEEN,
-    Section,
-    Verdict,
-    VerdictPage,
-    missing,
-    origin_rows,
-    section,
-    verdict,
-)
+from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
@@ -52,30 +42,20 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    failures = Failures()
-    warning = unconverged(result, "The sampling has <b>not converged</b>: {}.")
-
-    needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
-
-    def made(anchor: str, title: str, make: Callable[[PooledResult], Blocks]) -> Section:
-        without = failed(record, *needed.get(anchor, ()))
-        return section(failures, anchor, title, lambda: make(result), without)
-
+    draft, degrees = Draft(result), ("degrees", "complete")
     verdicts = (
-        verdict(failures, "Sampling", lambda: _sampling(result)),
-        verdict(failures, "One value for all?", lambda: _sharing(result), failed(record, "sharing")),
-        verdict(
-            failures, "Evidence prefers", lambda: _preferred(result), failed(record, "degrees", "complete")
-        ),
+        draft.verdict("Sampling", _sampling),
+        draft.verdict("One value for all?", _sharing, "sharing"),
+        draft.verdict("Evidence prefers", _preferred, *degrees),
     )
     sections = (
-        made("sharing", "What belongs to the soil", _sharing_section),
-        made("groups", "Parameters by group", _groups_section),
-        made("pooling", "Complete, partial and no pooling", _degrees_section),
-        made("posterior", "Joint posterior", _summary_section),
-        made("prior", "Prior and roles", _prior_section),
-        made("data", "Data and model", _data),
-        made("reproduce", "Reproduce this", _reproduce),
+        draft.section("sharing", "What belongs to the soil", _sharing_section, "sharing"),
+        draft.section("groups", "Parameters by group", _groups_section),
+        draft.section("pooling", "Complete, partial and no pooling", _degrees_section, *degrees),
+        draft.section("posterior", "Joint posterior", _summary_section),
+        draft.section("prior", "Prior and roles", _prior_section),
+        draft.section("data", "Data and model", _data),
+        draft.section("reproduce", "Reproduce this", _reproduce),
     )
     return VerdictPage(
         title=study.title or "One soil, several groups of rows",
@@ -83,8 +63,8 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         verdicts=verdicts,
         sections=sections,
         version=record["versions"]["bayesterra"],
-        warning=Markup(" ").join(filter(None, (warning, missing(record, failures)))),
-        failures=failures,
+        warning=draft.warning(unconverged(result, "The sampling has <b>not converged</b>: {}.")),
+        failures=draft.failures,
         kind=study.kind,
         template="pooled.html",
     )
