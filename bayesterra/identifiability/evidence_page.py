@@ -28,7 +28,7 @@ from bayesterra.identifiability.verdicts import (
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, name_cells, own_axes, styled
-from bayesterra.report.numbers import MINUS, NOTHING, number, plain
+from bayesterra.report.numbers import NOTHING, number, plain, signed
 from bayesterra.report.sections import origin_rows
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
@@ -111,11 +111,6 @@ def _verdicts(result: Result) -> Table:
     return Table(caption, "llrlrr", header, rows)
 
 
-def signed(value: float) -> str:
-    """A correlation with its sign."""
-    return f"{value:+.2f}".replace("-", MINUS) if value == value else NOTHING
-
-
 def _groups(directions: Mapping[str, Any]) -> Blocks:
     """Counts per group, and what the design cannot see; nothing where an older version did not count."""
     rows = tuple(count_row(row) for row in directions.get("groups", ()))
@@ -176,7 +171,7 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
     ax.pcolormesh(weights, cmap="PuOr_r", vmin=-1.7, vmax=1.7, edgecolors=GRID, linewidth=0.4)
     for (i, j), value in np.ndenumerate(weights):
         if abs(value) >= 0.15:
-            ax.text(j + 0.5, i + 0.5, f"{value:+.1f}".replace("-", "−"), ha="center", va="center", fontsize=7)
+            ax.text(j + 0.5, i + 0.5, signed(value, 1), ha="center", va="center", fontsize=7)
     places = np.arange(len(weights)) + 0.5
     shares = [f"{share:.2f}" for share in np.clip(basis.contractions, 0.0, 1.0)]
     names = [label(PARAMETERS[name], unit=False) for name in result.names]

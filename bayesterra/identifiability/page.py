@@ -18,7 +18,6 @@ from bayesterra.identifiability.evidence_page import (
     information_section,
     local_section,
     method_section,
-    signed,
 )
 from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
 from bayesterra.identifiability.information import ALL
@@ -35,7 +34,7 @@ from bayesterra.identifiability.verdicts import (
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, number, plain
+from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
 from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.style import GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
@@ -369,7 +368,7 @@ PROFILES = {"bounded only by the prior": "prior-bound"}
 
 def _identified(row: Record) -> tuple[str, ...]:
     tied = row["tied_to"] != row["parameter"]
-    tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
+    tie = f"{PARAMETERS[row['tied_to']].symbol} {signed(row['tie'])}" if tied else ""
     profile = PROFILES.get(str(row["profile"]), str(row["profile"]))
     symbol, word = PARAMETERS[row["parameter"]].symbol, shown(row["verdict"])
     return (symbol, word, _share(row["contraction"]), tie, profile)

@@ -18,10 +18,10 @@ from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import label, literal, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
+from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
-from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.report.symbols import angles, listed, symbol, symbols, unit, whole_and_part
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import law_text, unconverged
@@ -115,7 +115,7 @@ def _decided(row: Mapping[Any, Any]) -> bool:
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
-    clauses = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
+    clauses = [Markup("{} {}").format(WORDS[n], number(row["log_evidence"], 1)) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
     grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(clauses)))
@@ -130,7 +130,7 @@ def _sharing_section(result: PooledResult) -> Blocks:
             spread = Markup("{} ({})").format(
                 plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
             )
-        against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
+        against = (number(row[f"against_{what}"], 1) for what in ("own_values", "a_population"))
         name, role, word = _named(row["parameter"]), str(row["role"]), str(row["verdict"])
         body.append((name, role, *against, error, word, *_as_stated(row), spread))
     by = result.record["pooling"]["by"]
@@ -243,15 +243,11 @@ def _degrees_section(result: PooledResult) -> Blocks:
     return (table, _by_group(result))
 
 
-def _tenths(value: float) -> str:
-    return rounded(value, 0.1)
-
-
 def _with_error(value: float, error: float, reliable: bool) -> Cell:
     if not np.isfinite([value, error]).all():
         return NOTHING
     return Markup("{} ± {}{}").format(
-        _tenths(value), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
+        number(value, 1), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
     )
 
 
@@ -294,9 +290,9 @@ def _summary_section(result: PooledResult) -> Blocks:
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
     name = str(row["parameter"])
-    base = name.split("[")[0].split(".")[0]
+    base, part = whole_and_part(name)
     step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-    label = Markup("{} {}").format(symbol(base), name.removeprefix(base).strip("[].").replace("]", ""))
+    label = Markup("{} {}").format(symbol(base), part.strip("[].").replace("]", ""))
     return (
         label, unit(base) or NOTHING, rounded(row["mode"], step), rounded(row["median"], step),
         interval(row["hdi90_lo"], row["hdi90_hi"]), *moments(row["mean"], row["sd"]),

@@ -143,6 +143,15 @@ def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Ce
     )
 
 
+def in_a_line(settings: Mapping[str, Any]) -> str:
+    """All settings in one line, tables by their names."""
+    entries = []
+    for name, value in settings.items():
+        inner = f"({in_a_line(value)})" if isinstance(value, Mapping) else value
+        entries.append(f"{name.replace('_', ' ')} {inner}")
+    return ", ".join(entries)
+
+
 def render(content: object, template: str = "report.html") -> str:
     """Fill a template with a page; everything that is not marked as HTML is escaped."""
     environment = Environment(

@@ -32,7 +32,7 @@ from bayesterra.report.blocks import (
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import TAIL, Axis, fan, figure_of, label, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
-from bayesterra.report.sections import Draft, Verdict, VerdictPage, origin_rows, unknown_verdict
+from bayesterra.report.sections import Draft, Verdict, VerdictPage, in_a_line, origin_rows, unknown_verdict
 from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
@@ -295,13 +295,12 @@ def _reproduce(result: SoilTestResult) -> Blocks:
     record = result.record
     integral = record.get("evidence")
     evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
-    settings = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items())
     rows = (
         ("command", Markup("<code>bayesterra soiltest FILE --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
         ("source", record["source"] or "not given"),
         ("log evidence", evidence),
-        ("settings", settings),
+        ("settings", in_a_line(record["settings"])),
         *origin_rows(record),
     )
     return (Table("", "ll", ("", ""), rows),)
