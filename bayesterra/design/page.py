@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from importlib.metadata import version
 from typing import Any
 
@@ -68,34 +69,26 @@ def words(candidate: Candidate) -> str:
 
 
 def _next(design: Design) -> Verdict:
-    distinct = dict.fromkeys(candidate.where for candidate in design.chosen)
+    places = Counter(candidate.where for candidate in design.chosen)
     many = len(design.picks) > 1
     word = f"{len(design.picks)} drives" if many else words(design.chosen[0])
-    counted = [_times(design, where) for where in distinct]
+    counted = [f"{times} × {where}" if times > 1 else where for where, times in places.items()]
     channels = listed(symbol(name) for name in design.chosen[0].channels)
     sentence = Markup("{}; read: {}.").format(listed(counted), channels)
     return Verdict("Next", word, "good", sentence)
 
 
-def _times(design: Design, where: str) -> str:
-    times = sum(candidate.where == where for candidate in design.chosen)
-    return f"{times} × {where}" if times > 1 else where
-
-
 def _promise(design: Design) -> Verdict:
     """Verdict on the expected spread of the parameters of interest."""
     last = design.together[-1]
-    changes = [_change(design, i, last) for i in range(len(design.about[:FEW]))]
+    changes = []
+    for i, name in enumerate(design.about[:FEW]):
+        before, after, _ = figures_of(design, i, last)
+        changes.append(Markup("{} from {} to {}").format(symbol(name), before, amount(name, after)))
     bits = last.values[0] / BIT
     grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
     sentence = Markup("Standard deviation of {}.").format(listed(changes))
     return Verdict("Expected", f"{plain(bits, 2)} bit", grade, sentence)
-
-
-def _change(design: Design, column: int, estimate: Estimate) -> Markup:
-    name = design.about[column]
-    before, after, _ = figures_of(design, column, estimate)
-    return Markup("{} from {} to {}").format(symbol(name), before, amount(name, after))
 
 
 def figures_of(design: Design, column: int, estimate: Estimate) -> tuple[str, str, str]:

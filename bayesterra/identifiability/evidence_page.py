@@ -26,7 +26,7 @@ from bayesterra.identifiability.verdicts import (
     identifiability,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Record, Table, Text, drawing, records
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain, signed
 from bayesterra.report.sections import origin_rows
@@ -69,7 +69,6 @@ def identifiability_section(result: Result) -> Blocks:
         "measurement should aim at."
     ).format(WEAK, DETERMINED)
     groups = _groups(result.record.get("directions", {}))
-    blocks: tuple[Block, ...] = (Text(_meaning()), _verdicts(result), *groups)
     more = Text(
         Markup(
             "<code>bayesterra identify DIR</code>, with the folder of this report for DIR, shows the rest: "
@@ -77,7 +76,7 @@ def identifiability_section(result: Result) -> Blocks:
             "where these methods disagree with a verdict."
         )
     )
-    return (*blocks, Gallery("half", (bars, cells), caption), more)
+    return (Text(_meaning()), _verdicts(result), *groups, Gallery("half", (bars, cells), caption), more)
 
 
 def _meaning() -> Markup:
@@ -333,15 +332,10 @@ def further_section(analysis: Analysis) -> Blocks:
         "other)."
     )
     header = ("", "slope", "cloning", "own prior", "likelihood", "power-scaling")
-    table = Table(caption, "lrlrrl", header, rows)
-    return (table, *_doubts(analysis))
-
-
-def _doubts(analysis: Analysis) -> tuple[Text, ...]:
-    checks = (("data cloning", analysis.drawn.cloned), ("power-scaling", analysis.drawn.scaling))
+    checks = (("data cloning", drawn.cloned), ("power-scaling", drawn.scaling))
     doubted = [name for name, check in checks if not check.reliable]
-    text = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
-    return (Text(text),) if doubted else ()
+    doubt = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
+    return (Table(caption, "lrlrrl", header, rows), *((Text(doubt),) if doubted else ()))
 
 
 def method_section(made: Identified) -> Blocks:

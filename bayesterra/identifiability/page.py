@@ -272,7 +272,8 @@ def _panel(ax: Axes, profiles: Profiles, name: str) -> None:
     note = "" if part > 0.99 else f", {100 * part:.2g} % of the range"
     ax.set(xlim=(window[0] - margin, window[1] + margin), ylim=(-0.15, HIGHEST))
     ax.set_xlabel(label(PARAMETERS[name]) + note, labelpad=2)
-    ax.set_title(_title(profiles, name), fontsize=8.5)
+    title = " / ".join(dict.fromkeys(profiles.profile(name, kind).shape for kind in profiles.found))
+    ax.set_title(title if len(title) < 28 else title.replace(" / ", " /\n"), fontsize=8.5)
 
 
 def _curve(ax: Axes, profile: Profile, scale: float) -> None:
@@ -319,12 +320,6 @@ def _window(profiles: Profiles, name: str) -> FloatArray:
     if high - low > NARROW * (ends[1] - ends[0]):
         return np.asarray(ends)
     return np.asarray(np.clip([low - (high - low), high + (high - low)], *ends))
-
-
-def _title(profiles: Profiles, name: str) -> str:
-    shapes = dict.fromkeys(profiles.profile(name, kind).shape for kind in profiles.found)
-    text = " / ".join(shapes)
-    return text if len(text) < 28 else text.replace(" / ", " /\n")
 
 
 def _legend(figure: Figure, profiles: Profiles) -> None:

@@ -71,15 +71,14 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     kinds = {"plate": "plate sinkage", "shear": "annular shear"}
     counts = (f"{record['tests']} tests", f"{record['readings']} readings")
 
-    def strip() -> tuple[StripRow, ...]:
-        return tuple(_row(result, name) for name in result.names)
-
     verdicts = (
         draft.verdict("Sampling", sampling_verdict),
         draft.verdict("New tests", _fit, "left_out"),
         draft.verdict("Identifiability", _found),
     )
-    rows = draft.failures.attempt("report: strip", strip, tuple[StripRow, ...])
+    rows = draft.failures.attempt(
+        "report: strip", lambda: tuple(_row(result, name) for name in result.names), tuple[StripRow, ...]
+    )
     sections = (
         draft.section("readings", "Readings", _readings),
         draft.section("tests", "Predictions of new tests", _tests, "left_out"),
@@ -345,16 +344,13 @@ def readings(result: SoilTestResult) -> FloatArray:
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                 axis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel(AXES[test.kind][1])
-    figure.legend(
-        handles=[
-            Line2D([], [], color=POSTERIOR, label="mean curve, median"),
-            Patch(color=POSTERIOR, alpha=0.45, label="new test, 50 %"),
-            Patch(color=POSTERIOR, alpha=0.18, label="new test, 90 %"),
-            Line2D([], [], label="readings of one test", **LINE),
-        ],
-        loc="outside lower center",
-        ncols=4,
-    )
+    handles = [
+        Line2D([], [], color=POSTERIOR, label="mean curve, median"),
+        Patch(color=POSTERIOR, alpha=0.45, label="new test, 50 %"),
+        Patch(color=POSTERIOR, alpha=0.18, label="new test, 90 %"),
+        Line2D([], [], label="readings of one test", **LINE),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return axes
 
 
