@@ -285,17 +285,12 @@ def _difference(comparison: Comparison, name: str, value: float, error: float) -
 
 def repeat_section(comparison: Comparison) -> Blocks:
     """Origin of the page: everything that it was made of."""
-    rows = [
-        (
-            coloured(comparison, name, name),
-            str(result.record["seed"]),
-            str(result.record["made"]),
-            str(result.record["versions"]["bayesterra"]),
-            Markup("<code>{}</code>").format(result.record["fingerprints"]["study"][:16]),
-            Markup("<code>{}</code>").format(result.record["fingerprints"]["data"][:16]),
-        )
-        for name, result in comparison.results.items()
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for name, record in ((name, result.record) for name, result in comparison.results.items()):
+        made = (str(record["seed"]), str(record["made"]), str(record["versions"]["bayesterra"]))
+        prints = (record["fingerprints"][of][:16] for of in ("study", "data"))
+        codes = map(Markup("<code>{}</code>").format, prints)
+        rows.append((coloured(comparison, name, name), *made, *codes))
     header = ("", "seed", "made", "bayesterra", "study", "data")
     caption = "The results; fingerprints of study and data (SHA-256, first 16 digits)."
     return (Table(caption, "lrllll", header, tuple(rows)),)

@@ -194,12 +194,10 @@ def predictive_section(result: Result) -> Blocks:
 
 def _bands(result: Result, wheel: str) -> Gallery:
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    drawn = {name: validation_page.predictive(result, name, wheel=wheel) for name in channels}
     pictures = tuple(
-        drawing(
-            validation_page.predictive(result, name, wheel=wheel),
-            f"{CHANNELS[name].description} over slip, wheel {wheel}",
-        )
-        for name in channels
+        drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}")
+        for name, axes in drawn.items()
     )
     caption = Markup(
         "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "

@@ -140,15 +140,15 @@ def _verdict_table(made: Identified) -> Table:
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
     name = row["parameter"]
-    tied = row["tied_to"] != name
+    tie: tuple[Cell, ...] = (NOTHING, NOTHING, NOTHING)
+    if row["tied_to"] != name:
+        tie = (symbol(row["tied_to"]), signed(row["tie"]), number(row["multiple"], 2))
     return (
         symbol(name),
         Markup("<b>{}</b>").format(row["verdict"]),
         number(max(row["contraction"], 0.0), 2),
         Markup("{}{}").format(row["profile"], _ends(row)),
-        symbol(row["tied_to"]) if tied else NOTHING,
-        signed(row["tie"]) if tied else NOTHING,
-        number(row["multiple"], 2) if tied else NOTHING,
+        *tie,
         {"estimable": "narrows", "not estimable": "stays"}.get(row["cloned"], "undecided"),
     )
 

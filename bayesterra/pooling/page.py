@@ -90,10 +90,10 @@ def _named(text: object) -> Markup:
 
 def _sharing(result: PooledResult) -> Verdict:
     alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated", beside=OPEN)
-    clauses = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
-    clauses += [
-        Markup("{}, with the others as stated: {}").format(word, listed(names))
-        for word, names in stated.items()
+    clauses = [
+        Markup("{}{}: {}").format(word, others, listed(names))
+        for others, by_word in (("", alone), (", with the others as stated", stated))
+        for word, names in by_word.items()
         if word != OPEN
     ]
     rows = result.sharing.to_dict("records")
@@ -224,14 +224,12 @@ def _groups_section(result: PooledResult) -> Blocks:
 def _degrees_section(result: PooledResult) -> Blocks:
     body = []
     for row in result.pooling.to_dict("records"):
-        cells = (
-            WORDS[row["pooling"]],
-            "yes" if row["converged"] else "no",
-            _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"]),
-            _with_error(row["elpd_rows"], row["se_rows"], row["unreliable_rows"] == 0),
-            _with_error(row["elpd_groups"], row["se_groups"], row["unreliable_groups"] == 0),
+        evidence = _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"])
+        elpds = (
+            _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0)
+            for of in ("rows", "groups")
         )
-        body.append(cells)
+        body.append((WORDS[row["pooling"]], "yes" if row["converged"] else "no", evidence, *elpds))
     caption = (
         "Complete pooling: all groups share every parameter. None: every group alone. Log evidence under the "
         "prior cut to the physical support, ± Monte Carlo error; expected log predictive density (elpd) of "
