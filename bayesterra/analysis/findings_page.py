@@ -107,8 +107,7 @@ def bounded(result: Result) -> list[tuple[str, str]]:
 
 def about_the_mode(result: Result) -> Markup:
     """Warn where the densest point lies apart from most of the probability."""
-    rows = summary_rows(result)
-    outside = [name for name in result.names if rows[name].mode_outside]
+    outside = mode_outside(result)
     if not outside:
         return Markup("")
     return Markup(
@@ -226,6 +225,12 @@ def next_measurement(result: Result) -> Markup:
     hints = [Markup(text).format(listed(pairs, "or")) for text, pairs in advice.items()]  # noqa: S704 (constants)
     text = Markup("; ").join(hints[:3])
     return Markup("By the couplings above, {}.").format(text) if hints else Markup("")
+
+
+def mode_outside(result: Result) -> tuple[str, ...]:
+    """Parameters whose posterior mode lies outside their 90 % HDI by more than a twentieth of its width."""
+    rows = summary_rows(result)
+    return tuple(name for name in result.names if rows[name].mode_outside)
 
 
 def strip(result: Result) -> Iterator[StripRow]:
