@@ -14,8 +14,19 @@ from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
-from bayesterra.report.numbers import NOTHING, interval, number, plain, resolution, rounded, share, with_error
-from bayesterra.report.sections import Section, origin_rows
+from bayesterra.report.numbers import (
+    NOTHING,
+    estimate,
+    interval,
+    number,
+    plain,
+    resolution,
+    rounded,
+    share,
+    signed,
+    with_error,
+)
+from bayesterra.report.sections import Section, in_a_line, origin_rows
 from bayesterra.report.style import MARKS
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
@@ -127,16 +138,16 @@ def prior_section(result: Result) -> Blocks:
 
 
 def _widths(result: Result) -> Table:
-    rows = []
-    for name, row in summary_rows(result).items():
-        if name in result.names:
-            moved = (row.mean - row.prior_mean) / row.prior_sd
-            rows.append((symbol(name), plain(row.sd / row.prior_sd, 2), f"{moved:+.1f}".replace("-", "−")))
+    rows = tuple(
+        (symbol(name), plain(row.sd_ratio, 2), signed(row.shift, 1))
+        for name, row in summary_rows(result).items()
+        if name in result.names
+    )
     caption = (
         "Posterior against prior: ratio of the standard deviations (1: nothing learnt), and shift of the "
         "mean in standard deviations of the prior (beyond ± 2: data and prior disagree)."
     )
-    return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), tuple(rows))
+    return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), rows)
 
 
 def reproduce_section(result: Result) -> Blocks:
@@ -146,19 +157,15 @@ def reproduce_section(result: Result) -> Blocks:
         ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
         ("seed", str(record["seed"])),
-        ("settings", _pairs(record["settings"])),
+        ("settings", in_a_line(record["settings"])),
         *origin_rows(record, "study", "data"),
-        ("seconds", _pairs({name: plain(value) for name, value in record["seconds"].items()})),
+        ("seconds", in_a_line({name: plain(value) for name, value in record["seconds"].items()})),
     )
     caption = (
         "The same study, data, seed and versions give the same draws on one machine, whatever the number of "
         "cores; fingerprints are SHA-256."
     )
     return (Table(caption, "ll", ("", ""), facts), _checklist())
-
-
-def _pairs(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{str(name).replace('_', ' ')} {value}" for name, value in values.items())
 
 
 def _checklist() -> Table:
@@ -200,7 +207,7 @@ def added_sections(result: Result) -> tuple[Section, ...]:
 
 def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
     """One sentence: how much is learnt in all, and about what."""
-    ratios = {name: row.sd / row.prior_sd for name, row in rows.items()}
+    ratios = {name: row.sd_ratio for name, row in rows.items()}
     narrowed = sorted((name for name in ratios if ratios[name] < NARROWED), key=ratios.__getitem__)
     rest = [name for name in ratios if name not in narrowed]
     phrases = [Markup("{} to {:.0f} %").format(symbol(name), 100 * ratios[name]) for name in narrowed]
@@ -232,8 +239,7 @@ def _total(result: Result) -> str:
 
 def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
     """A warning where a parameter moves far from its prior."""
-    shifts = {name: (row.mean - row.prior_mean) / row.prior_sd for name, row in rows.items()}
-    far = [name for name, shift in shifts.items() if abs(shift) > APART]
+    far = [name for name, row in rows.items() if abs(row.shift) > APART]
     if not far:
         return ()
     text = Markup(
@@ -249,17 +255,14 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
     for name, row in rows.items():
         prior = result.column(name, "prior")
         low, high = hdi(prior, CREDIBLE)
-        before, after = resolution(low, high), resolution(*row.hdi)
         bits, error = (value / BIT for value in divergence(result.column(name), prior))
         body.append(
             (
                 symbol(name),
                 unit(name) or NOTHING,
-                rounded(float(np.median(prior)), before),
-                interval(low, high, before),
-                rounded(row.median, after),
-                interval(*row.hdi, after),
-                number(row.sd / row.prior_sd, 2),
+                *estimate(float(np.median(prior)), low, high),
+                *estimate(row.median, *row.hdi),
+                number(row.sd_ratio, 2),
                 Markup("{} ± {}").format(number(bits, 2, least=0.0), number(error, 2)),
             )
         )

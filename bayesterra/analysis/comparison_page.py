@@ -14,7 +14,7 @@ from bayesterra.analysis.contents_page import (
     parameters_section,
     predictions_section,
     repeat_section,
-    signed,
+    shift,
 )
 from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.numbers import estimate, given, rounded, with_error
@@ -123,7 +123,7 @@ def _moves(comparison: Comparison) -> Verdict:
         sentence = Markup("No mean moves by {:.0f} sd of {} or more.").format(MOVED, first)
         return Verdict("Conclusions", "agree", "good", sentence)
     shifts = [
-        Markup("{} ({} in {})").format(symbol(row["quantity"]), signed(row["shift"]), row["result"])
+        Markup("{} ({} in {})").format(symbol(row["quantity"]), shift(row["shift"]), row["result"])
         for row in moved.head(4).to_dict("records")
     ]
     more = "" if len(moved) <= len(shifts) else " and more"

@@ -21,7 +21,7 @@ from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
-from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, with_error
+from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, signed, with_error
 from bayesterra.report.style import DATA, INK
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, with_unit
 from bayesterra.study.page import axis
@@ -43,11 +43,9 @@ def driven_by(comparison: Comparison) -> str:
     return f"wheel {next(iter(wheels.values()))}" if len(wheels) == 1 else "each result with its own wheel"
 
 
-def signed(value: float) -> str:
-    """A number with its sign, to a tenth."""
-    if not np.isfinite(value):
-        return NOTHING
-    text = f"{value:+.1f}".replace("-", "−")
+def shift(value: float) -> str:
+    """A shift to a tenth, without a sign where nothing is left of it."""
+    text = signed(value, 1)
     return "0.0" if text in ("+0.0", "−0.0") else text
 
 
@@ -78,7 +76,7 @@ def _cells(comparison: Comparison, name: str) -> list[tuple[Markup, str, str]]:
         middle, ends = estimate(row["median"], row["hdi90_lo"], row["hdi90_hi"])
         text = coloured(comparison, row["result"], f"{middle} ({ends})")
         first = row["result"] == comparison.names[0]
-        cells.append((text, "" if first else signed(row["shift"]), "" if first else plain(row["width"], 2)))
+        cells.append((text, "" if first else shift(row["shift"]), "" if first else plain(row["width"], 2)))
     return cells
 
 
@@ -287,17 +285,12 @@ def _difference(comparison: Comparison, name: str, value: float, error: float) -
 
 def repeat_section(comparison: Comparison) -> Blocks:
     """Origin of the page: everything that it was made of."""
-    rows = [
-        (
-            coloured(comparison, name, name),
-            str(result.record["seed"]),
-            str(result.record["made"]),
-            str(result.record["versions"]["bayesterra"]),
-            Markup("<code>{}</code>").format(result.record["fingerprints"]["study"][:16]),
-            Markup("<code>{}</code>").format(result.record["fingerprints"]["data"][:16]),
-        )
-        for name, result in comparison.results.items()
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for name, record in ((name, result.record) for name, result in comparison.results.items()):
+        made = (str(record["seed"]), str(record["made"]), str(record["versions"]["bayesterra"]))
+        prints = (record["fingerprints"][of][:16] for of in ("study", "data"))
+        codes = map(Markup("<code>{}</code>").format, prints)
+        rows.append((coloured(comparison, name, name), *made, *codes))
     header = ("", "seed", "made", "bayesterra", "study", "data")
     caption = "The results; fingerprints of study and data (SHA-256, first 16 digits)."
     return (Table(caption, "lrllll", header, tuple(rows)),)

@@ -12,7 +12,7 @@ from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.failures import failed
-from bayesterra.report.numbers import MINUS, given, interval, share
+from bayesterra.report.numbers import given, interval, share, signed
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
 from bayesterra.study.page import StripRow, axis, strip_row
 from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
@@ -70,14 +70,10 @@ def traded(result: Result) -> Markup:
     pairs = coupled_pairs(result)
     if not pairs:
         return Markup("")
-    trades = (Markup("{} with {} ({})").format(symbol(a), symbol(b), _signed(r)) for a, b, r in pairs)
+    trades = (Markup("{} with {} ({})").format(symbol(a), symbol(b), signed(r)) for a, b, r in pairs)
     return Markup(
         "{}. The data fix these combinations better than either member; correlation in brackets."
     ).format(listed(trades))
-
-
-def _signed(correlation: float) -> str:
-    return f"{correlation:+.2f}".replace("-", MINUS)
 
 
 def from_the_prior(result: Result) -> Markup:
@@ -264,4 +260,4 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
 
 def moved_by(shift: float) -> str:
     """Shift of the mean, in words before others; nothing where it is not the mean that moved."""
-    return f"by {shift:+.1f} prior sd: ".replace("-", MINUS) if abs(shift) >= SHIFT else ""
+    return f"by {signed(shift, 1)} prior sd: " if abs(shift) >= SHIFT else ""

@@ -138,26 +138,18 @@ def _checks(result: Result) -> Table:
 
 def _chains(result: Result) -> Table:
     tau = result.record["sampling"]["tau"]
-    rows = tuple(
-        (
-            symbol(name),
-            f"{row.r_hat:.4f}",
-            plain(row.ess_bulk),
-            plain(row.ess_tail),
-            plain(tau.get(name)),
-            plain(row.mcse_mean, 2),
-            plain(row.mcse_median, 2),
-            plain(row.mcse_sd, 2),
-        )
-        for name, row in summary_rows(result).items()
-    )
+    rows: list[tuple[Cell, ...]] = []
+    for name, row in summary_rows(result).items():
+        effective = (plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
+        errors = (plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
+        rows.append((symbol(name), f"{row.r_hat:.4f}", *effective, *errors))
     caption = (
         "Effective number of draws for the centre (bulk) and the tails, autocorrelation time in steps, and "
         "the Monte Carlo standard errors of mean, median and sd, in the parameter's unit: digits below "
         "these errors mean nothing."
     )
     header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
-    return Table(caption, "lrrrrrrr", header, rows)
+    return Table(caption, "lrrrrrrr", header, tuple(rows))
 
 
 def posterior_section(result: Result) -> Blocks:
@@ -202,12 +194,10 @@ def predictive_section(result: Result) -> Blocks:
 
 def _bands(result: Result, wheel: str) -> Gallery:
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    drawn = {name: validation_page.predictive(result, name, wheel=wheel) for name in channels}
     pictures = tuple(
-        drawing(
-            validation_page.predictive(result, name, wheel=wheel),
-            f"{CHANNELS[name].description} over slip, wheel {wheel}",
-        )
-        for name in channels
+        drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}")
+        for name, axes in drawn.items()
     )
     caption = Markup(
         "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -33,18 +32,9 @@ from bayesterra.likelihood.page import conditions, prior_sources, slip_note, sta
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
-from bayesterra.report.failures import Failures, failed
+from bayesterra.report.failures import failed
 from bayesterra.report.numbers import interval, moments, probability, resolution, rounded
-from bayesterra.report.sections import (
-    Section,
-    Verdict,
-    VerdictPage,
-    missing,
-    said,
-    section,
-    unknown_verdict,
-    verdict,
-)
+from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, unknown_verdict
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.stats.quantile_law import QuantileLaw
@@ -65,24 +55,25 @@ class Page(VerdictPage):
 
 def run_page(result: Result) -> Page:
     """Put the page of a result together; a part that cannot be made is a line that says so."""
-    failures = Failures()
+    draft = Draft(result)
+    failures = draft.failures
     checks = failures.attempt("report: χ² checks", lambda: fit_checks(result), tuple[FitCheck, ...])
     judged = (
-        verdict(failures, "Sampling", lambda: sampling_verdict(result)),
-        verdict(failures, "Model fit", lambda: fit_verdict(result, checks)),
-        verdict(failures, "Identifiability", lambda: identifiability_verdict(result)),
+        draft.verdict("Sampling", sampling_verdict),
+        draft.verdict("Model fit", lambda result: fit_verdict(result, checks)),
+        draft.verdict("Identifiability", identifiability_verdict),
     )
     shown = failures.attempt(
         "report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ())
     )
     driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
     statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
-    sections = _sections(result, failures)
+    sections = _sections(draft)
     return Page(
         title=result.study.title or "Soil parameters from wheel tests",
         kind=result.study.kind,
         facts=_facts(result),
-        warning=Markup(" ").join(filter(None, (warning(result), missing(result.record, failures)))),
+        warning=draft.warning(warning(result)),
         verdicts=judged,
         strip=shown[0],
         legend=shown[1],
@@ -94,30 +85,20 @@ def run_page(result: Result) -> Page:
     )
 
 
-def _sections(result: Result, failures: Failures) -> tuple[Section, ...]:
+def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
     """All sections, in their order."""
-    needed = {"loo": ("loo",), "identifiability": ("identifiability",), "methods": ("standings",)}
-
-    def made(anchor: str, title: str, make: Callable[[Result], Blocks]) -> Section:
-        without = failed(result.record, *needed.get(anchor, ()))
-        return section(failures, anchor, title, lambda: make(result), without)
-
-    def some(title: str, make: Callable[[Result], tuple[Section, ...]]) -> tuple[Section, ...]:
-        part = f"report: {title}"
-        return failures.attempt(part, lambda: make(result), lambda: (said(failures, part, title),))
-
     return (
-        made("data", "Data and model", data_section),
-        made("sampling", "Sampling quality", sampling_section),
-        made("posterior", "Posterior", posterior_section),
-        *some("What the wheel adds", added_sections),
-        *some("What the model misses", missed_sections),
-        made("checks", "Predictive checks", predictive_section),
-        made("loo", "Cross-validation", cross_validation_section),
-        made("identifiability", "Identifiability", identifiability_section),
-        made("methods", "Least squares side by side", methods_section),
-        made("prior", "Sensitivity to the prior", prior_section),
-        made("reproduce", "Reproduce this", reproduce_section),
+        draft.section("data", "Data and model", data_section),
+        draft.section("sampling", "Sampling quality", sampling_section),
+        draft.section("posterior", "Posterior", posterior_section),
+        *draft.sections("What the wheel adds", added_sections),
+        *draft.sections("What the model misses", missed_sections),
+        draft.section("checks", "Predictive checks", predictive_section),
+        draft.section("loo", "Cross-validation", cross_validation_section, "loo"),
+        draft.section("identifiability", "Identifiability", identifiability_section, "identifiability"),
+        draft.section("methods", "Least squares side by side", methods_section, "standings"),
+        draft.section("prior", "Sensitivity to the prior", prior_section),
+        draft.section("reproduce", "Reproduce this", reproduce_section),
     )
 
 

@@ -16,10 +16,10 @@ from bayesterra.likelihood.page import conditions, prior_sources, slip_note, sta
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.failures import Failures, failed
+from bayesterra.report.failures import failed
 from bayesterra.report.figures import fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
-from bayesterra.report.sections import Section, Verdict, VerdictPage, missing, origin_rows, section, verdict
+from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import INK, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
@@ -40,19 +40,17 @@ def prior_page(result: PriorResult) -> VerdictPage:
         f"model {study.model.name}, {study.drive}-driven",
         f"made {str(result.record['made'])[:10]}",
     )
-    failures = Failures()
+    draft = Draft(result)
     verdicts = (
-        verdict(failures, "Physics leaves", lambda: _support(result)),
-        verdict(
-            failures, "Readings would teach", lambda: _predictions(result), failed(result.record, "curves")
-        ),
-        verdict(failures, "Greatest pull", lambda: _pull(result)),
+        draft.verdict("Physics leaves", _support),
+        draft.verdict("Readings would teach", _predictions, "curves"),
+        draft.verdict("Greatest pull", _pull),
     )
     sections = (
-        section(failures, "prior", "Prior", lambda: _prior_section(result)),
-        section(failures, "predictions", "What the prior predicts", lambda: _predictive_section(result)),
-        section(failures, "derived", "Derived quantities", lambda: _derived_section(result)),
-        section(failures, "data", "Conditions and model", lambda: _conditions(result)),
+        draft.section("prior", "Prior", _prior_section),
+        draft.section("predictions", "What the prior predicts", _predictive_section),
+        draft.section("derived", "Derived quantities", _derived_section),
+        draft.section("data", "Conditions and model", _conditions),
         Section("reproduce", "Reproduce this", (_reproduce(result),)),
     )
     return VerdictPage(
@@ -61,8 +59,8 @@ def prior_page(result: PriorResult) -> VerdictPage:
         verdicts=verdicts,
         sections=sections,
         version=result.record["versions"]["bayesterra"],
-        warning=missing(result.record, failures),
-        failures=failures,
+        warning=draft.warning(),
+        failures=draft.failures,
         template="before.html",
     )
 

@@ -26,8 +26,8 @@ from bayesterra.checking.ranks import (
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import one_of, own_axes, styled
-from bayesterra.report.numbers import MINUS, NOTHING, plain
-from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.numbers import NOTHING, plain, signed
+from bayesterra.report.sections import Section, Verdict, VerdictPage, in_a_line, origin_rows
 from bayesterra.report.style import INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import QUANTITIES, listed, symbol, whole_and_part
 
@@ -169,10 +169,9 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     if row["verdict"] == "constant":
         return (named(row["quantity"]), "0", NOTHING, "constant", NOTHING, NOTHING)
     verdict = row["verdict"] if row["verdict"] == "uniform" else Markup("<b>not uniform</b>")
-    shift = f"{row['shift']:+.2f}".replace("-", MINUS)
     return (
-        named(row["quantity"]), str(row["ranks"]), p_text(row["p_value"]), verdict, shift,
-        f"{row['width']:.2f}",
+        named(row["quantity"]), str(row["ranks"]), p_text(row["p_value"]), verdict,
+        signed(row["shift"]), f"{row['width']:.2f}",
     )  # fmt: skip
 
 
@@ -240,7 +239,7 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
     command = "bayesterra calibrate STUDY -n {} --seed {}"
     rows: tuple[tuple[Cell, ...], ...] = (
         ("command", Markup("<code>{}</code>").format(command.format(len(calibration.table), record["seed"]))),
-        ("settings", _settings(record["settings"])),
+        ("settings", in_a_line(record["settings"])),
         *origin_rows(record, "study", "data"),
     )
     method = Text(
@@ -253,15 +252,6 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
         "The same study, seed and versions give the same ranks on one machine, with any number of workers."
     )
     return (method, Table(caption, "ll", ("", ""), rows))
-
-
-def _settings(settings: Mapping[str, Any]) -> str:
-    """All settings in one line, tables by their names."""
-    entries = []
-    for name, value in settings.items():
-        inner = f"({_settings(value)})" if isinstance(value, Mapping) else value
-        entries.append(f"{name.replace('_', ' ')} {inner}")
-    return ", ".join(entries)
 
 
 @styled

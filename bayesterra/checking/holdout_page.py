@@ -131,12 +131,9 @@ def _rows_section(holdout: Holdout) -> Blocks:
     )
     own = holdout.table[holdout.table["predictor"] == holdout.model]
     marked = own[own["no_answer"] > MARKED].drop_duplicates("row")
-    blocks: tuple[Any, ...] = (Gallery("whole", (picture,), caption),)
-    if len(marked):
-        entries = (f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy())
-        sentence = Markup("Draws for which the model has no answer were set aside at {}.")
-        blocks = (*blocks, Text(sentence.format(listed(entries))))
-    return blocks
+    entries = [f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy()]
+    sentence = Markup("Draws for which the model has no answer were set aside at {}.").format(listed(entries))
+    return (Gallery("whole", (picture,), caption), *((Text(sentence),) if entries else ()))
 
 
 def _scores_section(holdout: Holdout) -> Blocks:

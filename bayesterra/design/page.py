@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from importlib.metadata import version
 from typing import Any
 
@@ -68,34 +69,26 @@ def words(candidate: Candidate) -> str:
 
 
 def _next(design: Design) -> Verdict:
-    distinct = dict.fromkeys(candidate.where for candidate in design.chosen)
+    places = Counter(candidate.where for candidate in design.chosen)
     many = len(design.picks) > 1
     word = f"{len(design.picks)} drives" if many else words(design.chosen[0])
-    counted = [_times(design, where) for where in distinct]
+    counted = [f"{times} × {where}" if times > 1 else where for where, times in places.items()]
     channels = listed(symbol(name) for name in design.chosen[0].channels)
     sentence = Markup("{}; read: {}.").format(listed(counted), channels)
     return Verdict("Next", word, "good", sentence)
 
 
-def _times(design: Design, where: str) -> str:
-    times = sum(candidate.where == where for candidate in design.chosen)
-    return f"{times} × {where}" if times > 1 else where
-
-
 def _promise(design: Design) -> Verdict:
     """Verdict on the expected spread of the parameters of interest."""
     last = design.together[-1]
-    changes = [_change(design, i, last) for i in range(len(design.about[:FEW]))]
+    changes = []
+    for i, name in enumerate(design.about[:FEW]):
+        before, after, _ = figures_of(design, i, last)
+        changes.append(Markup("{} from {} to {}").format(symbol(name), before, amount(name, after)))
     bits = last.values[0] / BIT
     grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
     sentence = Markup("Standard deviation of {}.").format(listed(changes))
     return Verdict("Expected", f"{plain(bits, 2)} bit", grade, sentence)
-
-
-def _change(design: Design, column: int, estimate: Estimate) -> Markup:
-    name = design.about[column]
-    before, after, _ = figures_of(design, column, estimate)
-    return Markup("{} from {} to {}").format(symbol(name), before, amount(name, after))
 
 
 def figures_of(design: Design, column: int, estimate: Estimate) -> tuple[str, str, str]:
@@ -127,10 +120,7 @@ def _ranking_section(design: Design) -> Blocks:
         "Expected information of one more drive about {}, with a band of two Monte Carlo errors. Rings: "
         "recommended. Grey ground: slips that were not driven. One bit halves what is plausible."
     ).format(symbols(design.about))
-    header: tuple[Cell, ...] = (
-        "", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ",
-        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:FEW]),
-    )  # fmt: skip
+    header = ("", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ", *_heads(design))
     rows = tuple(_row(design, rank, i) for rank, i in enumerate(design.ranking.order[:SHOWN], start=1))
     more = len(design.candidates) - SHOWN
     below = Markup(
@@ -141,7 +131,7 @@ def _ranking_section(design: Design) -> Blocks:
         listed(_now(design, i) for i in range(len(design.about[:FEW]))),
         f"{100 * UNANSWERED:g}",
     )
-    table = Table(below, "rllrrrr" + "r" * len(design.about[:FEW]), header, rows)
+    table = Table(below, "rll" + "r" * (len(header) - 3), header, rows)
     return (Gallery("whole", (picture,), caption), table)
 
 
@@ -156,8 +146,7 @@ def _row(design: Design, rank: int, index: int) -> tuple[Cell, ...]:
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     mark = " !" if 1 - estimate.answered > UNANSWERED else ""
     behind = with_error(lag, lag_error) if lag > 0 else (NOTHING, NOTHING)
-    after = (figures_of(design, i, estimate)[1] for i in range(len(design.about[:FEW])))
-    where = candidate.where + mark
+    where, after = candidate.where + mark, _after(design, estimate)
     return (str(rank), where, symbols(candidate.channels), *_gain(estimate), *behind, *after)
 
 
@@ -167,19 +156,25 @@ def _gain(estimate: Estimate) -> tuple[str, str]:
 
 
 def _plan_section(design: Design) -> Blocks:
-    header: tuple[Cell, ...] = (
-        "", "drive", "together [bit]", "± ",
-        *(Markup("sd of {}").format(with_unit(name)) for name in design.about[:FEW]),
-    )  # fmt: skip
-    rows: list[tuple[Cell, ...]] = []
-    for number, (index, estimate) in enumerate(zip(design.picks, design.together, strict=True), start=1):
-        after = (figures_of(design, i, estimate)[1] for i in range(len(design.about[:FEW])))
-        rows.append((str(number), design.candidates[index].where, *_gain(estimate), *after))
+    rows = tuple(
+        (str(number), candidate.where, *_gain(estimate), *_after(design, estimate))
+        for number, (candidate, estimate) in enumerate(zip(design.chosen, design.together, strict=True), 1)
+    )
     bound = " Too few draws remain effective: gains are lower bounds, by regression."
     caption = Markup("All recommended drives; each line with those above it.{}").format(
         bound if design.method == "regression" else ""
     )
-    return (Table(caption, "rlrr" + "r" * len(design.about[:FEW]), header, tuple(rows)),)
+    header = ("", "drive", "together [bit]", "± ", *_heads(design))
+    return (Table(caption, "rl" + "r" * (len(header) - 2), header, rows),)
+
+
+def _heads(design: Design) -> list[Cell]:
+    return [Markup("sd of {}").format(with_unit(name)) for name in design.about[:FEW]]
+
+
+def _after(design: Design, estimate: Estimate) -> list[str]:
+    """Standard deviations to expect of the first parameters of interest."""
+    return [figures_of(design, i, estimate)[1] for i in range(len(design.about[:FEW]))]
 
 
 def _method_section(design: Design) -> Blocks:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import IntArray
 from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis, in_a_sentence
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
@@ -22,13 +22,12 @@ from bayesterra.identifiability.verdicts import (
     MOVED,
     SHIFT,
     WEAK,
-    Identifiability,
     identifiability,
 )
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Record, Table, Text, drawing, records
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, name_cells, own_axes, styled
-from bayesterra.report.numbers import MINUS, NOTHING, number, plain
+from bayesterra.report.numbers import NOTHING, number, plain, signed
 from bayesterra.report.sections import origin_rows
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
@@ -69,7 +68,6 @@ def identifiability_section(result: Result) -> Blocks:
         "measurement should aim at."
     ).format(WEAK, DETERMINED)
     groups = _groups(result.record.get("directions", {}))
-    blocks: tuple[Block, ...] = (Text(_meaning()), _verdicts(result), *groups)
     more = Text(
         Markup(
             "<code>bayesterra identify DIR</code>, with the folder of this report for DIR, shows the rest: "
@@ -77,7 +75,7 @@ def identifiability_section(result: Result) -> Blocks:
             "where these methods disagree with a verdict."
         )
     )
-    return (*blocks, Gallery("half", (bars, cells), caption), more)
+    return (Text(_meaning()), _verdicts(result), *groups, Gallery("half", (bars, cells), caption), more)
 
 
 def _meaning() -> Markup:
@@ -109,11 +107,6 @@ def _verdicts(result: Result) -> Table:
     header = ("", "verdict", "contraction", "strongest coupling", "correlation", Markup("<i>R</i>"))
     caption = "Verdict of every parameter; couplings with parameters that are not determined."
     return Table(caption, "llrlrr", header, rows)
-
-
-def signed(value: float) -> str:
-    """A correlation with its sign."""
-    return f"{value:+.2f}".replace("-", MINUS) if value == value else NOTHING
 
 
 def _groups(directions: Mapping[str, Any]) -> Blocks:
@@ -171,12 +164,15 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
     combination ± 1.
     """
     ax = own_axes(ax, 5.4, 0.34 * len(result.names) + 1.0)
-    basis = _information(result)
-    weights = _weights(basis)
+    laws = [result.study.prior.laws[name] for name in result.names]
+    ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
+    basis = identifiability(result.names, ranges, result.values("prior"), result.values(), logs=logs)
+    rows = basis.directions.T
+    weights = rows / rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)][:, None]
     ax.pcolormesh(weights, cmap="PuOr_r", vmin=-1.7, vmax=1.7, edgecolors=GRID, linewidth=0.4)
     for (i, j), value in np.ndenumerate(weights):
         if abs(value) >= 0.15:
-            ax.text(j + 0.5, i + 0.5, f"{value:+.1f}".replace("-", "−"), ha="center", va="center", fontsize=7)
+            ax.text(j + 0.5, i + 0.5, signed(value, 1), ha="center", va="center", fontsize=7)
     places = np.arange(len(weights)) + 0.5
     shares = [f"{share:.2f}" for share in np.clip(basis.contractions, 0.0, 1.0)]
     names = [label(PARAMETERS[name], unit=False) for name in result.names]
@@ -186,19 +182,6 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
     ax.xaxis.tick_top()
     ax.spines[:].set_visible(False)
     return ax
-
-
-def _information(result: Result) -> Identifiability:
-    laws = [result.study.prior.laws[name] for name in result.names]
-    ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
-    return identifiability(result.names, ranges, result.values("prior"), result.values(), logs=logs)
-
-
-def _weights(basis: Identifiability) -> FloatArray:
-    """Rows: combinations; the weight of greatest size +1."""
-    rows = basis.directions.T
-    greatest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
-    return np.asarray(rows / greatest[:, None])
 
 
 LOWEST = 1e-6
@@ -338,15 +321,10 @@ def further_section(analysis: Analysis) -> Blocks:
         "other)."
     )
     header = ("", "slope", "cloning", "own prior", "likelihood", "power-scaling")
-    table = Table(caption, "lrlrrl", header, rows)
-    return (table, *_doubts(analysis))
-
-
-def _doubts(analysis: Analysis) -> tuple[Text, ...]:
-    checks = (("data cloning", analysis.drawn.cloned), ("power-scaling", analysis.drawn.scaling))
+    checks = (("data cloning", drawn.cloned), ("power-scaling", drawn.scaling))
     doubted = [name for name, check in checks if not check.reliable]
-    text = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
-    return (Text(text),) if doubted else ()
+    doubt = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
+    return (Table(caption, "lrlrrl", header, rows), *((Text(doubt),) if doubted else ()))
 
 
 def method_section(made: Identified) -> Blocks:
@@ -386,9 +364,11 @@ def coupling_map(coupling: Coupling, ax: Axes | None = None) -> Axes:
     values = np.where(lower, coupling.copula, coupling.prior_copula)
     np.fill_diagonal(values, np.nan)
     ax.pcolormesh(np.ma.masked_invalid(values), cmap="PuOr_r", vmin=-1.6, vmax=1.6, edgecolors="none")
-    starred = _starred(coupling)
+    pairs = coupling.pairs[coupling.pairs["disagree"].astype(bool)]
+    starred = [{a, b} for a, b in zip(pairs["first"], pairs["second"], strict=True)]
     for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
-        text = number(values[i, j], 2) + ("*" if lower[i, j] and {i, j} in starred else "")
+        star = lower[i, j] and {coupling.names[i], coupling.names[j]} in starred
+        text = number(values[i, j], 2) + ("*" if star else "")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5)
     ax.plot([0, count], [0, count], color=GRID, linewidth=0.7)
     _boxes(ax, coupling.groups)
@@ -398,12 +378,6 @@ def coupling_map(coupling: Coupling, ax: Axes | None = None) -> Axes:
     ax.text(0.0, count + 0.12, "below: posterior", ha="left", va="top", fontsize=8, color=POSTERIOR)
     ax.text(count, count + 0.12, "above: prior after the cut", ha="right", va="top", fontsize=8, color=PRIOR)
     return ax
-
-
-def _starred(coupling: Coupling) -> list[set[int]]:
-    rows = coupling.pairs[coupling.pairs["disagree"].astype(bool)]
-    places = {name: i for i, name in enumerate(coupling.names)}
-    return [{places[a], places[b]} for a, b in zip(rows["first"], rows["second"], strict=True)]
 
 
 def _boxes(ax: Axes, groups: Mapping[str, Sequence[int]]) -> None:

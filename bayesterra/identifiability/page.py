@@ -18,7 +18,6 @@ from bayesterra.identifiability.evidence_page import (
     information_section,
     local_section,
     method_section,
-    signed,
 )
 from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
 from bayesterra.identifiability.information import ALL
@@ -35,7 +34,7 @@ from bayesterra.identifiability.verdicts import (
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
 from bayesterra.report.figures import label, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, number, plain
+from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
 from bayesterra.report.sections import Section, Verdict, VerdictPage
 from bayesterra.report.style import GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
@@ -141,15 +140,15 @@ def _verdict_table(made: Identified) -> Table:
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
     name = row["parameter"]
-    tied = row["tied_to"] != name
+    tie: tuple[Cell, ...] = (NOTHING, NOTHING, NOTHING)
+    if row["tied_to"] != name:
+        tie = (symbol(row["tied_to"]), signed(row["tie"]), number(row["multiple"], 2))
     return (
         symbol(name),
         Markup("<b>{}</b>").format(row["verdict"]),
         number(max(row["contraction"], 0.0), 2),
         Markup("{}{}").format(row["profile"], _ends(row)),
-        symbol(row["tied_to"]) if tied else NOTHING,
-        signed(row["tie"]) if tied else NOTHING,
-        number(row["multiple"], 2) if tied else NOTHING,
+        *tie,
         {"estimable": "narrows", "not estimable": "stays"}.get(row["cloned"], "undecided"),
     )
 
@@ -273,7 +272,8 @@ def _panel(ax: Axes, profiles: Profiles, name: str) -> None:
     note = "" if part > 0.99 else f", {100 * part:.2g} % of the range"
     ax.set(xlim=(window[0] - margin, window[1] + margin), ylim=(-0.15, HIGHEST))
     ax.set_xlabel(label(PARAMETERS[name]) + note, labelpad=2)
-    ax.set_title(_title(profiles, name), fontsize=8.5)
+    title = " / ".join(dict.fromkeys(profiles.profile(name, kind).shape for kind in profiles.found))
+    ax.set_title(title if len(title) < 28 else title.replace(" / ", " /\n"), fontsize=8.5)
 
 
 def _curve(ax: Axes, profile: Profile, scale: float) -> None:
@@ -322,12 +322,6 @@ def _window(profiles: Profiles, name: str) -> FloatArray:
     return np.asarray(np.clip([low - (high - low), high + (high - low)], *ends))
 
 
-def _title(profiles: Profiles, name: str) -> str:
-    shapes = dict.fromkeys(profiles.profile(name, kind).shape for kind in profiles.found)
-    text = " / ".join(shapes)
-    return text if len(text) < 28 else text.replace(" / ", " /\n")
-
-
 def _legend(figure: Figure, profiles: Profiles) -> None:
     lost = any(profile.failed.any() for each in profiles.found.values() for profile in each)
     cross = Line2D([], [], color=INK, marker="x", markersize=4.0, linestyle="", label="not solved")
@@ -369,7 +363,7 @@ PROFILES = {"bounded only by the prior": "prior-bound"}
 
 def _identified(row: Record) -> tuple[str, ...]:
     tied = row["tied_to"] != row["parameter"]
-    tie = f"{PARAMETERS[row['tied_to']].symbol} {row['tie']:+.2f}".replace("-", "−") if tied else ""
+    tie = f"{PARAMETERS[row['tied_to']].symbol} {signed(row['tie'])}" if tied else ""
     profile = PROFILES.get(str(row["profile"]), str(row["profile"]))
     symbol, word = PARAMETERS[row["parameter"]].symbol, shown(row["verdict"])
     return (symbol, word, _share(row["contraction"]), tie, profile)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,21 +17,11 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.failures import Failures, failed
 from bayesterra.report.figures import label, literal, new_figure, styled
-from bayesterra.report.numbers import NOTHING, interval, moments, plain, resolution, rounded
-from bayesterra.report.sections import (
-    UNSEEN,
-    Section,
-    Verdict,
-    VerdictPage,
-    missing,
-    origin_rows,
-    section,
-    verdict,
-)
+from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
+from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
-from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.report.symbols import angles, listed, symbol, symbols, unit, whole_and_part
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import law_text, unconverged
@@ -52,30 +42,20 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
     )
-    failures = Failures()
-    warning = unconverged(result, "The sampling has <b>not converged</b>: {}.")
-
-    needed = {"sharing": ("sharing",), "pooling": ("degrees", "complete")}
-
-    def made(anchor: str, title: str, make: Callable[[PooledResult], Blocks]) -> Section:
-        without = failed(record, *needed.get(anchor, ()))
-        return section(failures, anchor, title, lambda: make(result), without)
-
+    draft, degrees = Draft(result), ("degrees", "complete")
     verdicts = (
-        verdict(failures, "Sampling", lambda: _sampling(result)),
-        verdict(failures, "One value for all?", lambda: _sharing(result), failed(record, "sharing")),
-        verdict(
-            failures, "Evidence prefers", lambda: _preferred(result), failed(record, "degrees", "complete")
-        ),
+        draft.verdict("Sampling", _sampling),
+        draft.verdict("One value for all?", _sharing, "sharing"),
+        draft.verdict("Evidence prefers", _preferred, *degrees),
     )
     sections = (
-        made("sharing", "What belongs to the soil", _sharing_section),
-        made("groups", "Parameters by group", _groups_section),
-        made("pooling", "Complete, partial and no pooling", _degrees_section),
-        made("posterior", "Joint posterior", _summary_section),
-        made("prior", "Prior and roles", _prior_section),
-        made("data", "Data and model", _data),
-        made("reproduce", "Reproduce this", _reproduce),
+        draft.section("sharing", "What belongs to the soil", _sharing_section, "sharing"),
+        draft.section("groups", "Parameters by group", _groups_section),
+        draft.section("pooling", "Complete, partial and no pooling", _degrees_section, *degrees),
+        draft.section("posterior", "Joint posterior", _summary_section),
+        draft.section("prior", "Prior and roles", _prior_section),
+        draft.section("data", "Data and model", _data),
+        draft.section("reproduce", "Reproduce this", _reproduce),
     )
     return VerdictPage(
         title=study.title or "One soil, several groups of rows",
@@ -83,8 +63,8 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         verdicts=verdicts,
         sections=sections,
         version=record["versions"]["bayesterra"],
-        warning=Markup(" ").join(filter(None, (warning, missing(record, failures)))),
-        failures=failures,
+        warning=draft.warning(unconverged(result, "The sampling has <b>not converged</b>: {}.")),
+        failures=draft.failures,
         kind=study.kind,
         template="pooled.html",
     )
@@ -110,10 +90,10 @@ def _named(text: object) -> Markup:
 
 def _sharing(result: PooledResult) -> Verdict:
     alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated", beside=OPEN)
-    clauses = [Markup("{}: {}").format(word, listed(names)) for word, names in alone.items() if word != OPEN]
-    clauses += [
-        Markup("{}, with the others as stated: {}").format(word, listed(names))
-        for word, names in stated.items()
+    clauses = [
+        Markup("{}{}: {}").format(word, others, listed(names))
+        for others, by_word in (("", alone), (", with the others as stated", stated))
+        for word, names in by_word.items()
         if word != OPEN
     ]
     rows = result.sharing.to_dict("records")
@@ -135,7 +115,7 @@ def _decided(row: Mapping[Any, Any]) -> bool:
 def _preferred(result: PooledResult) -> Verdict:
     preferred = str(result.record["pooling"]["preferred"])
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
-    clauses = [Markup("{} {}").format(WORDS[n], _tenths(row["log_evidence"])) for n, row in rows.items()]
+    clauses = [Markup("{} {}").format(WORDS[n], number(row["log_evidence"], 1)) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
     grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(clauses)))
@@ -150,7 +130,7 @@ def _sharing_section(result: PooledResult) -> Blocks:
             spread = Markup("{} ({})").format(
                 plain(row["spread_median"], 2), interval(row["spread_hdi90_lo"], row["spread_hdi90_hi"])
             )
-        against = (_tenths(row["against_own_values"]), _tenths(row["against_a_population"]))
+        against = (number(row[f"against_{what}"], 1) for what in ("own_values", "a_population"))
         name, role, word = _named(row["parameter"]), str(row["role"]), str(row["verdict"])
         body.append((name, role, *against, error, word, *_as_stated(row), spread))
     by = result.record["pooling"]["by"]
@@ -244,14 +224,12 @@ def _groups_section(result: PooledResult) -> Blocks:
 def _degrees_section(result: PooledResult) -> Blocks:
     body = []
     for row in result.pooling.to_dict("records"):
-        cells = (
-            WORDS[row["pooling"]],
-            "yes" if row["converged"] else "no",
-            _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"]),
-            _with_error(row["elpd_rows"], row["se_rows"], row["unreliable_rows"] == 0),
-            _with_error(row["elpd_groups"], row["se_groups"], row["unreliable_groups"] == 0),
+        evidence = _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"])
+        elpds = (
+            _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0)
+            for of in ("rows", "groups")
         )
-        body.append(cells)
+        body.append((WORDS[row["pooling"]], "yes" if row["converged"] else "no", evidence, *elpds))
     caption = (
         "Complete pooling: all groups share every parameter. None: every group alone. Log evidence under the "
         "prior cut to the physical support, ± Monte Carlo error; expected log predictive density (elpd) of "
@@ -263,15 +241,11 @@ def _degrees_section(result: PooledResult) -> Blocks:
     return (table, _by_group(result))
 
 
-def _tenths(value: float) -> str:
-    return rounded(value, 0.1)
-
-
 def _with_error(value: float, error: float, reliable: bool) -> Cell:
     if not np.isfinite([value, error]).all():
         return NOTHING
     return Markup("{} ± {}{}").format(
-        _tenths(value), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
+        number(value, 1), rounded(error, 0.1 if error > 0.1 else 0.01), "" if reliable else "*"
     )
 
 
@@ -314,9 +288,9 @@ def _summary_section(result: PooledResult) -> Blocks:
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
     name = str(row["parameter"])
-    base = name.split("[")[0].split(".")[0]
+    base, part = whole_and_part(name)
     step = resolution(row["hdi90_lo"], row["hdi90_hi"])
-    label = Markup("{} {}").format(symbol(base), name.removeprefix(base).strip("[].").replace("]", ""))
+    label = Markup("{} {}").format(symbol(base), part.strip("[].").replace("]", ""))
     return (
         label, unit(base) or NOTHING, rounded(row["mode"], step), rounded(row["median"], step),
         interval(row["hdi90_lo"], row["hdi90_hi"]), *moments(row["mean"], row["sd"]),

@@ -40,6 +40,7 @@ from bayesterra.pooling.degrees import (
 )
 from bayesterra.pooling.evidence import row_terms
 from bayesterra.report.failures import Failures, with_failures
+from bayesterra.report.symbols import whole_and_part
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
@@ -322,11 +323,10 @@ def role(joint: JointPosterior, name: str) -> str:
 
 def quantity_of(name: str) -> Parameter:
     """The quantity that a parameter of a joint posterior is, under its whole name."""
-    base = name.split("[")[0].split(".")[0]
+    base, part = whole_and_part(name)
     quantity = PARAMETERS[base]
     if name == base:
         return quantity
-    part = name.removeprefix(base)
     words = {f".{MEAN}": "population mean", f".{SPREAD}": "spread between groups"}
     description = f"{quantity.description}, {words.get(part, part.strip('[]'))}"
     return replace(quantity, name=name, symbol=f"{quantity.symbol}{part}", description=description)

@@ -248,7 +248,8 @@ def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> N
             _band_of_rover(ax, x, getattr(states, field)[:, :, axle] / QUANTITIES[field][1], colour)
         if field == "slip":
             ax.axhspan(outlook.driven[1], 1, color=GRID, alpha=0.45, linewidth=0, zorder=0)
-            ax.set_ylim(0, _top(states))
+            ends = [quantiles(states.slip[:, i].max(axis=1))[4] for i in range(len(x))]
+            ax.set_ylim(0, float(np.nanmax(ends, initial=0.05)))
         else:
             ax.set_ylim(0, None)
         ax.set(xlabel="slope α [°]" if over == "slope" else "tow force [N]", ylabel=title, xlim=(x[0], x[-1]))
@@ -256,12 +257,6 @@ def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> N
         ax.set_ylim(top=1.12 * ax.get_ylim()[1])
         hatch_failing(ax, x, cannot(states))
         hatch_failing(ax, x, unanswered(states), PRIOR)
-
-
-def _top(states: State) -> float:
-    """Highest end of the 90 % band of the slip."""
-    ends = [quantiles(states.slip[:, i].max(axis=1))[4] for i in range(states.slip.shape[1])]
-    return float(np.nanmax(ends, initial=0.05))
 
 
 def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:

@@ -95,6 +95,15 @@ def number(value: float | None, places: int, *, least: float = -math.inf) -> str
     return rounded(max(value, least), 10.0**-places)
 
 
+def signed(value: float, places: int = 2) -> str:
+    """A value with its sign, such as a correlation or a shift.
+
+    >>> signed(0.5), signed(-0.123), signed(-1.26, 1)
+    ('+0.50', '−0.12', '−1.3')
+    """
+    return f"{value:+.{places}f}".replace("-", MINUS) if math.isfinite(value) else NOTHING
+
+
 def moments(mean: float, sd: float) -> tuple[str, str]:
     """A mean and a standard deviation, both to the second digit of the latter.
 

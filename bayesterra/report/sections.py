@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
-from bayesterra.report.failures import REPORT, Failures, sentences, with_failures
+from bayesterra.report.failures import REPORT, Failures, failed, sentences, with_failures
 from bayesterra.report.symbols import angles
+
+R = TypeVar("R", bound="Recorded")
 
 SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
 UNSEEN = "A second solution that no ensemble found would not show."
@@ -75,39 +77,58 @@ class VerdictPage:
         return render(self, self.template)
 
 
-def section(
-    failures: Failures, anchor: str, title: str, make: Callable[[], Blocks], without: str = ""
-) -> Section:
-    """A section, or a line under its heading: ``without`` what it shows, or where it cannot be made."""
-    if without:
-        return Section(anchor, title, (Text(without, "poor"),))
-    part = f"{REPORT}{title}"
-    return failures.attempt(
-        part, lambda: Section(anchor, title, make()), lambda: said(failures, part, title, anchor)
-    )
-
-
-def said(failures: Failures, part: str, title: str, anchor: str = "missing") -> Section:
-    """A section that only says why it is empty."""
-    return Section(anchor, title, (Text(failures.said(part), "poor"),))
-
-
-def missing(record: Mapping[str, Any], failures: Failures) -> Markup:
-    """Sentences on what could not be computed, of a result and of its page; empty where all could."""
-    return Markup("{}").format(angles(sentences(with_failures(record, failures))))
-
-
 def unknown_verdict(title: str, why: str) -> Verdict:
     """The word that a verdict is not known, and why."""
     return Verdict(title, "not known", "fair", Markup("{}").format(why))
 
 
-def verdict(failures: Failures, title: str, make: Callable[[], Verdict], without: str = "") -> Verdict:
-    """A verdict, or the word that it is not known: ``without`` what it rests on, or where it fails."""
-    if without:
-        return unknown_verdict(title, without)
-    part = f"{REPORT}verdict on {title.lower()}"
-    return failures.attempt(part, make, lambda: unknown_verdict(title, failures.said(part)))
+class Recorded(Protocol):
+    """A result with the record of how it was made."""
+
+    @property
+    def record(self) -> Mapping[str, Any]: ...  # noqa: D102
+
+
+class Draft(Generic[R]):
+    """Sections and verdicts of the page of a result; in place of one that cannot be made stands why.
+
+    ``needs``: parts of the result without which there is nothing to show.
+    """
+
+    def __init__(self, result: R) -> None:
+        self.failures = Failures()
+        self._result = result
+
+    def section(self, anchor: str, title: str, make: Callable[[R], Blocks], *needs: str) -> Section:
+        """A section, or a line under its heading."""
+        if without := failed(self._result.record, *needs):
+            return Section(anchor, title, (Text(without, "poor"),))
+        return self.sections(title, lambda result: (Section(anchor, title, make(result)),), anchor)[0]
+
+    def sections(
+        self, title: str, make: Callable[[R], tuple[Section, ...]], anchor: str = "missing"
+    ) -> tuple[Section, ...]:
+        """The sections of a subject, if there are any, or one that says why they are missing."""
+        part = f"{REPORT}{title}"
+        return self.failures.attempt(
+            part,
+            lambda: make(self._result),
+            lambda: (Section(anchor, title, (Text(self.failures.said(part), "poor"),)),),
+        )
+
+    def verdict(self, title: str, make: Callable[[R], Verdict], *needs: str) -> Verdict:
+        """A verdict, or the word that it is not known."""
+        if without := failed(self._result.record, *needs):
+            return unknown_verdict(title, without)
+        part = f"{REPORT}verdict on {title.lower()}"
+        return self.failures.attempt(
+            part, lambda: make(self._result), lambda: unknown_verdict(title, self.failures.said(part))
+        )
+
+    def warning(self, *warnings: Markup) -> Markup:
+        """Warnings, and what could not be computed, of the result and of its page."""
+        text = sentences(with_failures(self._result.record, self.failures))
+        return Markup(" ").join(filter(None, (*warnings, angles(text))))
 
 
 def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Cell, ...], ...]:
@@ -120,6 +141,15 @@ def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Ce
             for what in fingerprints
         ),
     )
+
+
+def in_a_line(settings: Mapping[str, Any]) -> str:
+    """All settings in one line, tables by their names."""
+    entries = []
+    for name, value in settings.items():
+        inner = f"({in_a_line(value)})" if isinstance(value, Mapping) else value
+        entries.append(f"{name.replace('_', ' ')} {inner}")
+    return ", ".join(entries)
 
 
 def render(content: object, template: str = "report.html") -> str:

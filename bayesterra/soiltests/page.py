@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -30,19 +29,10 @@ from bayesterra.report.blocks import (
     photograph,
     records,
 )
-from bayesterra.report.failures import Failures, failed
+from bayesterra.report.failures import failed
 from bayesterra.report.figures import TAIL, Axis, fan, figure_of, label, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
-from bayesterra.report.sections import (
-    Section,
-    Verdict,
-    VerdictPage,
-    missing,
-    origin_rows,
-    section,
-    unknown_verdict,
-    verdict,
-)
+from bayesterra.report.sections import Draft, Verdict, VerdictPage, in_a_line, origin_rows, unknown_verdict
 from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
@@ -77,43 +67,38 @@ class SoilTestPage(VerdictPage):
 
 def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     """Put the page together."""
-    record, test, failures = result.record, result.test, Failures()
+    record, test, draft = result.record, result.test, Draft(result)
     kinds = {"plate": "plate sinkage", "shear": "annular shear"}
     counts = (f"{record['tests']} tests", f"{record['readings']} readings")
 
-    def made(anchor: str, title: str, make: Callable[[SoilTestResult], Blocks], part: str = "") -> Section:
-        return section(failures, anchor, title, lambda: make(result), failed(record, part))
-
-    def strip() -> tuple[StripRow, ...]:
-        return tuple(_row(result, name) for name in result.names)
-
     verdicts = (
-        verdict(failures, "Sampling", lambda: sampling_verdict(result)),
-        verdict(failures, "New tests", lambda: _fit(result), failed(record, "left_out")),
-        verdict(failures, "Identifiability", lambda: _found(result)),
+        draft.verdict("Sampling", sampling_verdict),
+        draft.verdict("New tests", _fit, "left_out"),
+        draft.verdict("Identifiability", _found),
     )
-    rows = failures.attempt("report: strip", strip, tuple[StripRow, ...])
+    rows = draft.failures.attempt(
+        "report: strip", lambda: tuple(_row(result, name) for name in result.names), tuple[StripRow, ...]
+    )
     sections = (
-        made("readings", "Readings", _readings),
-        made("tests", "Predictions of new tests", _tests, "left_out"),
-        made("parameters", "Parameters", _parameters),
-        made("least-squares", "Least squares", _squares, "fits"),
-        made("assumptions", "Assumptions and prior", _assumptions),
-        made("reproduce", "Reproduce this", _reproduce),
+        draft.section("readings", "Readings", _readings),
+        draft.section("tests", "Predictions of new tests", _tests, "left_out"),
+        draft.section("parameters", "Parameters", _parameters),
+        draft.section("least-squares", "Least squares", _squares, "fits"),
+        draft.section("assumptions", "Assumptions and prior", _assumptions),
+        draft.section("reproduce", "Reproduce this", _reproduce),
     )
     unsettled = unconverged(result, "The sampling has <b>not converged</b>. What to do: {}.")
-    warning = (_misfit(result), unsettled, missing(record, failures))
     return SoilTestPage(
         title=record["title"] or "Soil test",
         kind=record["kind"],
         facts=tuple(filter(None, (kinds[test.kind], test.content.soil, *counts))),
-        warning=Markup(" ").join(filter(None, warning)),
+        warning=draft.warning(_misfit(result), unsettled),
         verdicts=verdicts,
         strip=rows,
         legend=keys(result.least_squares["method"].unique()),
         sections=sections,
         version=record["versions"]["bayesterra"],
-        failures=failures,
+        failures=draft.failures,
         template="soiltest.html",
     )
 
@@ -309,13 +294,12 @@ def _reproduce(result: SoilTestResult) -> Blocks:
     record = result.record
     integral = record.get("evidence")
     evidence = f"{integral['log_z']:.2f} ± {integral['error']:.2f}" if integral else "not known"
-    settings = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in record["settings"].items())
     rows = (
         ("command", Markup("<code>bayesterra soiltest FILE --seed {}</code>").format(record["seed"])),
         ("made", record["made"]),
         ("source", record["source"] or "not given"),
         ("log evidence", evidence),
-        ("settings", settings),
+        ("settings", in_a_line(record["settings"])),
         *origin_rows(record),
     )
     return (Table("", "ll", ("", ""), rows),)
@@ -360,16 +344,13 @@ def readings(result: SoilTestResult) -> FloatArray:
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                 axis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel(AXES[test.kind][1])
-    figure.legend(
-        handles=[
-            Line2D([], [], color=POSTERIOR, label="mean curve, median"),
-            Patch(color=POSTERIOR, alpha=0.45, label="new test, 50 %"),
-            Patch(color=POSTERIOR, alpha=0.18, label="new test, 90 %"),
-            Line2D([], [], label="readings of one test", **LINE),
-        ],
-        loc="outside lower center",
-        ncols=4,
-    )
+    handles = [
+        Line2D([], [], color=POSTERIOR, label="mean curve, median"),
+        Patch(color=POSTERIOR, alpha=0.45, label="new test, 50 %"),
+        Patch(color=POSTERIOR, alpha=0.18, label="new test, 90 %"),
+        Line2D([], [], label="readings of one test", **LINE),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return axes
 
 

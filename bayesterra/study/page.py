@@ -170,6 +170,7 @@ def drawing(
     marks, lanes = _marks(points, hollow, along)
     low, high, mode = (float(x) for x in _place(along.position(np.array([*row.hdi, row.mode]))))
     height = FIRST_LANE + LANE * (lanes - 1) + 6
+    alt = f"posterior median {plain(row.median)}, 90 % HDI {interval(*row.hdi)}, mode {plain(row.mode)}"
     return Markup(
         '<svg class="drawn" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{alt}">'
         '<path d="{prior}" fill="{grey}" fill-opacity=".28"/>'
@@ -178,14 +179,10 @@ def drawing(
         '<path d="M{low:.1f} {base:g}H{high:.1f}" stroke="{blue}" stroke-width="4.4"/>'
         '<path d="M{mode:.1f} 3V{below:g}" stroke="{blue}" stroke-width="1.8"/>{marks}</svg>'
     ).format(
-        width=WIDTH + 2 * PAD, height=height, alt=_alternative(row), grey=PRIOR, blue=POSTERIOR,
+        width=WIDTH + 2 * PAD, height=height, alt=alt, grey=PRIOR, blue=POSTERIOR,
         prior=_outline(prior, along, 0.5), posterior=_outline(posterior, along, 1.0),
         left=PAD, right=PAD + WIDTH, base=BASE, below=BASE + 4.5, low=low, high=high, mode=mode, marks=marks,
     )  # fmt: skip
-
-
-def _alternative(row: SummaryRow) -> str:
-    return f"posterior median {plain(row.median)}, 90 % HDI {interval(*row.hdi)}, mode {plain(row.mode)}"
 
 
 def _place(position: FloatArray) -> FloatArray:

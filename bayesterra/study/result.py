@@ -335,6 +335,16 @@ class SummaryRow:
         return self.hdi90_lo, self.hdi90_hi
 
     @property
+    def sd_ratio(self) -> float:
+        """Standard deviation over that of the prior."""
+        return self.sd / self.prior_sd
+
+    @property
+    def shift(self) -> float:
+        """How far the mean moved, in standard deviations of the prior."""
+        return (self.mean - self.prior_mean) / self.prior_sd
+
+    @property
     def mode_outside(self) -> bool:
         """True where the mode lies outside the interval by more than a twentieth of its width."""
         margin = 0.05 * (self.hdi90_hi - self.hdi90_lo)
