@@ -1,7 +1,7 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
 Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-noise-halved, m2-jacobian-dropped,
-m2-rounding-ignored, m2-correlation-ignored (default: all). Every case takes its replications one by one in
+m2-rounding-ignored (default: all). Every case takes its replications one by one in
 this process, those of groups in a process for each processor, goes on where an interrupted run ended, and
 leaves its ranks, record and report in a folder of its name, and the memory of this process in ``memory.csv``
 there.
@@ -24,7 +24,7 @@ import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.calibration import CalibrationRequest, Progress, calibrate_study
 from bayesterra.checking.ranks import Calibration
-from bayesterra.checking.short_runs import Fit, Fitted, ShortGroupRuns, ShortRuns
+from bayesterra.checking.short_runs import Fit, Fitted, ShortRuns
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.study.noise import Noise
 
@@ -80,11 +80,10 @@ def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Stud
     )
 
 
-def groups(*, correlated: bool = True) -> bt.Study:
+def groups() -> bt.Study:
     """Two wheels at three slips each: c and φ shared, with a prior correlation, K from a population."""
     rows = [{"wheel": name, "slip": slip, "load [N]": 80.0} for name in WHEELS for slip in GROUP_SLIPS]
     held = {name: ABOUT_WH32[name] for name in ("Ks", "n0", "n1", "c1", "c2")}
-    tied = {"correlation": {"c, phi": CORRELATION}} if correlated else {}
     tables: dict[str, Any] = {"noise": {name: NOISE[name] for name in ("drawbar_pull", "resistance_moment")}}
     return bt.Study(
         pd.DataFrame(rows).assign(**{"drawbar_pull [N]": 10.0, "resistance_moment [N m]": 3.0}),
@@ -94,21 +93,10 @@ def groups(*, correlated: bool = True) -> bt.Study:
         slip_reference="shearing",
         kind="simulated",
         source="studies/calibration/run.py",
-        priors={**held, "c": COHESION, "phi": FRICTION, **tied},
+        priors={**held, "c": COHESION, "phi": FRICTION, "correlation": {"c, phi": CORRELATION}},
         pooling={"shared": ["c", "phi"], "hierarchical": {"K": {}}},
         **tables,
     )
-
-
-@dataclass(frozen=True)
-class CorrelationIgnored:
-    """A wrong posterior: it takes c and φ for independent before the data."""
-
-    fit: ShortRuns = field(default_factory=ShortGroupRuns)
-
-    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
-        """Sample the joint posterior of a study without the correlation of its prior."""
-        return self.fit(groups(correlated=False).with_data(simulated.observations.values), seed)
 
 
 @dataclass(frozen=True)
@@ -192,7 +180,6 @@ CASES = {
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
     "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
-    "m2-correlation-ignored": Case("M2", 60, CorrelationIgnored(), groups=True),
 }
 
 
