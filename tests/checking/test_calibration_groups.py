@@ -110,18 +110,32 @@ def test_the_sampler_of_a_study_with_groups_is_theirs(study: Study, make: MakeSt
 
 
 @pytest.mark.slow
+def test_a_replication_samples_the_joint_posterior(study: Study) -> None:
+    """By the default sampler: draws of all parameters, enough of them, that lie where the density is."""
+    joint = joint_posterior(study)
+    fitted = ShortGroupRuns()(study, SeedSequence(1))
+    assert fitted.converged
+    assert fitted.ess >= 400
+    assert fitted.draws.shape[1] == len(joint.names)
+    prior = prior_draws(study, SeedSequence(2)).draws
+    assert np.median(joint.log_density(fitted.draws)) > np.median(joint.log_density(prior)) + 3.0
+    assert fitted.draws[:, 1].std() < 0.5 * prior[:, 1].std()
+
+
 def test_the_command_calibrates_groups(
-    make: MakeStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    make: MakeStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The smallest number of replications, by the default sampler."""
+    """A folder and a table by group."""
+    monkeypatch.setattr("bayesterra.checking.calibration.short_runs", lambda study: prior_draws)
     (tmp_path / "study").mkdir()
-    write_study(make(), tmp_path / "study")
+    write_study(make(noise=UNTOLD), tmp_path / "study")
     out = tmp_path / "out"
-    assert main(["calibrate", str(tmp_path / "study"), "-n", "20", "--out", str(out), "--quiet"]) == 0
+    asked = ["calibrate", str(tmp_path / "study"), "-n", "20", "--workers", "1", "--out", str(out), "--quiet"]
+    assert main(asked) == 0
     printed = capsys.readouterr().out
     assert "K[Wh32]" in printed
     assert "Posterior calibrated" in printed
-    assert '"warm_ups"' in (out / "calibration.json").read_text(encoding="utf-8")
+    assert "K[Wh32]" in (out / "ranks.csv").read_text(encoding="utf-8")
 
 
 def test_a_prior_that_no_group_bears_is_refused(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
