@@ -404,7 +404,7 @@ def design(
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
     asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
-    asked |= {"group": group}
+    asked["group"] = group
     with chosen(workers, scheduler) as engine:
         recommendation = design_into(
             opened_for_design(study_or_result),

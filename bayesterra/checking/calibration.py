@@ -22,7 +22,7 @@ from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Cal
 from bayesterra.checking.short_runs import FAILURES, Fit, Fitted, settings_of, short_runs
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_number, check_seed
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
-from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior, of_group
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior, name_in_group
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
@@ -59,7 +59,9 @@ def whole_posterior(study: Study) -> Posterior | JointPosterior:
 def quantity_names(study: Study) -> tuple[str, ...]:
     """All test quantities: free parameters, log likelihood, log prior, two predictive ones of each group."""
     target = whole_posterior(study)
-    predictive = (of_group(name, group) for group in target.groups for name in predictive_names(study.drive))
+    predictive = (
+        name_in_group(name, group) for group in target.groups for name in predictive_names(study.drive)
+    )
     return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
 
 
@@ -69,7 +71,7 @@ def quantities(target: Posterior | JointPosterior, x: FloatArray) -> dict[str, F
     values = {name: x[:, i] for i, name in enumerate(target.names)}
     values |= {LOG_LIKELIHOOD: likelihood, LOG_PRIOR: prior}
     for (group, alone), own in zip(target.groups.items(), target.values_of_groups(x), strict=True):
-        values |= {of_group(name, group): column for name, column in _predicted(alone, own).items()}
+        values |= {name_in_group(name, group): column for name, column in _predicted(alone, own).items()}
     return values
 
 
@@ -162,10 +164,10 @@ def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
     ------
     SupportError : hardly any soil of the prior carries the loads.
     """
-    target = whole_posterior(study)
+    target, true_values = whole_posterior(study), _truths(study)
     groups = target.groups.values()
     for _ in range(_ATTEMPTS):
-        truth = _true_values(study, rng)
+        truth = true_values(rng)
         own = target.values_of_groups(truth)
         outcomes = [
             alone.likelihood.imagined(alone.prior.soil_values(values), alone.noise_values(values), rng)
@@ -186,11 +188,13 @@ def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
     return truth, study.with_data(readings)
 
 
-def _true_values(study: Study, rng: Generator) -> FloatArray:
-    """One draw (1, d) of the cut prior."""
+def _truths(study: Study) -> Callable[[Generator], FloatArray]:
+    """Source of true values (1, d): one draw of the cut prior at a time."""
     if study.pooling is None:
-        return draw_cut_prior(posterior(study), 1, rng, batch=_BATCH).x
-    return draw_joint_prior(joint_posterior(study), 1, rng, batch=_BATCH, most=None)
+        alone = posterior(study)
+        return lambda rng: draw_cut_prior(alone, 1, rng, batch=_BATCH).x
+    joint = joint_posterior(study)
+    return lambda rng: draw_joint_prior(joint, 1, rng, batch=_BATCH, most=None)
 
 
 def _ranks(study: Study, truth: FloatArray, fitted: Fitted, rng: Generator) -> dict[str, float]:
@@ -238,7 +242,7 @@ def check(study: Study, n: int) -> None:
         raise StudyError(f"'n' must be at least {FEWEST} replications, better 200 or more (got {n})")
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to calibrate")
-    _true_values(study, default_rng(0))
+    _truths(study)(default_rng(0))
 
 
 def _calibrated(
@@ -310,7 +314,7 @@ def calibrate(
     seed : same seed, same ranks, whatever the engine.
     engine : computes the replications: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
-    fit : samples the posterior of a simulated study, see :data:`bayesterra.checking.calibration.Fit`; by
+    fit : samples the posterior of a simulated study, see :data:`bayesterra.checking.short_runs.Fit`; by
         default the sampler of :func:`bayesterra.run`.
     progress : called as the replications end.
 

@@ -22,7 +22,7 @@ from bayesterra.study.study import Study
 MEAN, SPREAD = "mean", "spread"
 
 
-def of_group(name: str, group: str) -> str:
+def name_in_group(name: str, group: str) -> str:
     """Name of a group's own value, ``K[Wh11]``; the name itself without groups."""
     return f"{name}[{group}]" if group else name
 
@@ -85,7 +85,7 @@ class JointPosterior:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """All parameters: shared values, then those of each group in turn, ``K[Wh11]``."""
-        own = (of_group(name, group) for group in self.groups for name in self.local)
+        own = (name_in_group(name, group) for group in self.groups for name in self.local)
         return (*self.shared_and_hyper, *own)
 
     @cached_property

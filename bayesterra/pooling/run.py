@@ -21,7 +21,7 @@ from bayesterra.likelihood.joint import (
     JointPosterior,
     draw_joint_prior,
     joint_posterior,
-    of_group,
+    name_in_group,
 )
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS, Parameter
@@ -158,7 +158,7 @@ class PooledResult(Result):
         if group is None and name not in joint.shared:
             chains, prior = draws["posterior"][name].to_numpy(), draws["prior"][name].to_numpy().ravel()
             return summary_row(PARAMETERS[name], chains, prior, np.nan, array_diagnosis(chains))
-        whole = name if name in joint.shared else of_group(name, group or "")
+        whole = name if name in joint.shared else name_in_group(name, group or "")
         row = self.summary[self.summary["parameter"] == whole].iloc[0]
         return {**{str(column): value for column, value in row.items()}, "parameter": name}
 
