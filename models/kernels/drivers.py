@@ -205,4 +205,5 @@ def _by_effects(ws: Lanes, theta: FloatArray, row: FloatArray, sinkage: float, o
     for lane, column in enumerate((9, 11, 12)):
         for f in range(3):
             out[f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
-    out[:, 10] = out[:, 9] * row[0]
+    for f in range(3):  # not by columns: numba compiles assignments of arrays for seconds
+        out[f, 10] = out[f, 9] * row[0]

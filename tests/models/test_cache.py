@@ -26,6 +26,22 @@ def halved(x: float) -> float:
     return 0.5 * x
 
 
+def test_a_constant_is_a_number_of_its_kind() -> None:
+    """Callers in compiled code with other whole numbers share one version of what they call."""
+
+    @compiled
+    def tenfold(i: int) -> int:
+        return 10 * i
+
+    @compiled
+    def summed(i: int) -> int:
+        return tenfold(1) + tenfold(2) + tenfold(i)
+
+    versions: Any = tenfold
+    assert summed(3) == 60
+    assert [str(kind) for (kind,) in versions.signatures] == ["int64"]
+
+
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Folder of compiled functions for this test alone; nothing was said of it yet."""
