@@ -212,11 +212,12 @@ def _produced(
         if refits < REFITS:
             kept.coordinates.append([(segment.D, segment.L) for segment in segments])
         chains = np.concatenate(kept.physical, axis=1)
-        diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess)
+        going_on = kept.steps < options.max_steps
+        diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess, going_on=going_on)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - since
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
-        if diagnosis.converged or kept.steps >= options.max_steps:
+        if diagnosis.converged or not going_on:
             return chains, kept.accepted, diagnosis, ensembles
         if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))

@@ -52,6 +52,7 @@ class Progress:
         """Tell those who poll; steps of a stage at most twice a second."""
         diagnosis = self.diagnosis
         figures = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
+        figures = {name: value for name, value in figures.items() if np.isfinite(value)}
         steps = self.steps if diagnosis is None else diagnosis.steps
         status.note(self.stage, self.done, self.seconds_left, steps=steps, now=not self.step, **figures)
 
@@ -294,7 +295,7 @@ class _Task:
                 continue  # an earlier process went on from here
             chains = np.array([walk.chain for walk in walks])
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
-            diagnosis = diagnose(names, chains, acceptance, target_ess)
+            diagnosis = diagnose(names, chains, acceptance, target_ess, going_on=steps < most)
             done = min(1.0, diagnosis.ess / target_ess)
             elapsed = self.clock.elapsed() - since
             report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
@@ -407,7 +408,5 @@ def _figures(progress: Progress) -> str:
     if diagnosis is None:
         return ""
     left = f", {progress.seconds_left:.0f} s left" if progress.seconds_left else ""
-    return (
-        f"{diagnosis.ess:.0f} effective draws, R-hat {diagnosis.worst_r_hat:.3f},"
-        f" acceptance {diagnosis.acceptance:.2f}{left}"
-    )
+    agreement = f", R-hat {diagnosis.worst_r_hat:.3f}" if np.isfinite(diagnosis.worst_r_hat) else ""
+    return f"{diagnosis.ess:.0f} effective draws{agreement}, acceptance {diagnosis.acceptance:.2f}{left}"

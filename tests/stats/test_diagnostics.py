@@ -155,6 +155,23 @@ def test_too_few_draws_and_too_short_chains_fail() -> None:
     assert not check(short, "steps for a reliable")
 
 
+@pytest.mark.parametrize(("correlation", "steps", "asked"), [(0.5, 2000, 1_000_000), (0.95, 1000, 100)])
+def test_r_hat_waits_for_draws_and_steps_where_ensembles_go_on(
+    correlation: float, steps: int, asked: float
+) -> None:
+    """It costs most of a diagnosis, and too few draws or steps fail without it; all else is the same."""
+    chains = walks(correlation, steps=steps)[..., None]
+    first, whole = (diagnose(("a",), chains, ACCEPTED, asked, going_on=early) for early in (True, False))
+    assert np.isnan(first.worst_r_hat)
+    assert np.isfinite(whole.worst_r_hat)
+    assert not first.converged
+    assert not whole.converged
+    assert (first.ess, first.tau) == (whole.ess, whole.tau)
+    enough = diagnose(("a",), walks(0.5)[..., None], ACCEPTED, 10_000, going_on=True)
+    assert enough.converged
+    assert enough.worst_r_hat == diagnose(("a",), walks(0.5)[..., None], ACCEPTED, 10_000).worst_r_hat
+
+
 def test_a_frozen_walker_is_seen() -> None:
     """A walker that accepted nothing, and one that nearly so, end the claim of convergence."""
     chains = walks(0.5)
