@@ -39,11 +39,11 @@ def _once_for_all_values(dispatcher: Any) -> Any:
     A call such as `f(x, 2)` has the argument types of any other whole number: the same code, which the
     optimiser still sees the constant of, and a seventh of all compiling is saved.
     """
-    asked = dispatcher.get_call_template
+    asked: Any = dispatcher.get_call_template
+    plain: Any = types.unliteral
 
     def of_types(arguments: Any, named: Any) -> Any:
-        plain = {name: types.unliteral(kind) for name, kind in named.items()}
-        return asked([types.unliteral(kind) for kind in arguments], plain)
+        return asked([plain(kind) for kind in arguments], {name: plain(kind) for name, kind in named.items()})
 
     dispatcher.get_call_template = of_types
     return dispatcher
