@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from fcntl import LOCK_EX, LOCK_SH, flock
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -10,7 +16,6 @@ import pytest
 from scripts import STUDIES, loaded
 
 from bayesterra.analysis.inference import run
-from bayesterra.models import warm_up
 from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
 from tests.support.adaptation import HALF
@@ -27,10 +32,28 @@ pytest_plugins = [
 HIT = STUDIES / "hit-wh32"
 
 
+WARMING = "BAYESTERRA_TESTS_WARMING"
+"""Variable that names the file locked while the models are compiled."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the models once, before test processes start that would each do it."""
-    if not hasattr(config, "workerinput"):
-        warm_up()
+    """Compile the models once, in a process of its own, while test processes start and collect."""
+    if hasattr(config, "workerinput"):
+        return
+    with NamedTemporaryFile(delete=False) as file:
+        flock(file, LOCK_EX)  # the process that inherits the file holds the lock until it ends
+        command = [sys.executable, "-c", "from bayesterra.models import warm_up; warm_up()"]
+        config.add_cleanup(subprocess.Popen(command, pass_fds=[file.fileno()]).wait)
+    os.environ[WARMING] = file.name
+    config.add_cleanup(Path(file.name).unlink)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session: pytest.Session) -> None:
+    """Wait for the models, where tests run: else every process would compile them."""
+    if hasattr(session.config, "workerinput") or not session.config.getoption("numprocesses", None):
+        with Path(os.environ[WARMING]).open("rb") as file:
+            flock(file, LOCK_SH)
 
 
 @pytest.fixture(scope="session")
