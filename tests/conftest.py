@@ -43,7 +43,8 @@ def pytest_configure(config: pytest.Config) -> None:
     with NamedTemporaryFile(delete=False) as file:
         flock(file, LOCK_EX)  # the process that inherits the file holds the lock until it ends
         command = [sys.executable, "-c", "from bayesterra.models import warm_up; warm_up()"]
-        config.add_cleanup(subprocess.Popen(command, pass_fds=[file.fileno()]).wait)
+        warming = subprocess.Popen(command, pass_fds=[file.fileno()])
+        config.add_cleanup(lambda: None if warming.wait() == 0 else pytest.exit("models: not compiled"))
     os.environ[WARMING] = file.name
     config.add_cleanup(Path(file.name).unlink)
 

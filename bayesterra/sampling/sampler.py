@@ -52,7 +52,6 @@ class Progress:
         """Tell those who poll; steps of a stage at most twice a second."""
         diagnosis = self.diagnosis
         figures = {} if diagnosis is None else {"ess": diagnosis.ess, "r_hat": diagnosis.worst_r_hat}
-        figures = {name: value for name, value in figures.items() if np.isfinite(value)}
         steps = self.steps if diagnosis is None else diagnosis.steps
         status.note(self.stage, self.done, self.seconds_left, steps=steps, now=not self.step, **figures)
 
