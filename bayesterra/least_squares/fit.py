@@ -33,7 +33,7 @@ from bayesterra.least_squares.settings import (
 )
 from bayesterra.least_squares.solver import MARGIN, Clip, clip
 from bayesterra.likelihood.forward import Forward
-from bayesterra.models import M1, WheelSoilModel
+from bayesterra.models import M1
 from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, SOIL_PARAMETERS
 from bayesterra.study.study import Study
 
@@ -115,8 +115,12 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
         raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
-    integral = method == "IM1"
-    steps = integral_steps(rows, _m1(study.model)) if integral else decoupled_steps(method, rows, study.model)
+    if method == "IM1":
+        steps = integral_steps(
+            rows, M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)})
+        )
+    else:
+        steps = decoupled_steps(method, rows, study.model)
     todo = plan(method, steps, settings)
     passes = _passes(method, todo, settings)
     theta = passes.path[-1] if passes.path else settings.start
@@ -209,11 +213,6 @@ def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) 
             continue  # the method needs more readings than joint
         starts.append(result.soil.as_array())
     return starts
-
-
-def _m1(model: WheelSoilModel) -> M1:
-    """M1 with the options of another model."""
-    return M1(**{field.name: getattr(model, field.name) for field in fields(M1)})
 
 
 def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:

@@ -88,7 +88,8 @@ def _blocks(path: Path, most: int | None) -> Iterator[bytes]:
         while block := file.read(MEGABYTE):
             size += len(block)
             if size > limit:  # it grew meanwhile, or its size was a lie, as in /proc
-                raise _too_large(path, limit) if most is not None else _growing(path)
+                growing = OSError(errno.EFBIG, "it grows while it is read", str(path))
+                raise growing if most is None else _too_large(path, limit)
             yield block
 
 
@@ -104,10 +105,6 @@ def check_ordinary(status: os.stat_result, path: Path, most: int) -> None:
 
 def _too_large(path: Path, most: int) -> OSError:
     return OSError(errno.EFBIG, f"it is larger than {most // MEGABYTE} MB", str(path))
-
-
-def _growing(path: Path) -> OSError:
-    return OSError(errno.EFBIG, "it grows while it is read", str(path))
 
 
 def read_text(path: Path, most: int) -> str:
