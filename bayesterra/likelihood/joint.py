@@ -294,6 +294,16 @@ class JointPosterior:
                 columns.append(law.sample(len(shared), rng) if z is None else law.at_score(z))
         return np.column_stack(columns)
 
+    def draw_untested(self, shared: FloatArray, rng: Generator) -> FloatArray:
+        """Locals (n, d) of a group that was not tested, in the physical ranges where the prior has any."""
+        own = self.draw_group(shared, rng)
+        for _ in range(1000):
+            outside = np.flatnonzero(~np.isfinite(self.first.log_prior(self.of_group(shared, own))))
+            if not outside.size:
+                break
+            own[outside] = self.draw_group(shared[outside], rng)
+        return own
+
 
 def joint_posterior(study: Study) -> JointPosterior:
     """Joint posterior of a study; StudyError without [pooling], or where rows in use are of one group."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.random import Generator, SeedSequence, default_rng
+from numpy.random import SeedSequence, default_rng
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
@@ -140,7 +140,7 @@ class PooledResult(Result):
         for name in ("prior", "posterior"):
             data = self.draws[name].to_dataset()
             shared = _stacked(data, joint.shared_and_hyper)
-            own = _stacked(data.sel(group=group), joint.local) if group else _new_values(joint, shared, rng)
+            own = _stacked(data.sel(group=group), joint.local) if group else joint.draw_untested(shared, rng)
             chains = joint.of_group(shared, own).reshape(data.sizes["chain"], data.sizes["draw"], -1)
             trees[name] = parameter_dataset(joint.first.names, chains)
         return Result(
@@ -417,14 +417,3 @@ def _stacked(data: xr.Dataset, names: tuple[str, ...]) -> FloatArray:
     """Values (n, k) of variables with chains and draws."""
     columns = [data[name].to_numpy().ravel() for name in names]
     return np.column_stack(columns) if columns else np.empty((data.sizes["chain"] * data.sizes["draw"], 0))
-
-
-def _new_values(joint: JointPosterior, shared: FloatArray, rng: Generator) -> FloatArray:
-    """Values (n, d) of a group that was not tested, inside the physical ranges where the prior has any."""
-    own = joint.draw_group(shared, rng)
-    for _ in range(1000):
-        outside = np.flatnonzero(~np.isfinite(joint.first.log_prior(joint.of_group(shared, own))))
-        if not outside.size:
-            break
-        own[outside] = joint.draw_group(shared[outside], rng)
-    return own
