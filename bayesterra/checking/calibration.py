@@ -22,7 +22,13 @@ from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Cal
 from bayesterra.checking.short_runs import FAILURES, Fit, Fitted, settings_of, short_runs
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_number, check_seed
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
-from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior, name_in_group
+from bayesterra.likelihood.joint import (
+    JointPosterior,
+    draw_joint_prior,
+    joint_posterior,
+    name_in_group,
+    whole_posterior,
+)
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
@@ -49,11 +55,6 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
         return "bearing_pressure", "shear_strength"
     first, second, *_ = drive.outcomes
     return first + AT_SLIP, second + AT_SLIP
-
-
-def whole_posterior(study: Study) -> Posterior | JointPosterior:
-    """The posterior of all parameters of a study, with or without groups."""
-    return posterior(study) if study.pooling is None else joint_posterior(study)
 
 
 def quantity_names(study: Study) -> tuple[str, ...]:

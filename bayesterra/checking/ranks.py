@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from scipy.stats import binom, chi2, ncx2, norm
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.likelihood.joint import joint_posterior
+from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult
 from bayesterra.study.study import Study
@@ -213,8 +213,7 @@ class Calibration(AnalysisResult):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Free parameters, of all groups where there are any."""
-        study = self.study
-        return study.prior.names if study.pooling is None else joint_posterior(study).names
+        return whole_posterior(self.study).names
 
     @property
     def tested(self) -> tuple[str, ...]:

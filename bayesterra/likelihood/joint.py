@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri, ndtri_exp
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import Posterior, checked_sets, likelihood_of
+from bayesterra.likelihood.posterior import Posterior, checked_sets, likelihood_of, posterior
 from bayesterra.stats.dependence import Split
 from bayesterra.stats.laws import Law
 from bayesterra.stats.tails import GAUSSIAN
@@ -320,6 +320,11 @@ def joint_posterior(study: Study) -> JointPosterior:
     return JointPosterior(study.pooling, groups)
 
 
+def whole_posterior(study: Study) -> Posterior | JointPosterior:
+    """The posterior of all parameters of a study, with or without groups."""
+    return posterior(study) if study.pooling is None else joint_posterior(study)
+
+
 def draw_joint_prior(
     joint: JointPosterior, n: int, rng: Generator, *, batch: int = 20000, most: int | None = 400
 ) -> FloatArray:
@@ -347,10 +352,10 @@ def draw_joint_prior(
         D = joint.draw_shared(batch, rng)
         L = np.empty((len(joint.groups), batch, len(joint.local)))
         alive = np.arange(batch)
-        for g, posterior in enumerate(joint.groups.values()):
+        for g, alone in enumerate(joint.groups.values()):
             L[g, alive] = joint.draw_group(D[alive], rng)
             x = joint.of_group(D[alive], L[g, alive])
-            alive = alive[posterior.reasons(x) == 0]
+            alive = alive[alone.reasons(x) == 0]
             if not alive.size:
                 break
         kept.append(joint.joined(D[alive], np.moveaxis(L[:, alive], 0, 1)))
@@ -362,9 +367,9 @@ def _resampled(joint: JointPosterior, n: int, rng: Generator, batch: int) -> Flo
     """The same by sequential importance resampling."""
     D = joint.draw_shared(batch, rng)
     L = np.empty((len(joint.groups), batch, len(joint.local)))
-    for g, (name, posterior) in enumerate(joint.groups.items()):
+    for g, (name, alone) in enumerate(joint.groups.items()):
         L[g] = joint.draw_group(D, rng)
-        alive = np.flatnonzero(posterior.reasons(joint.of_group(D, L[g])) == 0)
+        alive = np.flatnonzero(alone.reasons(joint.of_group(D, L[g])) == 0)
         if not alive.size:
             raise SupportError(f"no draw of the prior fits the conditions of group {name}")
         chosen = rng.choice(alive, size=batch)
