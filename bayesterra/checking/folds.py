@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Any, TypeAlias
@@ -13,7 +13,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantiles, frozen, spaced
 from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
-from bayesterra.checking.predictive import predict_curves
+from bayesterra.checking.predictive import Curves, predict_curves
 from bayesterra.checking.ranks import FAILED
 from bayesterra.checking.short_runs import FAILURES, Fit, ShortRuns
 from bayesterra.errors import StudyError, did_you_mean
@@ -149,11 +149,13 @@ class Band:
     Attributes
     ----------
     wheel, channel : of which.
+    rows : (m,) which rows of the study's table are this wheel's.
     slip, low, middle, high : (k,); NaN where the model has no answer.
     """
 
     wheel: str
     channel: str
+    rows: BoolArray
     slip: FloatArray
     low: FloatArray
     middle: FloatArray
@@ -171,7 +173,7 @@ class Outcome:
     ess, r_hat, seconds : of its sampling; processor time.
     note : why it failed.
     rows : scores, one entry per predictor, row and channel; see :class:`bayesterra.checking.holdout.Holdout`.
-    bands : of the model without the level.
+    bands : of the model without the level, for every wheel that has rows of it.
     """
 
     level: str
@@ -206,7 +208,7 @@ class LeaveOneOut:
             target, rng = posterior(training), default_rng(predicting)
             draws = spaced(fitted.draws, DRAWS)
             rows = scorer.model(predictives(self.study, target, draws, fold.left, rng)) + rows
-            bands = tuple(_bands(self.study, predict_curves(self.study, target, draws, rng)))
+            bands = tuple(_bands(self.study, fold.left, predict_curves(self.study, target, draws, rng)))
         except FAILURES as error:
             note, seconds = f"{type(error).__name__}: {error}", time.process_time() - started
             return Outcome(fold.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
@@ -302,15 +304,14 @@ def _scores(law: Mixture | None, observed: float, scale: float) -> dict[str, Any
     }
 
 
-def _bands(study: Study, curves: Any) -> list[Band]:
-    """Bands of the scored channels."""
-    bands = []
+def _bands(study: Study, left: BoolArray, curves: Sequence[Curves]) -> Iterator[Band]:
+    """Bands of the scored channels, of every wheel with rows that are left out."""
     for curve in curves:
-        for channel in scored_channels(study):
+        mine = np.array([name == curve.wheel for name in study.observations.wheel])
+        for channel in scored_channels(study) if (mine & left).any() else ():
             column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
             q = answered_quantiles(curve.readings[:, :, column] / scale, (0.05, 0.5, 0.95))
-            bands.append(Band(curve.wheel, channel, curve.slip, *q))
-    return bands
+            yield Band(curve.wheel, channel, mine, curve.slip, *q)
 
 
 FEWEST = 20

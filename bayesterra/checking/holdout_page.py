@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
+from bayesterra.checking.folds import Band, Fold
 from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES
 from bayesterra.parameters import CHANNELS
@@ -22,6 +23,7 @@ from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR
 from bayesterra.report.symbols import listed, symbol, with_unit
+from bayesterra.study.observations import Observations
 
 WIDE = 2.0
 """Standard errors by which a coverage may miss its level before it is called off."""
@@ -211,7 +213,7 @@ def _method_section(holdout: Holdout) -> Blocks:
 COLOURS = {"polynomial": "#E69F00", "Gaussian process": "#009E73"}
 """Colours of the baselines that are drawn."""
 MOST = 12
-"""Levels, at most, that get a panel of their own."""
+"""Panels, at most: levels, and wheels that have rows of them."""
 
 
 def channels(table: pd.DataFrame) -> list[str]:
@@ -312,38 +314,45 @@ def all_left_out(table: pd.DataFrame) -> FloatArray:
 
 @styled
 def bands_without(holdout: Holdout) -> FloatArray:
-    """Draw, for every channel (rows) and level (columns, 12 at most), the model fitted without the level.
+    """Draw fits without a level: rows are channels, columns (12 at most) levels and wheels.
 
     Line and band: median and 90 % of the readings that the fit expects over slip, at the median load. Dots:
-    the training rows; rings: the rows that were left out.
+    the training rows of the wheel; rings: the rows that were left out.
     """
-    names = channels(holdout.table)
-    shown = [i for i, outcome in enumerate(holdout.outcomes) if outcome.bands][:MOST]
-    figure = new_figure(max(1.75 * len(shown), 3.0) + 0.5, 1.75 * len(names) + 0.5)
+    names, panels = channels(holdout.table), _panels(holdout)
+    figure = new_figure(max(1.75 * len(panels), 3.0) + 0.5, 1.75 * len(names) + 0.5)
     axes = np.asarray(
-        figure.subplots(len(names), max(len(shown), 1), squeeze=False, sharex=True, sharey="row")
+        figure.subplots(len(names), max(len(panels), 1), squeeze=False, sharex=True, sharey="row")
     )
-    for column, i in enumerate(shown):
-        for row, name in enumerate(names):
-            _without(axes[row, column], holdout, i, name)
-        axes[0, column].set_title(f"without {literal(holdout.levels[i].name)}", fontsize=8.5)
+    for column, (title, fold, bands) in zip(axes.T, panels, strict=False):
+        column[0].set_title(title, fontsize=8.5)
+        for ax, name in zip(column, names, strict=True):
+            _without(ax, holdout.study.observations, fold, bands[name])
     for row, name in enumerate(names):
         axes[row, 0].set_ylabel(label(CHANNELS[name]))
     figure.supxlabel("slip ratio $s$ [–]", fontsize=9, color=INK)
     return axes
 
 
-def _without(ax: Axes, holdout: Holdout, number: int, channel: str) -> None:
-    rows, fold, scale = holdout.study.observations, holdout.levels[number], CHANNELS[channel].scale
-    wheel = rows.wheel[int(np.argmax(fold.left))]
-    band = next(b for b in holdout.outcomes[number].bands if (b.wheel, b.channel) == (wheel, channel))
+def _panels(holdout: Holdout) -> list[tuple[str, Fold, dict[str, Band]]]:
+    """Title, level and bands by channel of every column."""
+    panels = []
+    for fold, outcome in zip(holdout.levels, holdout.outcomes, strict=True):
+        wheels = dict.fromkeys(band.wheel for band in outcome.bands)
+        for wheel in wheels:
+            whose = f"{wheel} " if len(wheels) > 1 else ""
+            bands = {band.channel: band for band in outcome.bands if band.wheel == wheel}
+            panels.append((literal(f"{whose}without {fold.name}"), fold, bands))
+    return panels[:MOST]
+
+
+def _without(ax: Axes, rows: Observations, fold: Fold, band: Band) -> None:
     ax.fill_between(band.slip, band.low, band.high, color=POSTERIOR, alpha=0.25, linewidth=0)
     ax.plot(band.slip, band.middle, color=POSTERIOR)
-    mine = np.array([name == wheel for name in rows.wheel])
-    values = rows.values[channel] / scale
-    for chosen, face in ((rows.use & ~fold.left & mine, DATA), (fold.left, "white")):
+    values = rows.values[band.channel] / CHANNELS[band.channel].scale
+    for chosen, face in ((rows.use & ~fold.left, DATA), (fold.left, "white")):
         style: dict[str, Any] = {"color": DATA, "markerfacecolor": face, "markersize": 3.5, "zorder": 6}
-        ax.plot(rows.slip[chosen], values[chosen], "o", **style)
+        ax.plot(rows.slip[chosen & band.rows], values[chosen & band.rows], "o", **style)
 
 
 def holdout_overview(holdout: Holdout) -> Overview:
