@@ -345,9 +345,9 @@ def _data(result: PooledResult) -> Blocks:
     blocks = [*conditions(result.study)]
     if result.study.errors.slip is not None:
         joint, frame = joint_posterior(result.study), result.to_dataframe()
-        D, L = joint.split(frame[list(joint.names)].to_numpy()[:: max(1, len(frame) // TYPICAL)])
-        for own, density in zip(L, joint.groups.values(), strict=True):
-            blocks += slip_note(density, joint.of_group(D, own))
+        typical = frame[list(joint.names)].to_numpy()[:: max(1, len(frame) // TYPICAL)]
+        for x, density in zip(joint.values_of_groups(typical), joint.groups.values(), strict=True):
+            blocks += slip_note(density, x)
     return tuple(blocks)
 
 

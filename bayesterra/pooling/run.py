@@ -402,10 +402,8 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
 def row_likelihoods(joint: JointPosterior, chains: FloatArray, order: Sequence[int]) -> xr.Dataset:
     """Log likelihood of every row in the fit, (chain, draw, row), in the table's order; all channels."""
     flat = chains.reshape(-1, chains.shape[2])
-    D, L = joint.split(flat)
     terms, rows = [], []
-    for own, (_, density) in zip(L, joint.groups.items(), strict=True):
-        x = joint.of_group(D, own)
+    for x, density in zip(joint.values_of_groups(flat), joint.groups.values(), strict=True):
         terms.append(row_terms(density, x, np.ones(len(x), dtype=bool))[1])
         rows += list(density.likelihood.observations.rows)
     values = np.concatenate(terms, axis=1).reshape(*chains.shape[:2], -1)
