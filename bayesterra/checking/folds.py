@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any, TypeAlias
 
@@ -15,10 +15,11 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantile
 from bayesterra.checking.holdout_scores import BASELINES, Answer, Mixture, TrainingRows
 from bayesterra.checking.predictive import Curves, predict_curves
 from bayesterra.checking.ranks import FAILED
-from bayesterra.checking.short_runs import FAILURES, Fit, ShortRuns
+from bayesterra.checking.short_runs import FAILURES, Fit, ShortGroupRuns, ShortRuns
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
-from bayesterra.likelihood.posterior import Posterior, likelihood_of, posterior
+from bayesterra.likelihood.joint import JointPosterior, whole_posterior
+from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.parameters import CHANNELS
 from bayesterra.stats.tails import Tails
 from bayesterra.study.observations import Observations
@@ -140,6 +141,15 @@ REFITS = ShortRuns(
     long=SamplingOptions(target_ess=1000, walkers=64, max_steps=8000),
 )
 """The sampler of every run, until there are 1000 effective draws."""
+GROUP_REFITS = ShortGroupRuns(
+    short=SamplingOptions(target_ess=1000, walkers=32, max_steps=120), long=REFITS.long
+)
+"""The same for a joint posterior."""
+
+
+def refits(study: Study) -> ShortRuns:
+    """The default sampler of refits of a study, with or without groups."""
+    return REFITS if study.pooling is None else GROUP_REFITS
 
 
 @dataclass(frozen=True)
@@ -148,11 +158,12 @@ class Band:
 
     Attributes
     ----------
-    wheel, channel : of which.
-    rows : (m,) which rows of the study's table are this wheel's.
+    group, wheel, channel : of which; without groups no ``group``.
+    rows : (m,) which rows of the study's table are this wheel's in this group.
     slip, low, middle, high : (k,); NaN where the model has no answer.
     """
 
+    group: str
     wheel: str
     channel: str
     rows: BoolArray
@@ -171,9 +182,9 @@ class Outcome:
     level : its name.
     status : of the refit: ``converged``, ``not converged`` or ``failed``; a failed one has no model rows.
     ess, r_hat, seconds : of its sampling; processor time.
-    note : why it failed.
+    note : why it failed; or which groups the refit did not have.
     rows : scores, one entry per predictor, row and channel; see :class:`bayesterra.checking.holdout.Holdout`.
-    bands : of the model without the level, for every wheel that has rows of it.
+    bands : of the model without the level, for every group and wheel that has rows of it.
     """
 
     level: str
@@ -188,32 +199,39 @@ class Outcome:
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """The task: the number of a level in, an outcome out, the same wherever and whenever it is run."""
+    """The task: the number of a level in, an outcome out, the same wherever and whenever it is run.
+
+    With groups the rows of each are predicted by its own parameters among draws of the joint posterior; those
+    of a group that is left out whole by parameters from the populations and priors.
+    """
 
     study: Study
     folds: tuple[Fold, ...]
     seed: int
-    fit: Fit = field(default_factory=lambda: REFITS)
+    fit: Fit
 
     def __call__(self, task: int) -> Outcome:
         """Leave level number ``task`` out, counted from 0."""
         started = time.process_time()
         fold = self.folds[task]
         scorer = _Scorer(self.study, fold)
-        rows = [row for name in BASELINES for row in scorer.baseline(name, self.folds)]
+        baselines = [row for name in BASELINES for row in scorer.baseline(name, self.folds)]
         fitting, predicting = SeedSequence(self.seed, spawn_key=(task,)).spawn(2)
-        training = self.study.with_use(self.study.observations.use & ~fold.left)
+        training = self.study.with_use(scorer.kept)
         try:
             fitted = self.fit(training, fitting)
-            target, rng = posterior(training), default_rng(predicting)
-            draws = spaced(fitted.draws, DRAWS)
-            rows = scorer.model(predictives(self.study, target, draws, fold.left, rng)) + rows
-            bands = tuple(_bands(self.study, fold.left, predict_curves(self.study, target, draws, rng)))
+            target, rng = whole_posterior(training, fewest=1), default_rng(predicting)
+            rows, bands = scorer.predicted(target, spaced(fitted.draws, DRAWS), rng)
         except FAILURES as error:
             note, seconds = f"{type(error).__name__}: {error}", time.process_time() - started
-            return Outcome(fold.name, FAILED, 0.0, np.nan, seconds, note, tuple(rows))
+            return Outcome(fold.name, FAILED, 0.0, np.nan, seconds, note, tuple(baselines))
         seconds = time.process_time() - started
-        return Outcome(fold.name, fitted.status, fitted.ess, fitted.r_hat, seconds, "", tuple(rows), bands)
+        absent = [group for group in self.study.by_group() if group not in target.groups]
+        note = f"not in the fit: {', '.join(absent)}" if absent else ""
+        rows += baselines
+        return Outcome(
+            fold.name, fitted.status, fitted.ess, fitted.r_hat, seconds, note, tuple(rows), tuple(bands)
+        )
 
 
 @dataclass(frozen=True)
@@ -224,24 +242,41 @@ class _Scorer:
     fold: Fold
 
     @property
-    def places(self) -> IntArray:
-        """Places of the level's rows in the table."""
-        return np.flatnonzero(self.fold.left)
-
-    @property
     def kept(self) -> BoolArray:
         """The training rows (m,)."""
         return self.study.observations.use & ~self.fold.left
 
-    def model(self, laws: Any) -> list[dict[str, Any]]:
-        """Rows of the study's own model."""
+    def predicted(
+        self, target: Posterior | JointPosterior, draws: FloatArray, rng: Generator
+    ) -> tuple[list[dict[str, Any]], list[Band]]:
+        """Rows of the study's own model, and its bands, by draws of a posterior without the level."""
+        numbers, rows, bands = self.study.observations.rows, list[dict[str, Any]](), list[Band]()
+        for group, study in self.study.by_group().items():
+            mine = np.isin(numbers, study.observations.rows)
+            if not (self.fold.left & mine).any():
+                continue
+            alone, x = target.one_group(group, draws, rng)
+            rows += self._rows(predictives(study, alone, x, self.fold.left[mine], rng), mine)
+            bands += self._bands(group, predict_curves(study, alone, x, rng), mine)
+        return rows, bands
+
+    def _rows(self, laws: Predictives, mine: BoolArray) -> list[dict[str, Any]]:
         name, rows = self.study.model.name, []
-        for row, place in enumerate(self.places):
+        for row, place in enumerate(np.flatnonzero(self.fold.left & mine)):
             unanswered = 1 - float(laws.answered(row).mean())
             for column, channel in enumerate(laws.channels):
                 law = laws.law(row, column)
                 rows += self._scored(name, int(place), channel, law, unanswered, "")
         return rows
+
+    def _bands(self, group: str, curves: Sequence[Curves], mine: BoolArray) -> Iterator[Band]:
+        """Bands of the scored channels, of every wheel with rows that are left out."""
+        for curve in curves:
+            rows = mine & (np.array(self.study.observations.wheel) == curve.wheel)
+            for channel in scored_channels(self.study) if (rows & self.fold.left).any() else ():
+                column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
+                q = answered_quantiles(curve.readings[:, :, column] / scale, (0.05, 0.5, 0.95))
+                yield Band(group, curve.wheel, channel, rows, curve.slip, *q)
 
     def baseline(self, name: str, folds: tuple[Fold, ...]) -> list[dict[str, Any]]:
         """Rows of a baseline."""
@@ -257,8 +292,8 @@ class _Scorer:
                 slip_level = clusters(inputs[kept, 0], TOLERANCE)
                 training = TrainingRows(inputs[kept], values[kept], number[kept], slip_level)
                 answer = BASELINES[name](training, inputs[self.fold.left])
-            laws = answer.laws or (None,) * len(self.places)
-            for place, law in zip(self.places, laws, strict=True):
+            places = np.flatnonzero(self.fold.left)
+            for place, law in zip(places, answer.laws or (None,) * len(places), strict=True):
                 rows += self._scored(name, int(place), channel, law, 0.0, answer.detail)
         return rows
 
@@ -302,16 +337,6 @@ def _scores(law: Mixture | None, observed: float, scale: float) -> dict[str, Any
         "covered50": bool(0.25 <= pit <= 0.75),
         "covered90": bool(0.05 <= pit <= 0.95),
     }
-
-
-def _bands(study: Study, left: BoolArray, curves: Sequence[Curves]) -> Iterator[Band]:
-    """Bands of the scored channels, of every wheel with rows that are left out."""
-    for curve in curves:
-        mine = np.array([name == curve.wheel for name in study.observations.wheel])
-        for channel in scored_channels(study) if (mine & left).any() else ():
-            column, scale = curve.outcomes.index(channel), CHANNELS[channel].scale
-            q = answered_quantiles(curve.readings[:, :, column] / scale, (0.05, 0.5, 0.95))
-            yield Band(curve.wheel, channel, mine, curve.slip, *q)
 
 
 FEWEST = 20

@@ -18,16 +18,17 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from bayesterra.checking.folds import DRAWS, REFITS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels
+from bayesterra.checking.folds import DRAWS, TOLERANCE, By, Fold, LeaveOneOut, Outcome, levels, refits
 from bayesterra.checking.holdout_scores import skills, summarise
 from bayesterra.checking.ranks import CONVERGED
 from bayesterra.checking.short_runs import Fit, settings_of
-from bayesterra.errors import StudyError, check_seed
+from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.runtime.engines import Engine, completed, in_process
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import Count, Record
-from bayesterra.study.result import AnalysisResult, Result, check_single, versions
+from bayesterra.study.result import AnalysisResult, Result, versions
 from bayesterra.study.study import Study, load_study
 
 
@@ -91,17 +92,13 @@ class Holdout(AnalysisResult):
     @property
     def refits(self) -> pd.DataFrame:
         """One row per level: rows left out, and how the refit went."""
-        rows = self.study.observations.rows
+        rows, how = self.study.observations.rows, ("status", "ess", "r_hat", "seconds", "note")
         return pd.DataFrame(
             [
                 {
                     "level": fold.name,
                     "rows": " ".join(str(rows[i]) for i in fold.left.nonzero()[0]),
-                    "status": outcome.status,
-                    "ess": outcome.ess,
-                    "r_hat": outcome.r_hat,
-                    "seconds": outcome.seconds,
-                    "note": outcome.note,
+                    **{name: getattr(outcome, name) for name in how},
                 }
                 for fold, outcome in zip(self.levels, self.outcomes, strict=True)
             ]
@@ -136,7 +133,8 @@ def _held_out(
     """Leave every level out once; ``report`` is told how many of how many are done, and the seconds left."""
     if not study.prior.names:
         raise StudyError("every parameter is fixed: there is nothing to fit again")
-    folds, fit = levels(study, by, tolerance), fit or REFITS
+    whole_posterior(study)
+    folds, fit = levels(study, by, tolerance), fit or refits(study)
     task = LeaveOneOut(study, folds, seed, fit)
     done: dict[int, Outcome] = {}
     n, started = len(folds), time.perf_counter()
@@ -148,6 +146,7 @@ def _held_out(
         "kind": "holdout",
         "by": by if isinstance(by, str) else "groups given",
         **({"tolerance": tolerance} if by == "slip" else {}),
+        **({"basis": study.pooling.left_out} if study.pooling else {}),
         "seed": seed,
         "model": study.model.name,
         "drive": study.drive,
@@ -173,7 +172,8 @@ def leave_out(
 
     Of a left-out row its slip, wheel and load stay known, with the drive ``both`` its normal force as it was
     read, with ``sinkage`` its sinkage; all else that was read is predicted, noise included. Regressions that
-    know no terramechanics predict the same rows from the same training rows.
+    know no terramechanics predict the same rows from the same training rows. With groups refits are of the
+    joint posterior, and a group that is left out whole is predicted as one that was not tested.
 
     Parameters
     ----------
@@ -190,9 +190,9 @@ def leave_out(
 
     Raises
     ------
-    StudyError : an unknown grouping, fewer than two groups, or nothing is free.
+    StudyError : an unknown grouping, fewer than two levels or groups, or nothing is free.
     """
-    check_single("bt.leave_out", what, Study, Result)
+    check_kind("bt.leave_out", what, Study, Result)
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
     return _held_out(

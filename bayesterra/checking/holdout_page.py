@@ -18,7 +18,7 @@ from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import label, literal, new_figure, one_of, own_axes, styled
+from bayesterra.report.figures import label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, GRID, INK, POSTERIOR
@@ -193,8 +193,8 @@ def _method_section(holdout: Holdout) -> Blocks:
         "the mixture of the laws of a reading over posterior draws; its CRPS is exact (Grimit et al. 2006). "
         "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
         "same training rows and conditions and find the noise there themselves; the model is told the noise "
-        "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best."
-    ).format(holdout.study.drive.plan, ", ".join(BASELINES))
+        "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best. {}"
+    ).format(holdout.study.drive.plan, ", ".join(BASELINES), holdout.record.get("basis", ""))
     refits = tuple(
         (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
         for row in holdout.refits.to_dict("records")
@@ -227,21 +227,8 @@ def _colours(table: pd.DataFrame) -> dict[str, str]:
     return {**dict.fromkeys(models, POSTERIOR), **COLOURS}
 
 
-@styled
-def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
-    """Draw the readings of one channel beside predictions that do not know the row's level.
-
-    Parameters
-    ----------
-    table : as of :attr:`bayesterra.checking.holdout.Holdout.table`.
-    channel : a scored one.
-
-    One place for every left-out row, levels apart from each other. Bars: central 50 and 90 % of the
-    predictive law of a reading, tick: its median; blue the model, orange the polynomial, green the Gaussian
-    process. Dots: the readings. Grey ground: slips beyond those of the training rows.
-    """
-    ax = own_axes(ax, 7.2, 2.6)
-    table = table[table["channel"] == one_of("channel", channel, channels(table))]
+def _left_out(ax: Axes, table: pd.DataFrame, channel: str) -> None:
+    table = table[table["channel"] == channel]
     place, colours = _places(table), _colours(table)
     for position, (name, colour) in enumerate(colours.items()):
         own = table[(table["predictor"] == name) & table["crps"].notna()]
@@ -256,7 +243,6 @@ def left_out(table: pd.DataFrame, channel: str, ax: Axes | None = None) -> Axes:
     _ground(ax, own, place)
     _limit(ax, table)
     ax.set(ylabel=label(CHANNELS[channel]), xlim=(-0.7, max(place.values()) + 0.7))
-    return ax
 
 
 def _places(table: pd.DataFrame) -> dict[int, float]:
@@ -294,12 +280,17 @@ def _limit(ax: Axes, table: pd.DataFrame) -> None:
 
 @styled
 def all_left_out(table: pd.DataFrame) -> FloatArray:
-    """Draw :func:`left_out` for every channel, one below the other; returns the axes."""
+    """Draw left-out readings, one channel below the other, beside predictions that do not know their level.
+
+    One place for every row of a table as of :attr:`bayesterra.checking.holdout.Holdout.table`, levels apart.
+    Bars: central 50 and 90 % of the predictive law of a reading, tick: its median; blue the model, orange the
+    polynomial, green the Gaussian process. Dots: the readings. Grey ground: slips beyond the training rows'.
+    """
     names = channels(table)
     figure = new_figure(7.2, 2.4 * len(names) + 0.6)
     axes = np.asarray(figure.subplots(len(names), 1, squeeze=False)).ravel()
     for ax, name in zip(axes, names, strict=True):
-        left_out(table, name, ax)
+        _left_out(ax, table, name)
     slips = table["level"].str.startswith("slip ").all()
     axes[-1].set_xlabel("left out: slip level $s$ [–]" if slips else "left out")
     entries: list[Patch | Line2D] = [
@@ -338,10 +329,10 @@ def _panels(holdout: Holdout) -> list[tuple[str, Fold, dict[str, Band]]]:
     """Title, level and bands by channel of every column."""
     panels = []
     for fold, outcome in zip(holdout.levels, holdout.outcomes, strict=True):
-        wheels = dict.fromkeys(band.wheel for band in outcome.bands)
-        for wheel in wheels:
-            whose = f"{wheel} " if len(wheels) > 1 else ""
-            bands = {band.channel: band for band in outcome.bands if band.wheel == wheel}
+        owners = dict.fromkeys((band.group, band.wheel) for band in outcome.bands)
+        for owner in owners:
+            whose = " ".join(filter(None, dict.fromkeys(owner))) + " " if len(owners) > 1 else ""
+            bands = {band.channel: band for band in outcome.bands if (band.group, band.wheel) == owner}
             panels.append((literal(f"{whose}without {fold.name}"), fold, bands))
     return panels[:MOST]
 
@@ -362,7 +353,8 @@ def holdout_overview(holdout: Holdout) -> Overview:
     for channel in every["channel"].unique():
         rows += [_scored(row) for row in every[every["channel"] == channel].to_dict("records")]
         rows.append(())
-    lines = [
+    lines = [holdout.record["basis"]] if "basis" in holdout.record else []
+    lines += [
         f"! Without {outcome.level}: {outcome.status}. {outcome.note}".rstrip()
         for outcome in holdout.outcomes
         if outcome.status != "converged"

@@ -98,9 +98,9 @@ class ShortGroupRuns(ShortRuns):
     warm_ups: tuple[int, ...] = (15, 30, 60)
 
     def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
-        """Sample the joint posterior of a study with groups."""
+        """Sample the joint posterior of a study with groups, of which one may be left."""
         first, second = seed.spawn(2)
-        target = joint_posterior(study)
+        target = joint_posterior(study, fewest=1)
         small = PoolingOptions(self.warm_ups, self.adaptation)
         samples = sample_joint(target, self.short, first, plan=small)
         if enough(samples.diagnosis):

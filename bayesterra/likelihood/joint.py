@@ -204,6 +204,16 @@ class JointPosterior:
         shared, group_values = self.split(x)
         return tuple(self.of_group(shared, own) for own in group_values)
 
+    def one_group(self, group: str, x: FloatArray, rng: Generator) -> tuple[Posterior, FloatArray]:
+        """Posterior with the parameters of a group, and its sets (n, names of a group) among ``x`` (n, all).
+
+        Those of a group that has no rows here come from the populations and priors.
+        """
+        if group in self.groups:
+            return self.groups[group], self.values_of_groups(x)[list(self.groups).index(group)]
+        shared = self.split(x)[0]
+        return self.first, self.of_group(shared, self.draw_untested(shared, rng))
+
     def log_prior_of_shared(self, shared: FloatArray) -> FloatArray:
         """Log density (n,) of shared parameters, means and spreads under their stated laws."""
         total, column = np.zeros(len(shared)), len(self.shared)
@@ -305,14 +315,14 @@ class JointPosterior:
         return own
 
 
-def joint_posterior(study: Study) -> JointPosterior:
-    """Joint posterior of a study; StudyError without [pooling], or where rows in use are of one group."""
+def joint_posterior(study: Study, fewest: int = 2) -> JointPosterior:
+    """Joint posterior of a study; StudyError without [pooling], or with rows in use of fewer groups."""
     if study.pooling is None:
         raise StudyError("the study needs a [pooling] table")
     used = study.observations.used()
     labels = np.array(used.label(study.pooling.by), dtype=object)
     names = list(dict.fromkeys(labels))
-    if len(names) < 2:
+    if len(names) < fewest:
         raise StudyError(
             f"[pooling] needs rows in use of at least two groups in '{study.pooling.by}' (got one)"
         )
@@ -320,9 +330,9 @@ def joint_posterior(study: Study) -> JointPosterior:
     return JointPosterior(study.pooling, groups)
 
 
-def whole_posterior(study: Study) -> Posterior | JointPosterior:
-    """The posterior of all parameters of a study, with or without groups."""
-    return posterior(study) if study.pooling is None else joint_posterior(study)
+def whole_posterior(study: Study, fewest: int = 2) -> Posterior | JointPosterior:
+    """The posterior of all parameters of a study, without groups or with ``fewest`` of them or more."""
+    return posterior(study) if study.pooling is None else joint_posterior(study, fewest)
 
 
 def draw_joint_prior(

@@ -87,6 +87,10 @@ class Posterior:
         """Parameter sets (n, d) of every group: ``x`` itself."""
         return (x,)
 
+    def one_group(self, group: str, x: FloatArray, rng: Generator) -> tuple[Posterior, FloatArray]:
+        """Posterior of the only group, and its parameter sets (n, d): ``x`` itself."""
+        return self, x
+
     @cached_property
     def _noise_columns(self) -> list[int]:
         return [i for i, name in enumerate(self.names) if name.startswith(SIZES)]

@@ -71,6 +71,13 @@ class Pooling:
     separate: tuple[str, ...] = ()
     hierarchical: Mapping[str, Population] = field(default_factory=dict)
 
+    @property
+    def left_out(self) -> str:
+        """Sentence on refits without some rows: how a group is predicted of which none is left."""
+        sources = [name for name, of in (("population", self.hierarchical), ("prior", self.separate)) if of]
+        whole = f"a {self.by} that is left out whole is predicted from the {' and the '.join(sources)}"
+        return f"Refits are of the joint posterior; {whole}."
+
     def checked(self, laws: Mapping[str, Law]) -> Pooling:
         """The same with every free parameter in one list and every population's priors known.
 

@@ -229,7 +229,7 @@ def test_the_command(
     (tmp_path / "made").mkdir()
     write_study(make_study(), tmp_path / "made")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bayesterra.checking.holdout.REFITS", on_grid)
+    monkeypatch.setattr("bayesterra.checking.holdout.refits", lambda study: on_grid)
     assert main(["holdout", "made", "--by", "row", "--workers", "1", "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert "6 levels left out, one at a time" in printed
@@ -250,7 +250,7 @@ def test_a_level_does_not_depend_on_the_others(make_study: MakeStudy, found: Hol
     alone = pd.DataFrame(task(2).rows)
     among = found.table[found.table["level"] == found.levels[2].name].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, among)
-    again = pickle.loads(pickle.dumps(LeaveOneOut(found.study, found.levels, 1)))  # noqa: S301 (our own)
+    again = pickle.loads(pickle.dumps(LeaveOneOut(found.study, found.levels, 1, REFITS)))  # noqa: S301 (our own)
     assert again.fit == REFITS
 
 
