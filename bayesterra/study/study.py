@@ -279,6 +279,6 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
     ]
     return [
         f"groups by {pooling.by}: {groups}; 'run', 'calibrate' and 'holdout' pool them, 'fit' takes them one"
-        " by one, 'predict', 'compare' and 'design' take pooled results, others let all share every parameter",
+        " by one, 'predict', 'compare' and 'design' take their results, others let all share every parameter",
         *mixtures,
     ]
