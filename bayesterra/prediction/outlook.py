@@ -342,7 +342,7 @@ def predict_rover(
     rover = replace(rover, wheels=(front, rear))
     alphas, pulls = checked_slopes(slopes), checked_tows(tows)
     draws, index = spread(result, DRAWS)
-    ground = SoftGround(study.model, rover, study.prior.soil_values(draws))
+    ground = rover.on(study.prior.soil_values(draws), study.model)
     sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
     pulled = sweep(rover, ground, len(draws), "tow")
     asked = _joined([states_at(rover, ground, sweeps[tow], alphas) for tow in pulls])

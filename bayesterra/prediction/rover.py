@@ -17,7 +17,9 @@ from pydantic.dataclasses import dataclass as table
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
-from bayesterra.models import Wheel
+from bayesterra.likelihood.forward import model_columns, soil_at
+from bayesterra.models import Wheel, WheelSoilModel
+from bayesterra.prediction.statics import SoftGround
 from bayesterra.study.schema import (
     Acceleration,
     Force,
@@ -122,6 +124,11 @@ class Rover:
         """
         speeds = np.array([self.front_to_rear_speed, 1.0])
         return np.asarray(1 - (1 - slowest[:, None]) * speeds.min() / speeds)
+
+    def on(self, soil: FloatArray, model: WheelSoilModel) -> SoftGround:
+        """Soils, soil arrays (n, p), under its wheels through a model."""
+        front, rear = (model_columns(soil_at(soil, wheel.width), model) for wheel in self.wheels)
+        return SoftGround(model, self.wheels, (front, rear))
 
 
 @table(frozen=True, kw_only=True, config=_CONFIG)

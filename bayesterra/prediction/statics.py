@@ -44,16 +44,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Status, Wheel, WheelSoilModel
 from bayesterra.models.forces import DRAWBAR_PULL
-from bayesterra.prediction.rover import Rover
 
 SETTLED = 1e-11
 """Change of the loads, relative to the weight, and of the slope, at which the balance is met."""
@@ -95,6 +92,37 @@ _OF_STATUS[Status.OK] = Outcome.HELD
 _OF_STATUS[[Status.LOAD, Status.SINKAGE]] = Outcome.SINKS
 
 
+class Rover(Protocol):
+    """Two axles of two wheels each, left and right alike; see :class:`bayesterra.prediction.rover.Rover`."""
+
+    @property
+    def weight(self) -> float:
+        """G, N."""
+
+    @property
+    def wheelbase(self) -> float:
+        """L, m."""
+
+    @property
+    def centre_height(self) -> float:
+        """Height of the centre of gravity above the ground on which the rims stand, m."""
+
+    @property
+    def centre_ahead(self) -> float:
+        """The same, ahead of the rear axle, m."""
+
+    @property
+    def tow_height(self) -> float:
+        """Height at which the tow force pulls, m."""
+
+    @property
+    def wheels(self) -> tuple[Wheel, Wheel]:
+        """Front and rear."""
+
+    def slips(self, slowest: FloatArray) -> FloatArray:
+        """Slip of front and rear wheels (p, 2) where the slower axle slips by ``slowest`` (p,)."""
+
+
 class Ground(Protocol):
     """Ground under the wheels: n soils, known by their numbers."""
 
@@ -109,26 +137,19 @@ class Ground(Protocol):
 
 @dataclass(frozen=True)
 class SoftGround:
-    """Soils, as soil arrays (n, p), through a model."""
+    """Soils through a model: its parameters (n, k) under the wheels of each axle."""
 
     model: WheelSoilModel
-    rover: Rover
-    soil: FloatArray
-
-    @cached_property
-    def _parameters(self) -> tuple[FloatArray, ...]:
-        """The model's parameters (n, k) under the wheels of each axle."""
-        return tuple(
-            model_columns(soil_at(self.soil, wheel.width), self.model) for wheel in self.rover.wheels
-        )
+    wheels: tuple[Wheel, Wheel]
+    parameters: tuple[FloatArray, FloatArray]
 
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
     ) -> tuple[FloatArray, IntArray]:
         """See :class:`Ground`."""
         values, outcomes = np.empty((*slip.shape, 3)), np.zeros(len(slip), dtype=np.int64)
-        for axle, theta in enumerate(self._parameters):
-            conditions = _conditions(self.rover.wheels[axle], slip[:, axle])
+        for axle, theta in enumerate(self.parameters):
+            conditions = _conditions(self.wheels[axle], slip[:, axle])
             values[:, axle], status = self.model.response_of_pairs(
                 theta[soils], conditions, load[:, axle], mean_load=mean_load
             )

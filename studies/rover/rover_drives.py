@@ -74,7 +74,7 @@ def printed_soil(row: str) -> FloatArray:
 def ground(rover: Rover, model: str, soil: FloatArray) -> SoftGround:
     """The soil through (42), or through M2, which leaves its last four parameters out."""
     soils = soil_array(dict(zip(MODEL_PARAMETERS, soil.T, strict=True)))
-    return SoftGround(M2L(mean_load=rover.mean_load) if model == "M2L" else M2(), rover, soils)
+    return rover.on(soils, M2L(mean_load=rover.mean_load) if model == "M2L" else M2())
 
 
 def drive(rover: Rover, model: str, row: str, soil: FloatArray | None = None) -> Drive:

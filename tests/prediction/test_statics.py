@@ -7,7 +7,6 @@ import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.models import M1, M2, M2L, Conditions, Wheel, WheelSoilModel
-from bayesterra.parameters import soil_array
 from bayesterra.prediction.rover import Rover
 from bayesterra.prediction.statics import (
     SLIPS,
@@ -43,7 +42,7 @@ def rover(ahead: float = 0.4, *, height: float = HEIGHT, speed: float = 1.0, fro
 
 def soft(model: WheelSoilModel, machine: Rover, theta: FloatArray) -> SoftGround:
     """Soils (n, k) of the model's own parameters under a rover."""
-    return SoftGround(model, machine, soil_array(dict(zip(model.parameters, theta.T, strict=True))))
+    return SoftGround(model, machine.wheels, (theta, theta))
 
 
 @dataclass(frozen=True)
