@@ -14,10 +14,7 @@ from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
-from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import UNANSWERED, quantile_columns, quantiles, spread, wheel_remarks
-from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
-from bayesterra.prediction.statics import (
+from bayesterra.models.statics import (
     OUTCOMES,
     Greatest,
     Outcome,
@@ -28,6 +25,9 @@ from bayesterra.prediction.statics import (
     states_at,
     sweep,
 )
+from bayesterra.parameters import CHANNELS
+from bayesterra.prediction.prediction import UNANSWERED, quantile_columns, quantiles, spread, wheel_remarks
+from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import Study

@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
+from bayesterra.models.statics import Greatest, State
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
-from bayesterra.prediction.statics import Greatest, State
 from bayesterra.report.blocks import Cell, Overview, Table, Text, records
 from bayesterra.report.figures import fan, figure_of, label, literal, new_figure, own_axes, styled
 from bayesterra.report.numbers import estimate, interval, resolution, rounded

@@ -19,7 +19,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Wheel, WheelSoilModel
-from bayesterra.prediction.statics import SoftGround
+from bayesterra.models.statics import SoftGround
 from bayesterra.study.schema import (
     Acceleration,
     Force,

@@ -11,10 +11,7 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, Wheel
-from bayesterra.parameters import MODEL_PARAMETERS, soil_array
-from bayesterra.prediction.outlook import DEGREE
-from bayesterra.prediction.rover import Rover, read_rover
-from bayesterra.prediction.statics import (
+from bayesterra.models.statics import (
     OUTCOMES,
     Greatest,
     Outcome,
@@ -25,6 +22,9 @@ from bayesterra.prediction.statics import (
     states_at,
     sweep,
 )
+from bayesterra.parameters import MODEL_PARAMETERS, soil_array
+from bayesterra.prediction.outlook import DEGREE
+from bayesterra.prediction.rover import Rover, read_rover
 
 HERE = Path(__file__).parent
 SLOPES = np.array([0.0, 3, 6, 9, 12, 15])

@@ -9,9 +9,9 @@ import pandas as pd
 from rover_drives import Drive, drive, ground, printed_soil
 
 from bayesterra.arrays import FloatArray
+from bayesterra.models.statics import Outcome, State
 from bayesterra.prediction.outlook import DEGREE
 from bayesterra.prediction.rover import Rover
-from bayesterra.prediction.statics import Outcome, State
 
 _CDP, _CM = 11, 12
 """Columns of a soil of (42)."""

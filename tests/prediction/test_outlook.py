@@ -14,9 +14,9 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Wheel
+from bayesterra.models.statics import Greatest, Outcome
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.prediction.page import rover_outlook
-from bayesterra.prediction.statics import Greatest, Outcome
 from bayesterra.report.figures import figure_of
 from bayesterra.study.result import Result
 

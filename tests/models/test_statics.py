@@ -7,17 +7,8 @@ import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.models import M1, M2, M2L, Conditions, Wheel, WheelSoilModel
+from bayesterra.models.statics import SLIPS, Outcome, SoftGround, State, greatest, settle, states_at, sweep
 from bayesterra.prediction.rover import Rover
-from bayesterra.prediction.statics import (
-    SLIPS,
-    Outcome,
-    SoftGround,
-    State,
-    greatest,
-    settle,
-    states_at,
-    sweep,
-)
 
 WHEEL = Wheel(0.15, 0.15, 0.01, 24, 0.65)
 SMALL = Wheel(0.12, 0.12, 0.01, 24, 0.65)
@@ -56,7 +47,7 @@ class MadeUp:
     def respond(
         self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """See :class:`bayesterra.prediction.statics.Ground`."""
+        """See :class:`bayesterra.models.statics.Ground`."""
         pull = (RISE * slip - FALL * slip**2) * load
         sunk = (slip > self.deepest).any(axis=1)
         return np.stack([np.full_like(slip, 0.01), pull, self.arm * load], axis=2), np.where(

@@ -48,9 +48,11 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.models import Conditions, Status, Wheel, WheelSoilModel
+from bayesterra.models.base import WheelSoilModel
+from bayesterra.models.checks import BoolArray, FloatArray, IntArray
+from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.forces import DRAWBAR_PULL
+from bayesterra.models.wheel import Wheel
 
 SETTLED = 1e-11
 """Change of the loads, relative to the weight, and of the slope, at which the balance is met."""
