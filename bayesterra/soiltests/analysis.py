@@ -39,7 +39,7 @@ from bayesterra.sampling.sampler import (
 )
 from bayesterra.sampling.summary import parameter_rows, summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
-from bayesterra.soiltests.posterior import TestPosterior, coordinates, log_curve, marginal_sd, structural
+from bayesterra.soiltests.posterior import TestPosterior, coordinates, marginal_sd, structural
 from bayesterra.soiltests.schema import LEVELS, PATHS, QUANTITIES, STRESSES
 from bayesterra.soiltests.study import SoilTest, load_soil_test, write_soil_test
 from bayesterra.soiltests.study import soil_test as from_tables
@@ -230,7 +230,9 @@ class _Parts:
         kind, path = self.test.kind, float(np.exp(np.median(np.log(self.test.readings.path))))
 
         def stress(x: FloatArray) -> FloatArray:
-            curve = log_curve(kind, self.posterior.soil(x), np.array([path]), np.array([level]))
+            curve = self.test.readings.model.log_stress(
+                self.posterior.soil(x), np.array([path]), np.array([level])
+            )
             return np.asarray(np.exp(curve[:, 0]))
 
         chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
@@ -285,7 +287,7 @@ class _Parts:
             grid = np.geomspace(path.min(), path.max(), GRID)
             spread = self.posterior.spread(x)
             true = spread.true_path(grid)
-            curve = log_curve(readings.kind, self.posterior.soil(x), true, np.full(GRID, level))
+            curve = readings.model.log_stress(self.posterior.soil(x), true, np.full(GRID, level))
             # quantiles of a mixture of normal laws, by fixed scores in every draw
             scores = norm.ppf((np.arange(20) + rng.random()) / 20)
             new = curve[:, None] + marginal_sd(grid, spread)[:, None] * scores[:, None]

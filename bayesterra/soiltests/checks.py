@@ -29,7 +29,7 @@ from scipy.stats import chi2, kstest
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import Target, sample_target
-from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, log_curve, marginal_sd
+from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, marginal_sd
 from bayesterra.soiltests.schema import COLUMNS, KINDS, LEVELS, QUANTITIES
 from bayesterra.soiltests.study import Readings
 from bayesterra.stats.weights import pareto_limit, pareto_smoothed, weighted_log_mean
@@ -238,7 +238,7 @@ def _predicted(
     picked = rng.choice(len(x), size=DRAWS, p=shares / shares.sum())
     soil, path = posterior.soil(x[picked]), readings.path[chosen]
     spread = posterior.spread(x[picked])
-    mean = log_curve(readings.kind, soil, spread.true_path(path), readings.level[chosen])
+    mean = readings.model.log_stress(soil, spread.true_path(path), readings.level[chosen])
     residual = np.log(readings.stress[chosen]) - mean
     law = covariance(path, spread)
     inside = ndtr(residual / marginal_sd(path, spread)).mean(axis=0)

@@ -12,10 +12,7 @@ With ``independent`` readings there is neither memory nor an error of the zero: 
 least squares assume. That overstates what a test tells, and exists to show by how much.
 
 The process is Markov, so that differences of neighbours are independent: the likelihood costs one pass.
-
-Plates: Bekker's p = (k_c/b + k_φ) z^n, b the plate radius. Either modulus may be negative; only k_c/b + k_φ
-> 0 under every plate is physical. Shear: Janosi and Hanamoto's τ = (c + σ tan φ) (1 − exp(−j/K)), the law
-of eq. (9).
+Mean curves f are those of :mod:`bayesterra.models.soil_tests`.
 """
 
 from __future__ import annotations
@@ -32,7 +29,6 @@ from bayesterra.likelihood.posterior import INSIDE, OUTSIDE_PHYSICS, OUTSIDE_PRI
 from bayesterra.models.kernels import compiled
 from bayesterra.parameters import MODULI, OFFSET
 from bayesterra.sampling.coordinates import Block, Coordinates, Logarithm, NormalScore, Strength
-from bayesterra.soiltests.schema import KINDS
 from bayesterra.soiltests.study import Readings, SoilTest
 from bayesterra.stats.laws import Law
 
@@ -159,50 +155,6 @@ def marginal_sd(path: FloatArray, spread: Spread) -> FloatArray:
     return np.sqrt(variance)
 
 
-def log_curve(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> FloatArray:
-    """Log of the mean stress (n, m), Pa.
-
-    Parameters
-    ----------
-    kind : ``plate`` or ``shear``.
-    x : soil parameters (n, 3), SI: k_c, k_φ, n or c, φ, K, inside their physical range.
-    path : sinkage or displacement (m,), m.
-    level : plate radius, m, or normal stress, Pa, (m,).
-    """
-    first, second, third = (x[:, i : i + 1] for i in range(3))
-    if kind == "plate":
-        levels, which = np.unique(level, return_inverse=True)
-        return np.asarray(np.log(first / levels + second)[:, which] + third * np.log(path))
-    mobilised = -np.expm1(-path / third)
-    return np.asarray(np.log(first + level * np.tan(second)) + np.log(mobilised))
-
-
-def physical(kind: str, x: FloatArray, levels: FloatArray) -> BoolArray:
-    """True where soil parameters (n, 3) are physical under all plates or stresses ``levels`` (t,)."""
-    first, second, third = x.T
-    if kind == "plate":
-        # K_s is linear in 1/b: positive under the smallest and the largest plate is positive under all
-        with np.errstate(over="ignore", invalid="ignore"):  # far proposals overflow, and are turned away
-            ends = first[:, None] / np.array([levels.min(), levels.max()]) + second[:, None]
-        return np.asarray((ends > 0).all(axis=1))
-    inside = (first >= 0) & (second >= 0) & (second < np.pi / 2) & (third > 0)
-    return np.asarray(inside & (first + levels.min() * np.tan(np.where(inside, second, 0.0)) > 0))
-
-
-def slopes(kind: str, x: FloatArray, path: FloatArray, level: FloatArray) -> FloatArray:
-    """Derivatives (n, m, 3) of :func:`log_curve` by the soil parameters."""
-    first, second, third = (x[:, i : i + 1] for i in range(3))
-    if kind == "plate":
-        modulus = first / level + second
-        columns = (1.0 / (level * modulus), 1.0 / modulus, np.broadcast_to(np.log(path), modulus.shape))
-    else:
-        strength = first + level * np.tan(second)
-        ratio = path / third
-        columns = (1.0 / strength, level / np.cos(second) ** 2 / strength, -ratio / np.expm1(ratio) / third)
-    shape = np.broadcast_shapes(*(part.shape for part in columns))
-    return np.stack([np.broadcast_to(part, shape) for part in columns], axis=2)
-
-
 def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
     """True for each soil parameter (3,) that this design could determine, from prior draws ``x`` (n, 3), cut.
 
@@ -210,7 +162,7 @@ def structural(readings: Readings, x: FloatArray, free: BoolArray) -> BoolArray:
     of one radius, c and φ under one normal stress. Only parameters that are ``free`` (3,) count.
     """
     lost = np.zeros((free.sum(), free.sum()))
-    for matrix in slopes(readings.kind, x, readings.path, readings.level)[:, :, free]:
+    for matrix in readings.model.slopes(x, readings.path, readings.level)[:, :, free]:
         norms = np.linalg.norm(matrix, axis=0)
         _, values, rows = np.linalg.svd(matrix / np.where(norms > 0, norms, 1.0))
         rank = int((values > 1e-9 * values[0]).sum())
@@ -305,7 +257,7 @@ class TestPosterior:
     def soil(self, x: FloatArray) -> FloatArray:
         """Soil parameters (n, 3) of parameter sets (n, d)."""
         values = self.prior.values(x)
-        return np.column_stack([values[name] for name in KINDS[self.readings.kind]])
+        return np.column_stack([values[name] for name in self.readings.model.parameters])
 
     def spread(self, x: FloatArray) -> Spread:
         """Values that describe the scatter, of parameter sets (n, d)."""
@@ -326,7 +278,7 @@ class TestPosterior:
     def _mean(self, x: FloatArray, spread: Spread) -> FloatArray:
         """Log of the mean stress (n, m) at the true sinkages or displacements of the readings."""
         readings = self.readings
-        return log_curve(readings.kind, self.soil(x), spread.true_path(readings.path), readings.level)
+        return readings.model.log_stress(self.soil(x), spread.true_path(readings.path), readings.level)
 
     def simulate(self, x: FloatArray, rng: Generator) -> FloatArray:
         """Draw stresses (n, m) of new tests at the same sinkages or displacements; ``x`` (n, d)."""
@@ -339,7 +291,7 @@ class TestPosterior:
         return np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, codes)
 
     def _physical(self, x: FloatArray) -> BoolArray:
-        inside = physical(self.readings.kind, self.soil(x), self.readings.levels)
+        inside = self.readings.model.physical(self.soil(x), self.readings.levels)
         return np.asarray(inside & (self.prior.values(x).get(OFFSET, 0.0) > -self.readings.path.min()))
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -410,7 +362,7 @@ class Bearing:
 def coordinates(posterior: TestPosterior) -> Coordinates:
     """Sampling coordinates: stresses at what is typical of the readings, and logs of the scatter."""
     names, laws, readings = posterior.names, posterior.prior.laws, posterior.readings
-    soil: tuple[str, ...] = KINDS[readings.kind]
+    soil: tuple[str, ...] = readings.model.parameters
     block: Block | None = None
     typical = float(np.exp(np.median(np.log(readings.path))))
     if readings.kind == "plate" and set(soil) <= set(names):

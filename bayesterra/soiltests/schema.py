@@ -20,15 +20,14 @@ from pydantic import (
 from pydantic.dataclasses import dataclass
 
 from bayesterra.errors import StudyError, check_keys, known
+from bayesterra.models.soil_tests import SOIL_TESTS
 from bayesterra.parameters import OFFSET, PARAMETERS, Channel, Parameter
 from bayesterra.stats.laws import Law
 from bayesterra.study import entries
 from bayesterra.study.schema import Number, SamplingOptions, Text, bare_numbers, checked_by, gathered
 from bayesterra.study.units import quantity
 
-PLATE = ("kc", "kphi", "n")
-SHEAR = ("c", "phi", "K")
-KINDS = {"plate": PLATE, "shear": SHEAR}
+KINDS = {kind: model.parameters for kind, model in SOIL_TESTS.items()}
 """Soil parameters by kind of test."""
 NOISE = {"plate": ("scatter", "memory", "seating", "sinkage_offset"), "shear": ("scatter", "memory")}
 """Parameters of how tests differ from the mean curve, by kind of test."""
@@ -37,7 +36,7 @@ _ALL = (
     replace(PARAMETERS["kc"], unit="kPa m/m^n", description="cohesive modulus"),
     replace(PARAMETERS["kphi"], unit="kPa/m^n", description="frictional modulus"),
     Parameter("n", "n", r"n", "-", 1.0, "", "sinkage exponent"),
-    *(PARAMETERS[name] for name in SHEAR),
+    *(PARAMETERS[name] for name in KINDS["shear"]),
     Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of log stress from test to test"),
     Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which it lasts"),
     Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"),

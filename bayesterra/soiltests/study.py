@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import StudyError, checked_path, did_you_mean, errors_in
+from bayesterra.models.soil_tests import SOIL_TESTS, SoilTestModel
 from bayesterra.parameters import Channel
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MOST_TOML, read_text
@@ -274,6 +275,11 @@ class Readings:
 
     def __len__(self) -> int:
         return len(self.test)
+
+    @property
+    def model(self) -> SoilTestModel:
+        """The law of the mean stress."""
+        return SOIL_TESTS[self.kind]
 
     @property
     def levels(self) -> FloatArray:

@@ -88,7 +88,8 @@ def test_a_test_that_is_off_is_outside_its_prediction(analysed: Analysed) -> Non
 
 BROKEN = {
     "left_out": "leave_out", "evidence": "ensembles_evidence", "fits": "fit",
-    "identifiability": "identifiability", "mode": "minimize", "derived": "log_curve", "bands": "log_curve",
+    "identifiability": "identifiability", "mode": "minimize", "derived": "summary_row",
+    "bands": "marginal_sd",
 }  # fmt: skip
 
 
