@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -31,5 +32,6 @@ def little_adaptation(plan: AdaptationOptions = LITTLE) -> Iterator[None]:
 def little_leaving_out() -> Iterator[None]:
     """Soil tests of which each is left out by a small sampling, enough for tables and pages."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32))
+        patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32, max_steps=200))
+        patch.setattr(checks, "PLAN", replace(LITTLE, sweeps=4))
         yield

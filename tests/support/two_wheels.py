@@ -11,6 +11,7 @@ from paper_wheels import ABOUT_WH32
 from paper_wheels import WHEELS as PAPER_WHEELS
 
 from bayesterra.pooling import degrees
+from bayesterra.sampling import joint
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.study.study import Study
@@ -51,8 +52,9 @@ def made(**tables: Any) -> Study:
 
 @contextmanager
 def few_walkers(sweeps: int = 40, draws: int = 2048, inner: int = 32) -> Iterator[None]:
-    """Runs with groups whose evidences for other roles come from few walkers: these are tested apart."""
+    """Runs with groups in short rounds, whose evidences for other roles come from few walkers."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(joint, "ROUND_SWEEPS", 50)
         patch.setattr(degrees, "WALKERS", 32)
         patch.setattr(degrees, "WARM_UPS", (sweeps // 5, 2 * sweeps // 5))
         patch.setattr(degrees, "SWEEPS", (sweeps,))
