@@ -6,8 +6,9 @@ which reports, tables and plots speak.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -135,8 +136,30 @@ def _size(prefix: str, channel: Channel) -> Parameter:
     return Parameter(name, symbol, tex, channel.unit, channel.scale, channel.dimension, words)
 
 
-PARAMETERS: dict[str, Parameter] = {
-    parameter.name: parameter
+def whole_and_part(name: str) -> tuple[str, str]:
+    """A parameter of a joint posterior: its quantity, and which of its values.
+
+    >>> whole_and_part("K[Wh11]"), whole_and_part("K.mean"), whole_and_part("K")
+    (('K', '[Wh11]'), ('K', '.mean'), ('K', ''))
+    """
+    quantity = re.split(r"[.\[]", name, maxsplit=1)[0]
+    return quantity, name.removeprefix(quantity)
+
+
+class Parameters(dict[str, Parameter]):
+    """Parameters by name; those of joint posteriors, ``K[Wh11]``, ``K.mean``, follow from their quantity."""
+
+    def __missing__(self, name: str) -> Parameter:
+        base, part = whole_and_part(name)
+        if not part:
+            raise KeyError(name)
+        whose = {".mean": "population mean", ".spread": "spread between groups"}.get(part, part.strip("[]"))
+        symbol, description = f"{self[base].symbol}{part}", f"{self[base].description}, {whose}"
+        return replace(self[base], name=name, symbol=symbol, description=description)
+
+
+PARAMETERS = Parameters(
+    (parameter.name, parameter)
     for parameter in (
         _SOIL[0],
         *_MODULI,
@@ -146,7 +169,7 @@ PARAMETERS: dict[str, Parameter] = {
         Parameter(SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"),
         Parameter(OFFSET, "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"),
     )
-}
+)
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
@@ -211,5 +234,4 @@ DERIVED: dict[str, Parameter] = {
 
 def field_values(name: str, values: FloatArray) -> FloatArray:
     """SI values of a parameter or channel in its field unit."""
-    quantity = PARAMETERS.get(name) or CHANNELS[name]
-    return values / quantity.scale
+    return values / (CHANNELS[name] if name in CHANNELS else PARAMETERS[name]).scale

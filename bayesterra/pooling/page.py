@@ -13,7 +13,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
-from bayesterra.parameters import PARAMETERS
+from bayesterra.parameters import PARAMETERS, whole_and_part
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
@@ -21,7 +21,7 @@ from bayesterra.report.figures import label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
 from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
-from bayesterra.report.symbols import angles, listed, symbol, symbols, unit, whole_and_part
+from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import law_text, unconverged

@@ -16,7 +16,6 @@ from typing_extensions import TypedDict
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import known
 from bayesterra.likelihood.joint import (
-    MEAN,
     SPREAD,
     JointPosterior,
     draw_joint_prior,
@@ -24,7 +23,7 @@ from bayesterra.likelihood.joint import (
     name_in_group,
 )
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import (
     COMPLETE,
     DEGREE_COLUMNS,
@@ -40,7 +39,6 @@ from bayesterra.pooling.degrees import (
 )
 from bayesterra.pooling.evidence import row_terms
 from bayesterra.report.failures import Failures, with_failures
-from bayesterra.report.symbols import whole_and_part
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
@@ -321,20 +319,9 @@ def role(joint: JointPosterior, name: str) -> str:
     return "hierarchical" if name in joint.populations else "separate"
 
 
-def quantity_of(name: str) -> Parameter:
-    """The quantity that a parameter of a joint posterior is, under its whole name."""
-    base, part = whole_and_part(name)
-    quantity = PARAMETERS[base]
-    if name == base:
-        return quantity
-    words = {f".{MEAN}": "population mean", f".{SPREAD}": "spread between groups"}
-    description = f"{quantity.description}, {words.get(part, part.strip('[]'))}"
-    return replace(quantity, name=name, symbol=f"{quantity.symbol}{part}", description=description)
-
-
 def _summary(samples: JointSamples, kept: ThinnedDraws, prior: FloatArray) -> pd.DataFrame:
     densest = kept.flat[np.argmax(samples.joint.log_density(kept.flat))]
-    quantities = [quantity_of(name) for name in samples.joint.names]
+    quantities = [PARAMETERS[name] for name in samples.joint.names]
     return pd.DataFrame(parameter_rows(quantities, kept.chains, prior, densest, samples.diagnosis))
 
 
@@ -395,7 +382,7 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     for name in map(str, dataset.data_vars):
         quantity = PARAMETERS[name.split(".")[0]]
         unit = SI_UNITS.get(quantity.name, quantity.dimension or "1")
-        dataset[name].attrs.update(units=unit, long_name=quantity_of(name).description)
+        dataset[name].attrs.update(units=unit, long_name=PARAMETERS[name].description)
     return dataset
 
 

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PARAMETERS, Channel, Parameter
+from bayesterra.parameters import PARAMETERS, Channel, Parameter, whole_and_part
 from bayesterra.report.style import MARKS, SETTINGS
 
 P = ParamSpec("P")
@@ -79,7 +79,8 @@ def own_axes(ax: Axes | None, width: float = 3.6, height: float = 2.5) -> Axes:
 
 def label(quantity: Parameter | Channel, *, unit: bool = True) -> str:
     """Symbol and field unit as an axis label."""
-    symbol = f"${quantity.latex}$"
+    base, part = whole_and_part(quantity.name)
+    symbol = f"${quantity.latex}$" + (literal(part) if base in PARAMETERS else "")
     text = quantity.unit.replace("m^N", "m$^N$")
     return symbol if not unit or text == "-" else f"{symbol} [{text}]"
 

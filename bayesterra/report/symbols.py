@@ -7,7 +7,15 @@ from collections.abc import Iterable
 
 from markupsafe import Markup, escape
 
-from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, PARAMETERS, Channel, Parameter
+from bayesterra.parameters import (
+    CHANNELS,
+    DERIVED,
+    EFFICIENCY,
+    PARAMETERS,
+    Channel,
+    Parameter,
+    whole_and_part,
+)
 
 QUANTITIES: dict[str, Parameter | Channel] = {
     **CHANNELS,
@@ -20,16 +28,6 @@ PLAIN = {parameter.symbol: name for name, parameter in PARAMETERS.items()}
 _PLAIN = re.compile(
     r"(?<![\w_])({})(?![\w_])".format("|".join(re.escape(s) for s in sorted(PLAIN, key=len, reverse=True)))
 )
-
-
-def whole_and_part(name: str) -> tuple[str, str]:
-    """A parameter of a joint posterior: its quantity, and which of its values.
-
-    >>> whole_and_part("K[Wh11]"), whole_and_part("K.mean"), whole_and_part("K")
-    (('K', '[Wh11]'), ('K', '.mean'), ('K', ''))
-    """
-    quantity = re.split(r"[.\[]", name, maxsplit=1)[0]
-    return quantity, name.removeprefix(quantity)
 
 
 def symbol(name: str) -> Markup:
@@ -69,7 +67,7 @@ def angles(text: str) -> Markup:
 
 def unit(name: str) -> Markup:
     """The field unit, empty for pure numbers."""
-    return raised(QUANTITIES[name].unit)
+    return raised(QUANTITIES[whole_and_part(name)[0]].unit)
 
 
 def raised(unit: str) -> Markup:
