@@ -11,18 +11,13 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.joint import (
-    JointPosterior,
-    draw_joint_prior,
-    draw_population,
-    joint_posterior,
-    log_population,
-)
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint, starting_points
 from bayesterra.sampling.moves import Walkers
+from bayesterra.stats.populations import draw_population, log_population
 from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]

@@ -14,19 +14,13 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.joint import (
-    JointPosterior,
-    draw_joint_prior,
-    joint_posterior,
-    log_population,
-    population_score,
-    population_value,
-)
+from bayesterra.likelihood.joint import JointPosterior, draw_joint_prior, joint_posterior
 from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.pooling.page import joined_laws
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import PoolingOptions, sample_joint
 from bayesterra.sampling.moves import Walkers
+from bayesterra.stats.populations import log_population, population_score, population_value
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
 from tests.support.two_wheels import COHESION, FREE, FRICTION, SHEAR

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.joint import log_population
 from bayesterra.sampling.family import fit_conditional
 from bayesterra.sampling.joint import refitted, warmed_up
 from bayesterra.stats.diagnostics import diagnose
+from bayesterra.stats.populations import log_population
 
 FREE = (-np.inf, np.inf)
 
