@@ -165,7 +165,7 @@ def opened(path: Path) -> Study | Result:
     BayesterraError : it is neither, or something in it is wrong.
     """
     if is_result(path):
-        return read_result(path)
+        return load_result(path)
     if path.is_file() or (path / "study.toml").is_file():
         return load_study(path)
     missing = "neither run.json nor study.toml in it" if path.is_dir() else "no such file or folder"

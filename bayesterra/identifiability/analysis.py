@@ -16,7 +16,7 @@ from bayesterra.errors import enumerated
 from bayesterra.identifiability.cloning import Cloned, PowerScaling, cloning, power_scaling
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
-from bayesterra.identifiability.profiles import Profile, Profiles, profiles
+from bayesterra.identifiability.profiles import Profile, Profiles, no_profiles, profiles
 from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
 from bayesterra.identifiability.structure import Structure, structure
 from bayesterra.identifiability.verdicts import (
@@ -34,7 +34,7 @@ from bayesterra.identifiability.verdicts import (
     ties,
     word,
 )
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
 from bayesterra.runtime.engines import Engine
 
 LOCAL_DRAWS = 400
@@ -86,7 +86,7 @@ class Outlook:
     collinearity: Collinearity
 
 
-def outlook(posterior: Posterior, prior: FloatArray) -> Outlook:
+def outlook(posterior: Whole, prior: FloatArray) -> Outlook:
     """Find out what a design could determine, from draws (m, d) of the cut prior; readings do not count."""
     spread = local_analysis(posterior, spaced(prior, LOCAL_DRAWS), prior)
     seen = structure(posterior, prior[:STRUCTURE_DRAWS])
@@ -94,7 +94,7 @@ def outlook(posterior: Posterior, prior: FloatArray) -> Outlook:
 
 
 def analyse(
-    posterior: Posterior,
+    posterior: Whole,
     prior: FloatArray,
     draws: FloatArray,
     seed: SeedSequence,
@@ -116,12 +116,14 @@ def analyse(
     """
     clock, streams = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
     tracing, coupled, informing, cloned, scaling = streams
-    profiled = clock(
-        "profiles",
-        lambda: profiles(
-            posterior, rng=tracing, draws=draws, prior_draws=prior, references=mode, engine=engine
-        ),
-    )
+
+    def traced() -> Profiles:
+        if posterior.grouped:
+            return no_profiles(posterior, prior, draws)
+        known = {"draws": draws, "prior_draws": prior, "references": mode}
+        return profiles(posterior, rng=tracing, engine=engine, **known)
+
+    profiled = clock("profiles", traced)
 
     def local(x: FloatArray) -> LocalAnalysis:
         return clock("local analysis", lambda: local_analysis(posterior, x, prior, draws))
@@ -171,7 +173,7 @@ class FromDraws:
 class Assessment:
     """Findings behind the verdicts; draws are of the cut prior (m, d) and of the posterior (n, d)."""
 
-    posterior: Posterior
+    posterior: Whole
     prior: FloatArray
     draws: FloatArray
     structure: Structure
@@ -221,15 +223,17 @@ class Assessment:
 
     def _elsewhere(self) -> pd.DataFrame:
         """Findings of structure, profiles, cloned data, bounds and power-scaling."""
-        each, seen = self.profiles.found["likelihood"], self.structure.determined
-        local = self.spread.table
+        each, seen = self.profiles.found.get("likelihood"), self.structure.determined
+        local, names = self.spread.table, ("profile", "lower_95", "upper_95", "excluded")
+        told = [("", np.nan, np.nan, np.nan)] * len(self.posterior.names)
+        if each is not None:
+            told = [
+                (p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, self.prior.T, strict=True)
+            ]
         return pd.DataFrame(
             {
                 "structural": [name in seen for name in self.posterior.names],
-                "profile": [profile.shape for profile in each],
-                "lower_95": [profile.crossings(95)[0] for profile in each],
-                "upper_95": [profile.crossings(95)[1] for profile in each],
-                "excluded": [_excluded(p, x) for p, x in zip(each, self.prior.T, strict=True)],
+                **dict(zip(names, zip(*told, strict=True), strict=True)),
                 "cloned": _firm(self.drawn.cloned),
                 "scaling": self.drawn.scaling.table["word"],
                 **{name: local[name] for name in ("expected", "prior_sd", "local_sd", "posterior_sd")},

@@ -34,7 +34,7 @@ from scipy.sparse.csgraph import connected_components
 
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
 from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
@@ -121,12 +121,7 @@ class Cloud:
 
 
 def cloning(
-    posterior: Posterior,
-    prior: FloatArray,
-    draws: FloatArray,
-    rng: Generator,
-    *,
-    powers: Sequence[int] = POWERS,
+    posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Generator, *, powers: Sequence[int] = POWERS
 ) -> Cloned:
     """Clone the data of a posterior of which draws (n, d) are known; draws (m, d) of its cut prior."""
     target = Target(posterior, coordinates(posterior))
@@ -299,7 +294,7 @@ class PowerScaling:
         return self.k_hat <= self.limit
 
 
-def power_scaling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Generator) -> PowerScaling:
+def power_scaling(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Generator) -> PowerScaling:
     """Scale prior and likelihood around nearly independent posterior draws (n, d); the cut prior's (m, d)."""
     draws, prior = spaced(draws, POWER_DRAWS), spaced(prior, POWER_DRAWS)
     laws = list(posterior.prior.laws.values())

@@ -14,14 +14,15 @@ from numpy.random import SeedSequence, default_rng
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, in_a_sentence, outlook
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import records
 from bayesterra.runtime.engines import Engine
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.tables import Count, Record
-from bayesterra.sampling.sampler import PRIOR_DRAWS, sample, thin
-from bayesterra.study.result import AnalysisResult, Result, check_single, versions
+from bayesterra.sampling.joint import sample_whole
+from bayesterra.sampling.sampler import PRIOR_DRAWS, thin
+from bayesterra.study.result import AnalysisResult, Result, versions
 from bayesterra.study.study import Study
 
 LENGTHS = ("lower_95", "upper_95", "prior_sd", "local_sd", "posterior_sd")
@@ -115,19 +116,18 @@ def _of_result(result: Result, seed: int, engine: Engine | None, report: Report)
     prior, draws = result.values("prior"), result.values()
     mode = result.summary.set_index("parameter")["mode"]
     scaled = np.array([mode[name] * PARAMETERS[name].scale for name in result.names])
-    analysis = analyse(
-        posterior(result.study), prior, draws, SeedSequence(seed), mode=scaled, engine=engine, report=report
-    )
+    target = whole_posterior(result.study)
+    analysis = analyse(target, prior, draws, SeedSequence(seed), mode=scaled, engine=engine, report=report)
     source = {"draws_from": "the result", "draws": len(draws), "converged": result.converged}
     return Identified(result.study, analysis, _record(result.study, seed, analysis.seconds, source))
 
 
 def _of_study(study: Study, seed: int, engine: Engine | None, report: Report) -> Identified:
     """Analysis of a study, which is sampled without the other parts of a run."""
-    target = posterior(study)
+    target = whole_posterior(study)
     analysing, sampling, drawing = SeedSequence(seed).spawn(3)
-    prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(drawing)).x
-    samples = sample(target, study.sampling, sampling, lambda progress: report(progress.stage))
+    prior = target.cut_prior(PRIOR_DRAWS, default_rng(drawing))
+    samples = sample_whole(target, study.sampling, sampling, lambda progress: report(progress.stage))
     draws = thin(samples.chains).flat
     analysis = analyse(target, prior, draws, analysing, engine=engine, report=report)
     source = {"draws_from": "here", "draws": len(draws), "converged": samples.diagnosis.converged}
@@ -144,10 +144,10 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
     """
     check_kind("bt.foresee", study, Study)
     check_seed(seed)
-    target = posterior(study)
+    target = whole_posterior(study)
     if not target.names:
         raise StudyError("every parameter is fixed: there is nothing to determine")
-    prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(SeedSequence(seed))).x
+    prior = target.cut_prior(PRIOR_DRAWS, default_rng(SeedSequence(seed)))
     return Foreseen(study, outlook(target, prior), _record(study, seed, {}, {"draws_from": "the prior"}))
 
 
@@ -184,7 +184,8 @@ def _points(analysis: Analysis) -> pd.DataFrame:
             values = {"value": field_values(profile.name, profile.values), "rise": profile.rise}
             head = {"kind": kind, "profile": profile.name, "unit": PARAMETERS[profile.name].unit}
             frames.append(pd.DataFrame({**head, **values, **path}))
-    return pd.concat(frames, ignore_index=True)
+    none = pd.DataFrame(columns=["kind", "profile", "unit", "value", "rise"])
+    return pd.concat(frames, ignore_index=True) if frames else none
 
 
 def expected_contraction(made: Foreseen) -> FloatArray:
@@ -215,7 +216,7 @@ def identify(
     SupportError : the prior leaves no parameter set that fits the conditions of the data.
     """
     check_seed(seed)
-    check_single("bt.identify", what, Study, Result)
+    check_kind("bt.identify", what, Study, Result)
     if isinstance(what, Result):
         return _of_result(what, seed, engine, progress)
     return _of_study(what, seed, engine, progress)

@@ -42,7 +42,7 @@ from bayesterra.identifiability.verdicts import (
     scores_under,
     within_groups,
 )
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
 from bayesterra.stats.diagnostics import divergence
 
 DRAWS = 12_000
@@ -77,7 +77,7 @@ class Information:
     weights: FloatArray
 
 
-def information(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Generator) -> Information:
+def information(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Generator) -> Information:
     """Compare posterior draws (n, d), nearly independent, with draws (m, d) of the cut prior."""
     names, draws = posterior.names, spaced(draws, DRAWS)
     stated = posterior.prior.sample(STATED, rng)
@@ -244,7 +244,7 @@ class Coupling:
     prior_copula: FloatArray
 
 
-def coupling(posterior: Posterior, prior: FloatArray, draws: FloatArray, rng: Generator) -> Coupling:
+def coupling(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Generator) -> Coupling:
     """Compare the coupling in posterior draws (n, d) with that in draws (m, d) of the cut prior.
 
     Draws must be nearly independent, as kept draws are; thousands of spaced ones are used.

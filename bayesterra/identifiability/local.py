@@ -27,13 +27,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from math import comb
 
 import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.identifiability.structure import NEGLIGIBLE
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.sensitivities import read_where, weighted_sensitivities
 
 SINGULAR = 1e-11
@@ -86,7 +87,7 @@ class LocalAnalysis:
 
 
 def local_analysis(
-    posterior: Posterior, x: FloatArray, prior: FloatArray, draws: FloatArray | None = None
+    posterior: Whole, x: FloatArray, prior: FloatArray, draws: FloatArray | None = None
 ) -> LocalAnalysis:
     """Analyse the information of the readings at a parameter set or averaged over several.
 
@@ -103,7 +104,7 @@ def local_analysis(
     """
     prior_sd, correlation = prior.std(axis=0), np.atleast_2d(np.corrcoef(prior.T))
     roots = information_roots(posterior, np.atleast_2d(x), prior_sd)
-    readings = int(read_where(posterior, posterior.likelihood.channels).sum())
+    readings = sum(int(read.sum()) for read in read_where(posterior))
     none = pd.DataFrame(index=range(len(prior_sd)))
     plain = LocalAnalysis(posterior.names, readings, roots, prior_sd, none)
     bounds = np.array([cramer_rao(root, correlation) for root in roots])
@@ -121,7 +122,7 @@ def local_analysis(
     return replace(plain, table=table)
 
 
-def information_roots(posterior: Posterior, x: FloatArray, unit: FloatArray) -> FloatArray:
+def information_roots(posterior: Whole, x: FloatArray, unit: FloatArray) -> FloatArray:
     """Roots (n', d, d) of the Fisher information at the sets of ``x`` (n, d) that have an answer.
 
     ``unit`` (d,) are the units of the parameters, SI.
@@ -171,6 +172,10 @@ INFORMATIVE = 3.0
 """|s_j| from which a parameter counts as seen: the others known, a third of the prior's sd is left."""
 
 
+MOST_SUBSETS = 13_000
+"""All those of up to 16 parameters."""
+
+
 @dataclass(frozen=True)
 class Collinearity:
     """Collinearity indices of all subsets of two and more parameters.
@@ -207,12 +212,13 @@ class Collinearity:
 def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
     """Collinearity at the parameter sets of a local analysis, ``sets`` of them evenly taken at most.
 
-    There are 2^d − d − 1 subsets of d parameters.
+    There are 2^d − d − 1 subsets of d parameters: of sizes with more than ``MOST_SUBSETS`` none is looked at.
     """
     chosen = np.unique(np.linspace(0, len(local.roots) - 1, sets).astype(int))
     lengths = np.sqrt((local.roots[chosen] ** 2).sum(axis=1))
     unit = local.roots[chosen] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    tables = [_of_size(local.names, unit, size) for size in range(2, len(local.names) + 1)]
+    sizes = range(2, len(local.names) + 1)
+    tables = [_of_size(local.names, unit, k) for k in sizes if comb(len(local.names), k) <= MOST_SUBSETS]
     length = np.median(lengths, axis=0)
     importance = pd.DataFrame(
         {

@@ -21,7 +21,7 @@ from bayesterra.identifiability.evidence_page import (
 )
 from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
 from bayesterra.identifiability.information import ALL
-from bayesterra.identifiability.profiles import LEVELS, Profile, Profiles
+from bayesterra.identifiability.profiles import LEVELS, NO_PROFILES, Profile, Profiles
 from bayesterra.identifiability.verdicts import (
     COUPLED_TO_ALL,
     DETERMINED,
@@ -185,6 +185,8 @@ def _combinations(made: Identified) -> Table:
 
 
 def _profile_section(made: Identified) -> Blocks:
+    if not made.found.profiles.found:
+        return (Text(NO_PROFILES),)
     panels = drawing(profile_panels(made.found.profiles), profiles_in_words(made.found.profiles))
     caption = (
         "The best that all other parameters can do at each value of one. Where a curve crosses the 95 % line "

@@ -22,6 +22,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.identifiability.tracing import AGREE, Traces, standing_out, trace
+from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.likelihood.target import Target, chart
 from bayesterra.runtime.engines import Engine
@@ -127,7 +128,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Profiles:
-    """Profiles of all free parameters.
+    """Profiles of all free parameters; ``found`` nothing of a joint posterior.
 
     Attributes
     ----------
@@ -159,8 +160,9 @@ class Profiles:
         In standard deviations of the cut prior; negative where it falls as the other rises. The diagonal
         holds the width of the interval itself.
         """
-        rows = [_moves(profile, i) / self.prior_sd for i, profile in enumerate(self.found[kind])]
-        return pd.DataFrame(rows, index=list(self.names), columns=list(self.names))
+        found = self.found.get(kind, ())
+        rows = [_moves(profile, i) / self.prior_sd for i, profile in enumerate(found)]
+        return pd.DataFrame(rows, index=[profile.name for profile in found], columns=list(self.names))
 
     @property
     def table(self) -> pd.DataFrame:
@@ -170,7 +172,7 @@ class Profiles:
         threshold is not crossed), pieces, trust, failed (number of points), and compensated_by: the
         parameters that move most.
         """
-        return pd.DataFrame([row for kind in self.found for row in self._rows(kind)])
+        return pd.DataFrame([row for kind in self.found for row in self._rows(kind)], columns=COLUMNS)
 
     def _rows(self, kind: str) -> list[dict[str, object]]:
         moves = self.compensation(kind).to_numpy()
@@ -191,6 +193,23 @@ class Profiles:
             }
             for i, profile in enumerate(self.found[kind])
         ]
+
+
+COLUMNS = [
+    "kind", "parameter", "class", "lower_95", "lower_68", "best", "upper_68", "upper_95", "pieces", "trust",
+    "failed", "compensated_by",
+]  # fmt: skip
+NO_PROFILES = (
+    "No profiles of joint posteriors: the density of values of one population grows without end as the spread"
+    " goes to 0, so there is no best point to hold them against. Verdicts rest on the draws."
+)
+
+
+def no_profiles(posterior: Whole, prior: FloatArray, draws: FloatArray) -> Profiles:
+    """Profiles of a joint posterior: none, see ``NO_PROFILES``; the best point is the densest draw."""
+    density, ends = posterior.log_density(draws), [law.range for law in posterior.prior.laws.values()]
+    best, top = {"posterior": draws[density.argmax()]}, {"posterior": float(density.max())}
+    return Profiles(posterior.names, {}, best, top, {}, prior.std(axis=0), np.array(ends))
 
 
 def profiles(

@@ -13,7 +13,7 @@ under wheels of one width, or of n0 and n1 at one slip; one that turns from draw
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,8 @@ import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import counted, enumerated
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.sensitivities import (
     has_own_sd,
     known_inputs,
@@ -88,7 +89,7 @@ class Structure:
         return tuple(name for name in self.names if name not in lost)
 
 
-def structure(posterior: Posterior, prior: FloatArray) -> Structure:
+def structure(posterior: Whole, prior: FloatArray) -> Structure:
     """Find what no data of this design can determine.
 
     Parameters
@@ -101,7 +102,7 @@ def structure(posterior: Posterior, prior: FloatArray) -> Structure:
     ------
     ValueError : the model has no answer for any of the draws.
     """
-    spectra = ranks(posterior, prior, posterior.likelihood.channels)
+    spectra = ranks(posterior, prior, design_of(posterior).channels)
     if not len(spectra.matrices):
         raise ValueError("the model has no answer in some row for every draw of the prior")
     nulls = (*_soil_nulls(posterior, prior, spectra), *_noise_nulls(posterior))
@@ -119,7 +120,7 @@ def structure(posterior: Posterior, prior: FloatArray) -> Structure:
     )
 
 
-def _soil_nulls(posterior: Posterior, prior: FloatArray, spectra: Ranks) -> list[Null]:
+def _soil_nulls(posterior: Whole, prior: FloatArray, spectra: Ranks) -> list[Null]:
     """Unseen directions of all but the noise."""
     columns = soil_columns(posterior)
     names = [posterior.names[i] for i in columns]
@@ -140,17 +141,19 @@ def _soil_nulls(posterior: Posterior, prior: FloatArray, spectra: Ranks) -> list
     return nulls
 
 
-def _noise_nulls(posterior: Posterior) -> list[Null]:
+def _noise_nulls(posterior: Whole) -> list[Null]:
     """Estimated noise of channels whose every reading has a standard deviation of its own."""
-    likelihood, nulls = posterior.likelihood, []
-    read = read_where(posterior, likelihood.channels)
-    for noise, where in zip(likelihood.noise, read.T, strict=True):
-        if noise.parameter is not None and not (where & ~has_own_sd(likelihood, noise)).any():
-            direction = np.zeros((1, len(posterior.names)))
-            direction[0, posterior.names.index(noise.parameter)] = 1.0
-            words = "every reading has a standard deviation of its own"
-            nulls.append(Null((noise.parameter,), direction, True, words))
-    return nulls
+    told: dict[int, bool] = {}
+    groups = zip(posterior.groups.values(), posterior.places, read_where(posterior), strict=True)
+    for own, at, read in groups:
+        likelihood = own.likelihood
+        for noise, where in zip(likelihood.noise, read.T, strict=True):
+            if noise.parameter is not None:
+                column = int(at[own.names.index(noise.parameter)])
+                told[column] = told.get(column, False) or bool((where & ~has_own_sd(likelihood, noise)).any())
+    words = "every reading has a standard deviation of its own"
+    every = np.eye(len(posterior.names))
+    return [Null((posterior.names[i],), every[[i]], True, words) for i, seen in told.items() if not seen]
 
 
 def _words(parameters: tuple[str, ...], directions: FloatArray, straight: bool) -> str:
@@ -169,12 +172,13 @@ def _words(parameters: tuple[str, ...], directions: FloatArray, straight: bool) 
     return f"of {listed(parameters)} only {seen}{bent}"
 
 
-def _remedies(posterior: Posterior, prior: FloatArray) -> dict[tuple[str, ...], set[str]]:
+def _remedies(posterior: Whole, prior: FloatArray) -> dict[tuple[str, ...], set[str]]:
     """Parameters that every channel that is not read would determine, and all of them together."""
     names = [posterior.names[i] for i in soil_columns(posterior)]
-    missing, determined = design_of(posterior).missing, {}
+    design, determined = design_of(posterior), {}
+    read, missing = design.channels, design.missing
     for added in dict.fromkeys([*((name,) for name in missing), missing] if missing else []):
-        unseen = ranks(posterior, prior, (*posterior.likelihood.channels, *added)).unseen()
+        unseen = ranks(posterior, prior, (*read, *added)).unseen()
         lost = {names[i] for each in unseen for i in np.flatnonzero(each.directions.any(axis=0))}
         determined[added] = set(names) - lost
     return determined
@@ -251,15 +255,25 @@ class Design:
         return f"{rows} at {slips} ({ends}), {counted(len(self.widths), 'wheel width')}; {read}"
 
 
-def design_of(posterior: Posterior) -> Design:
-    """The design of a study."""
-    likelihood = posterior.likelihood
+def design_of(posterior: Whole) -> Design:
+    """The design of a study, of all groups together."""
+    masks = zip(posterior.groups.values(), read_where(posterior), strict=True)
+    designs = [_of_likelihood(own.likelihood, read) for own, read in masks]
+    slips, widths, given = (
+        np.unique(np.concatenate([getattr(each, name) for each in designs]))
+        for name in ("slips", "widths", "given")
+    )
+    rows, readings = (sum(getattr(each, name) for each in designs) for name in ("rows", "readings"))
+    return replace(designs[0], rows=rows, slips=slips, widths=widths, given=given, readings=readings)
+
+
+def _of_likelihood(likelihood: Likelihood, read: BoolArray) -> Design:
     forward, conditions = likelihood.forward, likelihood.forward.conditions
     latent = forward.drive.latent_load
     columns = [conditions.slip, conditions.radius, conditions.width, conditions.lug_height]
     columns.append(np.zeros(len(conditions.slip)) if latent else forward.given)
     _, first = np.unique(np.round(np.column_stack(columns), 9), axis=0, return_index=True)
-    each = read_where(posterior, likelihood.channels)[first].sum(axis=1)
+    each = read[first].sum(axis=1)
     return Design(
         rows=len(conditions.slip),
         slips=np.unique(np.round(conditions.slip, 9)),
@@ -350,28 +364,34 @@ class Ranks:
         return sorted(directions, key=lambda each: int(each.directions.any(axis=0).argmax()))
 
 
-def ranks(posterior: Posterior, x: FloatArray, channels: Sequence[str]) -> Ranks:
+def ranks(posterior: Whole, x: FloatArray, channels: Sequence[str]) -> Ranks:
     """Ranks at sets ``x`` (n, d), in units of their standard deviations, where ``channels`` are read.
 
     Sets for which the model has no answer are left out. See :func:`read_where` for the rows.
     """
-    soil = soil_columns(posterior)
-    slopes = sensitivities(posterior, x).of(tuple(channels))
-    read = read_where(posterior, channels)
-    by_x = np.where(read[..., None], slopes.by_parameter[..., soil] * x[:, soil].std(axis=0), 0.0)
-    by_load = np.where(read, slopes.by_load * known_inputs(posterior.likelihood)[:, None], 0.0)
+    soil, parts = soil_columns(posterior), []
+    groups = zip(posterior.groups.values(), posterior.places, posterior.values_of_groups(x), strict=True)
+    for (own, at, values), read in zip(groups, read_where(posterior, channels), strict=True):
+        slopes = sensitivities(own, values).of(tuple(channels))
+        whole = np.zeros((*slopes.values.shape, x.shape[1]))
+        whole[..., at] = slopes.by_parameter
+        by_x = np.where(read[..., None], whole[..., soil] * x[:, soil].std(axis=0), 0.0)
+        parts.append((by_x, np.where(read, slopes.by_load * known_inputs(own.likelihood)[:, None], 0.0)))
+    by_x, by_load = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
     by_x, by_load = by_x / rows[..., None], by_load / rows
     lengths = _lengths(by_x, axis=(1, 2))
     seen = without_load(by_x / lengths[:, None, None], by_load, 0.0)
-    seen = seen.reshape(len(x), read.size, len(soil))
+    seen = seen.reshape(len(x), by_load[0].size, len(soil))
     answered = np.isfinite(seen).all(axis=(1, 2))
     return Ranks(seen[answered], lengths[answered])
 
 
-def soil_columns(posterior: Posterior) -> list[int]:
-    """Free parameters that are no noise."""
-    return [i for i, name in enumerate(posterior.names) if not name.startswith(SIZES)]
+def soil_columns(posterior: Whole) -> list[int]:
+    """Parameters that readings depend on by themselves: no noise, no mean or spread of a population."""
+    return sorted({i for own, at in zip(posterior.groups.values(), posterior.places, strict=True)
+                   for i, name in zip(at.tolist(), own.names, strict=True)
+                   if not name.startswith(SIZES)})  # fmt: skip
 
 
 def _lengths(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:

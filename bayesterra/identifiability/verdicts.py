@@ -24,8 +24,8 @@ from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.identifiability.structure import combination
-from bayesterra.likelihood.posterior import Posterior
-from bayesterra.parameters import MODULI, PARAMETERS
+from bayesterra.likelihood.joint import Whole
+from bayesterra.parameters import MODULI, PARAMETERS, whole_and_part
 from bayesterra.sampling.coordinates import Bearing, Block, Contact, Coordinates, Moduli, coordinates
 from bayesterra.stats.diagnostics import divergence, rank_scores
 from bayesterra.study.result import COUPLED
@@ -200,12 +200,12 @@ on the gap between two draws, which may be no gap at all."""
 
 def group_columns(names: Sequence[str]) -> dict[str, list[int]]:
     """Columns of the free parameters of each group; k_c and k_φ stand in the place of K_s, in P_I."""
-    of = {name: "P_I" if name in MODULI else PARAMETERS[name].group for name in names}
+    of = {name: "P_I" if whole_and_part(name)[0] in MODULI else PARAMETERS[name].group for name in names}
     columns = {group: [i for i, name in enumerate(names) if of[name] == group] for group in GROUPS}
     return {group: held for group, held in columns.items() if held}
 
 
-def within_groups(posterior: Posterior) -> Coordinates:
+def within_groups(posterior: Whole) -> Coordinates:
     """The sampling coordinates, but none that mixes groups: the stress is taken at θm = θ1/2 throughout.
 
     They straighten the ridges within a group and leave the dependence between groups as it is.

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import Posterior, checked_sets, likelihood_of, posterior
-from bayesterra.stats.dependence import Split
+from bayesterra.likelihood.posterior import (
+    INSIDE,
+    OUTSIDE_PRIOR,
+    Posterior,
+    checked_sets,
+    likelihood_of,
+    posterior,
+)
+from bayesterra.stats.dependence import MixtureCopula, Split
 from bayesterra.stats.laws import Law
 from bayesterra.stats.populations import draw_population, log_population, population_score, population_value
 from bayesterra.study.groups import Pooling
@@ -88,6 +96,23 @@ class JointPosterior:
         return (*self.shared_and_hyper, *own)
 
     @cached_property
+    def prior(self) -> JointPrior:
+        """The stated prior of all parameters."""
+        return JointPrior(self)
+
+    @property
+    def grouped(self) -> Literal[True]:
+        """True."""
+        return True
+
+    @cached_property
+    def places(self) -> tuple[IntArray, ...]:
+        """Columns of parameter sets (n, all) that are the parameters of every group."""
+        whole = ([name if name in self.shared else name_in_group(name, group) for name in self.first.names]
+                 for group in self.groups)  # fmt: skip
+        return tuple(np.array([self.names.index(name) for name in names], dtype=np.int64) for names in whole)
+
+    @cached_property
     def copula(self) -> Split | None:
         """Dependence of the parameters that have any; None where the laws are independent.
 
@@ -125,10 +150,10 @@ class JointPosterior:
         return np.column_stack([np.empty((len(shared), 0)), *scores])
 
     def _own_scores(self, shared: FloatArray, own: FloatArray) -> FloatArray:
-        scores = [self._score(name, shared, own) for name in self.tied_local]
+        scores = [self.score(name, shared, own) for name in self.tied_local]
         return np.column_stack([np.empty((len(own), 0)), *scores])
 
-    def _score(self, name: str, shared: FloatArray, own: FloatArray) -> FloatArray:
+    def score(self, name: str, shared: FloatArray, own: FloatArray) -> FloatArray:
         """Normal score (n,) of a local under its population or, where it has none, its own law."""
         values, law = own[:, self.local.index(name)], self.laws[name]
         if name not in self.populations:
@@ -144,7 +169,7 @@ class JointPosterior:
         if self.copula is None or name not in self.tied_local:
             return np.zeros(len(shared)), 1.0
         before = [other for other in self.populations[:i] if other in self.tied_local]
-        scores = [self._shared_scores(shared), *(self._score(other, shared, own) for other in before)]
+        scores = [self._shared_scores(shared), *(self.score(other, shared, own) for other in before)]
         at = [*range(k), *(k + self.tied_local.index(other) for other in before)]
         middle, width = self.copula.conditional(k + self.tied_local.index(name), at)
         return np.asarray(np.column_stack(scores) @ middle), width
@@ -274,6 +299,18 @@ class JointPosterior:
             prior = np.where(likelihood > -np.inf, prior, -np.inf)
         return prior, np.where(np.isfinite(prior), likelihood, -np.inf)
 
+    def reasons(self, x: FloatArray) -> IntArray:
+        """Reason why each set (n, all) has no density: that of the first group without one."""
+        reasons = np.where(np.isneginf(self.log_prior_of_shared(self.split(x)[0])), OUTSIDE_PRIOR, INSIDE)
+        for values, own in zip(self.values_of_groups(x), self.groups.values(), strict=True):
+            inside = np.flatnonzero(reasons == INSIDE)
+            reasons[inside] = own.reasons(values[inside])
+        return reasons
+
+    def cut_prior(self, n: int, rng: Generator) -> FloatArray:
+        """Draws (n, all) of the prior cut to the support of every group, see :func:`draw_joint_prior`."""
+        return draw_joint_prior(self, n, rng)
+
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
         tied = np.empty((n, 0)) if self.copula is None else self.copula.draw_shared(n, rng)
@@ -314,6 +351,67 @@ class JointPosterior:
         return own
 
 
+@dataclass(frozen=True)
+class JointPrior:
+    """Stated prior of all parameters of a joint posterior, in the order of its names, before the cut."""
+
+    joint: JointPosterior
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Stated laws; of a value within a population that of its quantity, which has its range and scale."""
+        hyper = [law for pair in self.joint.hyper.values() for law in pair]
+        shared, own = ([self.joint.laws[n] for n in names] for names in (self.joint.shared, self.joint.local))
+        return dict(zip(self.joint.names, shared + hyper + own * len(self.joint.groups), strict=True))
+
+    def sample(self, n: int, rng: Generator) -> FloatArray:
+        """Draw parameter sets (n, all)."""
+        shared = self.joint.draw_shared(n, rng)
+        own = [self.joint.draw_group(shared, rng) for _ in self.joint.groups]
+        return self.joint.joined(shared, np.stack(own, axis=1))
+
+    def scores(self, x: FloatArray) -> FloatArray:
+        """Normal scores (n, all) of parameter sets; of a value within a population, given mean and spread."""
+        shared, groups = self.joint.split(x)
+        scores = [self.laws[n].score(shared[:, i]) for i, n in enumerate(self.joint.shared_and_hyper)]
+        scores += [self.joint.score(name, shared, own) for own in groups for name in self.joint.local]
+        return np.column_stack(scores)
+
+    @cached_property
+    def score_correlation(self) -> FloatArray:
+        """Correlations (all, all) of the scores; a mixture has those of its scores."""
+        joint, matrix = self.joint, np.eye(len(self.joint.names))
+        if joint.copula is None:
+            return matrix
+        whole, k = joint.copula.whole.correlation, joint.copula.shared
+        across = whole[k:, :k] @ np.linalg.solve(whole[:k, :k], whole[:k, k:])  # by what both share
+        shared = [joint.names.index(name) for name in joint.tied_shared]
+        own = [[joint.names.index(name_in_group(n, g)) for n in joint.tied_local] for g in joint.groups]
+        matrix[np.ix_(shared, shared)] = whole[:k, :k]
+        for first in own:
+            matrix[np.ix_(first, shared)], matrix[np.ix_(shared, first)] = whole[k:, :k], whole[:k, k:]
+            for second in own:
+                matrix[np.ix_(first, second)] = whole[k:, k:] if first is second else across
+        return matrix
+
+    @cached_property
+    def correlated(self) -> list[int]:
+        """Columns of parameters that depend on another one, as those within a population do."""
+        others = (self.score_correlation - np.eye(len(self.joint.names))).any(axis=1)
+        within = (self.joint.names.index(name_in_group(name, group))
+                  for name in self.joint.populations for group in self.joint.groups)  # fmt: skip
+        return sorted({*np.flatnonzero(others).tolist(), *within})
+
+    @property
+    def mixed(self) -> list[tuple[list[int], MixtureCopula]]:
+        """None: mixtures count by the correlations of their scores."""
+        return []
+
+
+Whole: TypeAlias = Posterior | JointPosterior
+"""Posterior of all parameters of a study, with or without groups."""
+
+
 def joint_posterior(study: Study, fewest: int = 2) -> JointPosterior:
     """Joint posterior of a study; StudyError without [pooling], or with rows in use of fewer groups."""
     if study.pooling is None:
@@ -329,7 +427,7 @@ def joint_posterior(study: Study, fewest: int = 2) -> JointPosterior:
     return JointPosterior(study.pooling, groups)
 
 
-def whole_posterior(study: Study, fewest: int = 2) -> Posterior | JointPosterior:
+def whole_posterior(study: Study, fewest: int = 2) -> Whole:
     """The posterior of all parameters of a study, without groups or with ``fewest`` of them or more."""
     return posterior(study) if study.pooling is None else joint_posterior(study, fewest)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -83,9 +83,23 @@ class Posterior:
         """The one group of a study without groups, which has no name."""
         return {"": self}
 
+    @property
+    def grouped(self) -> Literal[False]:
+        """False: one group, without a name."""
+        return False
+
+    @property
+    def places(self) -> tuple[IntArray, ...]:
+        """Columns of parameter sets that are the parameters of every group: all."""
+        return (np.arange(len(self.names)),)
+
     def values_of_groups(self, x: FloatArray) -> tuple[FloatArray, ...]:
         """Parameter sets (n, d) of every group: ``x`` itself."""
         return (x,)
+
+    def cut_prior(self, n: int, rng: Generator) -> FloatArray:
+        """Draws (n, d) of the prior cut to the physical support, see :func:`draw_cut_prior`."""
+        return draw_cut_prior(self, n, rng).x
 
     def one_group(self, group: str, x: FloatArray, rng: Generator) -> tuple[Posterior, FloatArray]:
         """Posterior of the only group, and its parameter sets (n, d): ``x`` itself."""

@@ -37,6 +37,7 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, offset_of, take
+from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions
@@ -164,16 +165,17 @@ def _with_normal_force(
     )
 
 
-def read_where(posterior: Posterior, channels: Sequence[str]) -> BoolArray:
-    """Mask of the channels that each row reads (m, k).
+def read_where(posterior: Whole, channels: Sequence[str] | None = None) -> list[BoolArray]:
+    """Masks of the channels, by default those with noise, that each row reads (m, k), of every group.
 
     A channel without any reading counts as read in every row: it is yet to be measured.
     """
-    measured = posterior.likelihood.observations.values
-    none = np.zeros(len(posterior.likelihood.observations), dtype=np.bool_)
-    columns = [~np.isnan(measured[name]) if name in measured else none for name in channels]
-    read = np.column_stack(columns)
-    return np.asarray(read | ~read.any(axis=0))
+    masks = []
+    for own in posterior.groups.values():
+        measured, none = own.likelihood.observations.values, np.full(len(own.likelihood.observations), np.nan)
+        columns = [measured.get(name, none) for name in channels or own.likelihood.channels]
+        masks.append(~np.isnan(np.column_stack(columns)))
+    return [np.asarray(mask | ~np.concatenate(masks).any(axis=0)) for mask in masks]
 
 
 def has_own_sd(likelihood: Likelihood, noise: Noise) -> BoolArray:
@@ -182,17 +184,24 @@ def has_own_sd(likelihood: Likelihood, noise: Noise) -> BoolArray:
     return np.zeros(len(likelihood.observations), dtype=np.bool_) if own is None else ~np.isnan(own)
 
 
-def weighted_sensitivities(posterior: Posterior, x: FloatArray) -> FloatArray:
+def weighted_sensitivities(posterior: Whole, x: FloatArray) -> FloatArray:
     """Sensitivities in units of the noise (n, q, d), whose product AᵀA is the Fisher information.
 
     Two rows stand for each row and channel, ∇μ √a / σ and ∇σ √b / σ; 0 where nothing is read, see
     :func:`read_where`. Sets without an answer in a row that is read are NaN. Where rows hang together there
-    is one row for each reading, and one for each parameter about what the scatter says.
+    is one row for each reading, and one for each parameter about what the scatter says. Groups stand one
+    after another.
     """
-    return _weighted(posterior, x, Scaled.of(posterior, x))[1]
+    x, parts = np.atleast_2d(np.asarray(x, dtype=np.float64)), []
+    groups = zip(posterior.groups.values(), posterior.places, posterior.values_of_groups(x), strict=True)
+    for (own, at, values), read in zip(groups, read_where(posterior), strict=True):
+        weighted = _weighted(own, values, Scaled.of(own, values), read)[1]
+        parts.append(np.zeros((*weighted.shape[:2], x.shape[1])))
+        parts[-1][:, :, at] = weighted
+    return np.concatenate(parts, axis=1)
 
 
-def fisher_information(posterior: Posterior, x: FloatArray) -> FloatArray:
+def fisher_information(posterior: Whole, x: FloatArray) -> FloatArray:
     """Fisher information (n, d, d) of the readings about the free parameters at sets ``x`` (n, d), SI.
 
     NaN where the model has no answer in a row that is read. With drive ``both``: exact for a model that is
@@ -208,7 +217,7 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     The gradient takes a latent load for its best known value. NaN as with :func:`fisher_information`.
     """
     scaled = Scaled.of(posterior, x)
-    joint, weighted = _weighted(posterior, x, scaled)
+    joint, weighted = _weighted(posterior, x, scaled, read_where(posterior)[0])
     gradient = _gradient(posterior, x, scaled) if joint is None else joint
     return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
 
@@ -262,13 +271,15 @@ class Scaled:
         return cls(local, scale, share[..., None] * by_x, share * by_load, by_x)
 
 
-def _weighted(posterior: Posterior, x: FloatArray, scaled: Scaled) -> tuple[FloatArray | None, FloatArray]:
+def _weighted(
+    posterior: Posterior, x: FloatArray, scaled: Scaled, read: BoolArray
+) -> tuple[FloatArray | None, FloatArray]:
     """Gradient (n, d) where rows hang together, else None, and :func:`weighted_sensitivities`."""
     likelihood = posterior.likelihood
     if isinstance(likelihood, CorrelatedLikelihood):
-        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), scaled)
+        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), scaled, read)
     place, width = _weights(likelihood.noise)
-    read = np.tile(read_where(posterior, likelihood.channels), 2)
+    read = np.tile(read, 2)
     slopes = [place[:, None] * scaled.local.by_parameter, width[:, None] * scaled.spread]
     by_x = np.concatenate([part / scaled.scale[..., None] for part in slopes], axis=2)
     by_x = np.where(read[..., None], by_x, 0.0)
@@ -280,10 +291,9 @@ def _weighted(posterior: Posterior, x: FloatArray, scaled: Scaled) -> tuple[Floa
 
 
 def _jointly_weighted(
-    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, scaled: Scaled
+    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, scaled: Scaled, read: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (n, d) and whitened sensitivities (n, readings + d, d); see the head of the module."""
-    read = read_where(posterior, likelihood.channels)
     whole = np.full((len(x), int(read.sum()) + x.shape[1], x.shape[1]), np.nan)
     gradient = np.full(x.shape, np.nan)
     good = np.flatnonzero(np.isfinite(scaled.local.values).all(axis=(1, 2)))

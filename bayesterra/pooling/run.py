@@ -102,17 +102,24 @@ class PooledResult(Result):
         """Names of the groups."""
         return tuple(str(name) for name in self.draws["posterior"]["group"].to_numpy())
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameters: ``phi``, ``K.mean``, ``K.spread``, ``K[Wh11]``."""
+        return tuple(map(str, self.summary["parameter"]))
+
+    def values(self, group: str = "") -> FloatArray:
+        """Draws of all parameters (n, d), of the group ``prior`` where that is asked for; SI, radians."""
+        data, columns = self.draws[group or self.GROUP], []
+        for name in self.names:
+            base, _, own = name.removesuffix("]").partition("[")
+            columns.append((data[base].sel(group=own) if own else data[base]).to_numpy().ravel())
+        return np.column_stack(columns)
+
     def to_dataframe(self) -> pd.DataFrame:
         """Posterior draws, one row each: chain, draw, then a column per parameter, SI and radians."""
-        data = self.draws["posterior"]
-        columns: dict[str, FloatArray] = {}
-        for name in self.summary["parameter"]:
-            base, _, group = str(name).removesuffix("]").partition("[")
-            column = data[base].sel(group=group) if group else data[base]
-            columns[str(name)] = column.to_numpy().ravel()
-        chain, draw = data.sizes["chain"], data.sizes["draw"]
+        chain, draw = (self.draws["posterior"].sizes[name] for name in ("chain", "draw"))
         index = {"chain": np.repeat(np.arange(chain), draw), "draw": np.tile(np.arange(draw), chain)}
-        return pd.DataFrame({**index, **columns})
+        return pd.DataFrame({**index, **dict(zip(self.names, self.values().T, strict=True))})
 
     def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
         """Draws of the parameters that one group has, shared and own, as a result without groups.

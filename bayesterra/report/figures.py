@@ -97,6 +97,8 @@ def name_cells(ax: Axes, names: Sequence[str]) -> None:
     ax.set(xticks=ticks, xticklabels=labels, yticks=ticks, yticklabels=labels, aspect="equal")
     ax.set(xlim=(-0.05, len(names) + 0.05), ylim=(len(names) + 0.05, -0.05))
     ax.tick_params(length=0)
+    if any(name not in PARAMETERS for name in names):  # long ones, of groups
+        ax.tick_params(axis="x", labelrotation=45)
     ax.spines[:].set_visible(False)
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.stats.laws import Law
@@ -283,11 +284,19 @@ LEAVING = ("c3",)
 """Parameters of the leaving angle; where one of them is 1 or more, it counts as unknown."""
 
 
-def coordinates(posterior: Posterior) -> Coordinates:
+def coordinates(posterior: Whole) -> Coordinates:
     """Choose the map for a study: which parameters are free, and what is typical of its rows.
 
-    A law that numbers do not resolve at its ends is sampled by its normal score, in no block with others.
+    A law that numbers do not resolve at its ends is sampled by its normal score, in no block with others. So
+    are all parameters of several groups, of which each has its own typical rows.
     """
+    if not posterior.grouped:
+        return _of_rows(posterior)
+    return Coordinates(tuple(((i,), NormalScore(law)) for i, law in enumerate(posterior.prior.laws.values())))
+
+
+def _of_rows(posterior: Posterior) -> Coordinates:
+    """The map for a study without groups."""
     names, laws, fixed = posterior.names, posterior.prior.laws, posterior.prior.fixed
     rows, alone = _Typical.of(posterior), {name for name, law in laws.items() if law.crowded}
     loose = [name for name in names if name not in alone]

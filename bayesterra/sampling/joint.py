@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.joint import JointPosterior
+from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
@@ -182,6 +182,15 @@ def sample_joint(
     }
     laws = tuple(ensemble.laws for ensemble in ensembles)
     return JointSamples(joint, chains, acceptance, diagnosis, lone, laws, moves, seconds)
+
+
+def sample_whole(
+    target: Whole, options: SamplingOptions, seed: SeedSequence, report: Callable[[Progress], None]
+) -> Samples | JointSamples:
+    """Sample the posterior of a study, with or without groups."""
+    if target.grouped:
+        return sample_joint(target, options, seed, report)
+    return sample(target, options, seed, report)
 
 
 def _produced(

@@ -278,7 +278,7 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
         for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
     ]
     return [
-        f"groups by {pooling.by}: {groups}; 'run', 'calibrate' and 'holdout' pool them, 'fit' takes them one"
-        " by one, 'predict', 'compare' and 'design' take their results, others let all share every parameter",
+        f"groups by {pooling.by}: {groups}; 'run', 'identify', 'calibrate', 'holdout' pool them, 'fit' takes"
+        " one by one, 'predict', 'compare' and 'design' take results, others let all share every parameter",
         *mixtures,
     ]

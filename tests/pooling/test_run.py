@@ -22,6 +22,7 @@ from bayesterra.analysis.run import load_result
 from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
+from bayesterra.parameters import field_values
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
@@ -178,11 +179,28 @@ def test_groups_are_compared_as_results(
     assert "simulated data" in page
 
 
-@pytest.mark.parametrize("call", [bt.identify, bt.Stream])
-def test_what_needs_one_soil_refuses_several(call: Callable[[object], object], result: PooledResult) -> None:
+def test_what_needs_one_soil_refuses_several(result: PooledResult) -> None:
     """A joint posterior is a result of a run, and no posterior of one soil."""
-    with pytest.raises(StudyError, match=r"^bt\.\w+ needs a result without groups \(got a joint posterior"):
-        call(result)
+    with pytest.raises(
+        StudyError, match=r"^bt\.Stream needs a result without groups \(got a joint posterior"
+    ):
+        bt.Stream(result)
+
+
+def test_a_joint_posterior_is_identified_by_its_draws(
+    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From its folder, by the names of its summary; draws and means are those of its tables."""
+    assert result.names == tuple(result.summary["parameter"])
+    means = result.summary.set_index("parameter")["mean"]
+    for name, values in zip(result.names, result.values().T, strict=True):
+        assert field_values(name, values).mean() == pytest.approx(means[name], rel=1e-9)
+    result.save(tmp_path / "two")
+    out = tmp_path / "out"
+    assert main(["identify", str(tmp_path / "two"), "--workers", "1", "--quiet", "--out", str(out)]) == 0
+    assert "K[Wh32]" in capsys.readouterr().out
+    verdicts = pd.read_csv(out / "verdicts.csv").set_index("parameter")
+    assert verdicts["contraction"]["K[Wh11]"] > 0.9
 
 
 def test_a_joint_posterior_shows_itself(result: PooledResult) -> None:
