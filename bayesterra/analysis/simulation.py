@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError, SupportError, check_kind, check_seed
 from bayesterra.likelihood.posterior import REASONS, draw_cut_prior, likelihood_of, posterior
-from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, whole_and_part
 from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.tables import csv_text
+from bayesterra.stats.populations import draw_population
 from bayesterra.study.canonical import simulated_toml
 from bayesterra.study.entries import parameter_value
+from bayesterra.study.groups import values_of_group
+from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
 
 _PRIOR_DRAWS = 2000
@@ -37,31 +41,67 @@ class Truth:
     origins: Mapping[str, str]
 
 
-def true_values(study: Study, assigned: Mapping[str, float | str] | None = None) -> Truth:
-    """Choose a value for every parameter.
+def true_values(study: Study, assigned: Mapping[str, float | str] | None = None, seed: int = 1) -> Truth:
+    """Choose a value for every parameter, of every group for what is a group's own.
 
-    The first of these that has one: ``assigned``; the study's [truth]; the prior, where it fixes the
-    parameter; [published], where there is no [truth]; the median of the prior cut to the physical support.
+    The first of these that has one: ``assigned``; the study's [truth]; the population, where these have its
+    mean and spread; the prior, where it fixes the parameter; [published], where there is no [truth]; the
+    median of the prior cut to the physical support. A group's own value, ``K[Wh11]``, goes before that of
+    all, ``K``.
 
     Parameters
     ----------
     assigned : values by parameter, SI numbers or text with a unit.
+    seed : of values drawn from populations.
     """
     names = tuple(name for name in PARAMETERS if name in study.prior.entries)
-    chosen = {n: parameter_value(n, v, names, bare=True) for n, v in (assigned or {}).items()}
-    sources = {"given": chosen}
-    sources["truth"] = dict(study.truth.values) if study.truth else {}
+    groups, own = groups_of(study), list[str]()
+    if study.pooling is not None:
+        own = study.pooling.own_names(dict.fromkeys(groups))
+    chosen = {n: parameter_value(n, v, (*names, *own), bare=True) for n, v in (assigned or {}).items()}
+    stated = {**(study.truth.values if study.truth else {}), **chosen}
+    sources = {"given": chosen, "truth": dict(study.truth.values) if study.truth else {}}
+    sources["population"] = _from_populations(study, stated, own, seed)
     sources["fixed"] = study.prior.fixed
     sources["published"] = dict(study.published.values) if study.published and not study.truth else {}
+    several = {whole_and_part(name)[0] for name in own}
     tied = [n for n in names if n in study.prior.ties]
-    names = tuple(n for n in names if n not in tied)
-    open_names = [n for n in names if not any(n in values for values in sources.values())]
-    sources["prior median"] = _cut_prior_medians(study) if open_names else {}
-    origins = {n: next(o for o, values in sources.items() if n in values) for n in names}
-    values = {n: sources[origin][n] for n, origin in origins.items()}
-    for n in tied:
+    wanted = [n for n in names if n not in tied and n not in several]
+    wanted += [name for name in own if name.endswith("]")]
+
+    def source(name: str) -> tuple[str, float] | None:
+        found = ((o, v.get(name, v.get(whole_and_part(name)[0]))) for o, v in sources.items())
+        return next(((origin, value) for origin, value in found if value is not None), None)
+
+    sources["prior median"] = {} if all(map(source, wanted)) else _cut_prior_medians(study)
+    told = {name: both for name in wanted if (both := source(name))}
+    origins = {name: origin for name, (origin, _) in told.items()}
+    values = {name: value for name, (_, value) in told.items()}
+    for n in (n for n in tied if study.prior.root(n) not in several):
         values[n], origins[n] = values[study.prior.root(n)], f"tied to {study.prior.ties[n]}"
+    for n in (n for n in own if n in stated and not n.endswith("]")):
+        values[n], origins[n] = stated[n], "given" if n in chosen else "truth"
     return Truth(values, origins)
+
+
+def groups_of(study: Study) -> tuple[str, ...]:
+    """Group of every row of the table; of all the same, without a name, where there are none."""
+    if study.pooling is None:
+        return ("",) * len(study.observations)
+    return study.observations.label(study.pooling.by)
+
+
+def _from_populations(
+    study: Study, stated: Mapping[str, float], own: Sequence[str], seed: int
+) -> dict[str, float]:
+    """Values of groups from populations whose mean and spread are stated."""
+    rng, drawn = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,))), {}
+    for name in own:
+        base = whole_and_part(name)[0]
+        ends = [np.array([stated[part]]) for part in (f"{base}.mean", f"{base}.spread") if part in stated]
+        if name.endswith("]") and len(ends) == 2:
+            drawn[name] = float(draw_population(ends[0], ends[1], study.prior.laws[base].range, rng)[0])
+    return drawn
 
 
 def _cut_prior_medians(study: Study) -> dict[str, float]:
@@ -91,10 +131,19 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     """
     check_kind("bt.simulate", study, Study)
     check_seed(seed)
-    values = true_values(study, truth).values
-    rows = study.observations
-    likelihood = likelihood_of(study, rows)
-    soil, rng = study.prior.soil_of(values), np.random.default_rng(seed)
+    values, rng = true_values(study, truth, seed).values, np.random.default_rng(seed)
+    rows, groups = study.observations, np.array(groups_of(study), dtype=object)
+    made = {name: np.full(len(rows), np.nan) for name in study.noise}
+    for group in dict.fromkeys(groups):
+        drawn = _drawn(study, rows.take(groups == group), values_of_group(values, group), rng)
+        for i, name in enumerate(study.noise):
+            made[name][groups == group] = drawn[:, i]
+    return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
+
+
+def _drawn(study: Study, rows: Observations, values: Mapping[str, float], rng: Generator) -> FloatArray:
+    """Readings (m, channels) of some rows."""
+    likelihood, soil = likelihood_of(study, rows), study.prior.soil_of(values)
     outcomes = likelihood.forward(soil)
     if outcomes.status[0]:
         raise SupportError(f"nothing can be simulated with these values: {REASONS[int(outcomes.status[0])]}")
@@ -102,9 +151,7 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     noise = np.array([[values[name] for name in (*estimated, *study.errors.laws)]])
     if study.errors:
         outcomes = likelihood.imagined(soil, noise, rng)
-    drawn = likelihood.draw(outcomes, noise, rng)[0]
-    made = {name: drawn[:, i] for i, name in enumerate(study.noise)}
-    return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
+    return np.asarray(likelihood.draw(outcomes, noise, rng)[0])
 
 
 def _table(study: Study, made: Mapping[str, FloatArray]) -> pd.DataFrame:
@@ -145,7 +192,7 @@ def write_simulated(
     folder = Path(folder)
     if folder.exists():
         raise ResultError(f"'{folder}' exists already: give another folder with --out")
-    made_with = true_values(study, truth)
+    made_with = true_values(study, truth, seed)
     table = simulate(study, made_with.values, seed)
     text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
     with whole_folder(folder, sums=False) as part:  # a study to work on

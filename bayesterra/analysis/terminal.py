@@ -10,7 +10,8 @@ from rich.table import Table
 
 from bayesterra.analysis.simulation import Truth
 from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.joint import whole_posterior
+from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.terminal import PlainConsole
 from bayesterra.stats.laws import RANGED, Law
@@ -28,8 +29,8 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     SupportError : no parameter set of the prior can explain the conditions.
     """
     console = console or PlainConsole()
-    target = posterior(study)
-    cut = draw_cut_prior(target, 1000, np.random.default_rng(0))
+    groups = whole_posterior(study).groups
+    cuts = {name: draw_cut_prior(own, 1000, np.random.default_rng(0)) for name, own in groups.items()}
     console.print(_general(study))
     console.print(_measurements(study))
     console.print(_priors(study))
@@ -39,11 +40,13 @@ def print_overview(study: Study, console: Console | None = None) -> None:
         console.print(_correlations(study))
     for key, mixture in study.prior.mixtures.items():
         console.print(f"{key}: joined by a mixture of {len(mixture.weights)} normal laws of scores")
-    shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
-    console.print(f"Of the stated prior: {', '.join(shares)}")
-    typical = cut.x[:TYPICAL]
-    doubts = slip_doubts(target.likelihood, target.prior.soil_values(typical), target.noise_values(typical))
-    for note in (*study.notes, *([doubts] if doubts else [])):
+    doubts = []
+    for name, own in groups.items():
+        shares = (f"{100 * share:.3g} % {reason}" for reason, share in cuts[name].shares.items())
+        console.print(f"Of the stated prior{f', {name} alone' if name else ''}: {', '.join(shares)}")
+        typical = cuts[name].x[:TYPICAL]
+        doubts.append(slip_doubts(own.likelihood, own.prior.soil_values(typical), own.noise_values(typical)))
+    for note in (*study.notes, *filter(None, dict.fromkeys(doubts))):
         console.print(f"Note: {note}")
 
 
@@ -118,10 +121,17 @@ def _measurements(study: Study) -> Table:
 
 
 def _priors(study: Study) -> Table:
-    table = Table("parameter", "prior", "in words", title=f"Prior: {len(study.prior.names)} free parameters")
+    whole = len(whole_posterior(study).names)
+    table = Table("parameter", "prior", "in words", title=f"Prior: {whole} free parameters")
+    populations = study.pooling.hierarchical if study.pooling else {}
     for name in (name for name in PARAMETERS if name in study.prior.entries):
-        entry = study.prior.entries[name]
-        table.add_row(name, _entry(name, entry), PARAMETERS[name].description)
+        words, entry = PARAMETERS[name].description, study.prior.entries[name]
+        if study.pooling is not None and name in (*study.pooling.separate, *populations):
+            words += f", of each {study.pooling.by}" + (" from a population" if name in populations else "")
+        table.add_row(name, _entry(name, entry), words)
+        laws = populations[name].laws(study.prior.laws[name]) if name in populations else ()
+        for whole_name, law in zip((f"{name}.mean", f"{name}.spread"), laws, strict=False):
+            table.add_row(whole_name, _law(whole_name, law), PARAMETERS[whole_name].description)
     return table
 
 

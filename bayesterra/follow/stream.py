@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import ResultError, StudyError, SupportError, check_seed, checked_path
+from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
 from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
 from bayesterra.follow.rows import Rows, read_row, table_of
@@ -28,7 +28,7 @@ from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
-from bayesterra.study.result import AnalysisResult, Result, check_single
+from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import STUDY_FILE, Study, load_study
 
 if TYPE_CHECKING:
@@ -79,9 +79,14 @@ class Stream(AnalysisResult):
         slip_reference: str = "shearing",
         sinkage_reference: str = "rim",
     ) -> None:
-        check_single("bt.Stream", known, Study, Result)
+        check_kind("bt.Stream", known, Study, Result)
         check_seed(seed)
         study = known.study if isinstance(known, Result) else known
+        if study.pooling is not None:
+            raise StudyError(
+                "following row by row takes the rows of one soil: leave [pooling] out, or follow one group by"
+                " a study of its own, with what a run of all found as its prior ([[priors.from]])"
+            )
         study.errors.refuse("following row by row")
         if not study.prior.names:
             raise StudyError("every parameter is fixed: there is nothing to learn")

@@ -387,9 +387,11 @@ def group_strip(result: PooledResult, name: str) -> Axes:
         _bar(ax, joint[source].to_numpy().ravel() / scale, len(groups), POSTERIOR)
         rows.append("all groups" if shared else "population mean")
     reference = result.study.truth or result.study.published
-    if reference is not None and name in reference.values:
-        mark = MARKS["truth"]
-        ax.plot([reference.values[name] / scale] * len(rows), np.arange(len(rows)), mark.marker, color=DATA,
+    if reference is not None:
+        mark, values = MARKS["truth"], reference.values
+        own = [values.get(f"{name}[{row}]", values.get(name, np.nan)) for row in groups]
+        own += [values.get(f"{name}.mean", values.get(name, np.nan))] * (len(rows) - len(groups))
+        ax.plot(np.array(own) / scale, np.arange(len(rows)), mark.marker, color=DATA,
                 markerfacecolor="none", markersize=5, linestyle="none")  # fmt: skip
     names = [literal(row) for row in rows]
     ax.set(yticks=np.arange(len(rows)), yticklabels=names, ylim=(len(rows) - 0.4, -0.6))

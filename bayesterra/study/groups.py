@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_keys, known
-from bayesterra.parameters import PARAMETERS
+from bayesterra.parameters import PARAMETERS, whole_and_part
 from bayesterra.stats.laws import Law
 from bayesterra.study.entries import law, table
 
@@ -78,6 +78,11 @@ class Pooling:
         whole = f"a {self.by} that is left out whole is predicted from the {' and the '.join(sources)}"
         return f"Refits are of the joint posterior; {whole}."
 
+    def own_names(self, groups: Iterable[str]) -> list[str]:
+        """Names of what is not one value for all: ``K.mean``, ``K.spread``, ``K[Wh11]``."""
+        values = [f"{name}[{group}]" for group in groups for name in (*self.separate, *self.hierarchical)]
+        return [f"{name}.{part}" for name in self.hierarchical for part in ("mean", "spread")] + values
+
     def checked(self, laws: Mapping[str, Law]) -> Pooling:
         """The same with every free parameter in one list and every population's priors known.
 
@@ -97,6 +102,13 @@ class Pooling:
         named = [name for name in laws if name in self.hierarchical]
         populations = {name: Population(*self.hierarchical[name].laws(laws[name])) for name in named}
         return Pooling(self.by, shared, separate, populations)
+
+
+def values_of_group(values: Mapping[str, float], group: str | None) -> dict[str, float]:
+    """Values by plain name that a group has: its own, ``K[Wh11]``, before those of all."""
+    split = {name: whole_and_part(name) for name in values}
+    common = {name: value for name, value in values.items() if not split[name][1]}
+    return common | {split[n][0]: value for n, value in values.items() if split[n][1] == f"[{group}]"}
 
 
 def pooling_table(value: object, *, bare: bool) -> Pooling | None:

@@ -20,7 +20,7 @@ from pydantic import AfterValidator, Field
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.errors import StudyError, check_kind
+from bayesterra.errors import StudyError
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter, field_values
 from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import digest
@@ -238,13 +238,6 @@ class Result(DrawnResult):
         if group is not None:
             raise StudyError(f"'group' needs a result with groups, of a study with [pooling] (got {group!r})")
         return self
-
-
-def check_single(call: str, value: object, *kinds: type) -> None:
-    """Refuse what :func:`check_kind` refuses, and the joint posterior of several groups."""
-    check_kind(call, value, *kinds)
-    if isinstance(value, Result) and value.study.pooling is not None:
-        raise StudyError(f"{call} needs a result without groups (got a joint posterior of several)")
 
 
 def labelled_dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **attributes: Any) -> xr.Dataset:

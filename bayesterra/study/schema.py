@@ -33,9 +33,9 @@ from pydantic import (
 from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs, ErrorDetails
 
-from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, suggestion
+from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, known, suggestion
 from bayesterra.models import MODELS
-from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS
+from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS, whole_and_part
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.study import entries
@@ -63,6 +63,14 @@ def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | No
 def _parameters(names: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
     items = entries.table(value, str(info.field_name)).items()
     return {n: entries.parameter_value(n, item, names, bare=bare_numbers(info)) for n, item in items}
+
+
+def _stated(value: object, info: ValidationInfo) -> dict[str, float]:
+    """Values of parameters, of groups too: ``K[Wh11]``, whose names a study with groups checks."""
+    items = entries.table(value, str(info.field_name)).items()
+    for name, _ in items:
+        known("parameter", whole_and_part(name)[0], PARAMETERS)
+    return {n: entries.parameter_value(n, item, (n,), bare=bare_numbers(info)) for n, item in items}
 
 
 def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
@@ -182,7 +190,7 @@ Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
 Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
 Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
 SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
-AnyValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, tuple(PARAMETERS)))]
+AnyValues = Annotated[dict[str, float], BeforeValidator(_stated)]
 Method = Literal["IM1", "IM2", "IM3", "joint"]
 
 

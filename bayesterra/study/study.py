@@ -12,12 +12,13 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import check_kind, checked_path, errors_in
+from bayesterra.errors import check_kind, checked_path, errors_in, known
 from bayesterra.models import Wheel, WheelSoilModel
+from bayesterra.parameters import PARAMETERS
 from bayesterra.study import assembly, schema
 from bayesterra.study.canonical import fingerprint
 from bayesterra.study.drive import Drive
-from bayesterra.study.groups import Pooling
+from bayesterra.study.groups import Pooling, values_of_group
 from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
@@ -160,11 +161,15 @@ class Study:
 
     def of_group(self, group: str | None) -> Study:
         """The study without groups, of the rows and wheels of one of them; of all rows for None."""
+        stated = {
+            name: replace(reference, values=values_of_group(reference.values, group))
+            for name, reference in self.references.items()
+        }
         if group is None or self.pooling is None:
-            return self.having(pooling=None)
+            return self.having(pooling=None, **stated)
         rows = self.observations.take(np.array(self.observations.label(self.pooling.by)) == group)
         wheels = {name: wheel for name, wheel in self.wheels.items() if name in rows.wheel}
-        return self.having(pooling=None, wheels=wheels, observations=replace(rows, notes=()))
+        return self.having(pooling=None, wheels=wheels, observations=replace(rows, notes=()), **stated)
 
     def by_group(self) -> dict[str, Study]:
         """Each group of rows in the fit as a study of its own; the study itself, without a name, if none."""
@@ -228,8 +233,13 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
+    own: list[str] = []
     if pooling is not None:
         check_groups(errors, pooling.by)
+        own = pooling.own_names(dict.fromkeys(rows.label(pooling.by)))
+    for where, reference in (("published", content.published), ("truth", content.truth)):
+        for name in reference.values if reference else ():
+            known("parameter", name, (*PARAMETERS, *own), f"[{where}] ")
     notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
     notes += [*limit_notes, *load_notes]
     return {
@@ -267,7 +277,7 @@ def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -
 
 
 def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> list[str]:
-    """Notes on the groups, on the commands that know of them, and on mixtures that populations straighten."""
+    """Notes on the groups, on what takes them one by one, and on mixtures that populations straighten."""
     if pooling is None:
         return []
     groups = ", ".join(dict.fromkeys(rows.used().label(pooling.by)))
@@ -277,8 +287,4 @@ def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> l
         for names in prior.mixtures
         for among in [[name for name in names.split(", ") if name in pooling.hierarchical]]
     ]
-    return [
-        f"groups by {pooling.by}: {groups}; 'run', 'identify', 'calibrate', 'holdout' pool them, 'fit' takes"
-        " one by one, 'predict', 'compare' and 'design' take results, others let all share every parameter",
-        *mixtures,
-    ]
+    return [f"groups by {pooling.by}: {groups}; least squares and 'follow' take them one by one", *mixtures]

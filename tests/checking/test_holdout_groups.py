@@ -137,8 +137,7 @@ def test_page_record_and_terminal_say_how_groups_were_treated(
     assert "not in the fit: Wh32" in page
     assert json.loads((tmp_path / "out" / Holdout.MARK).read_text(encoding="utf-8"))["basis"] == SENTENCE
     assert any(SENTENCE in str(block) for block in by_wheel.overview())
-    note = by_wheel.study.notes[-1]
-    assert note.startswith("groups by wheel: Wh11, Wh32; 'run', 'identify', 'calibrate', 'holdout' pool them")
+    assert by_wheel.study.notes[-1].startswith("groups by wheel: Wh11, Wh32; least squares and 'follow'")
     separate = make(pooling={"shared": [], "separate": ["K"], "hierarchical": {"phi": {}}}).pooling
     assert separate is not None
     assert separate.left_out.endswith("is predicted from the population and the prior.")

@@ -25,6 +25,7 @@ from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.parameters import field_values
 from bayesterra.pooling import run as pooling_run
 from bayesterra.pooling.degrees import Level, Sharing
+from bayesterra.pooling.page import group_strip
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
 from bayesterra.report.blocks import Table
 from bayesterra.report.failures import PARTS
@@ -179,12 +180,13 @@ def test_groups_are_compared_as_results(
     assert "simulated data" in page
 
 
-def test_what_needs_one_soil_refuses_several(result: PooledResult) -> None:
-    """A joint posterior is a result of a run, and no posterior of one soil."""
-    with pytest.raises(
-        StudyError, match=r"^bt\.Stream needs a result without groups \(got a joint posterior"
-    ):
-        bt.Stream(result)
+def test_following_takes_one_soil(result: PooledResult, make: MakeStudy) -> None:
+    """A study with groups and its result are refused, with what to do instead."""
+    for several in (result, make()):
+        with pytest.raises(
+            StudyError, match=r"^following row by row takes the rows of one soil: leave \[pooling\]"
+        ):
+            bt.Stream(several)
 
 
 def test_a_joint_posterior_is_identified_by_its_draws(
@@ -309,6 +311,14 @@ def test_each_groups_own_posterior_is_under_its_name(result: PooledResult) -> No
     for own, density in joint.groups.items():
         typical = {g: np.median(density.log_density(draws)) for g, draws in x.items()}
         assert max(typical, key=lambda g: typical[g]) == own
+
+
+def test_true_values_of_groups_are_marked_where_they_are(result: PooledResult, make: MakeStudy) -> None:
+    """Each group's own in its row, the mean of the population in the last; or one value of all."""
+    own = {"K[Wh11]": 0.008, "K[Wh32]": 0.014, "K.mean": 0.012}
+    for values, at in ((own, [8.0, 14.0, 12.0]), ({"K": 0.011}, [11.0] * 3)):
+        axes = group_strip(replace(result, study=make(truth=values)), "K")
+        assert axes.lines[-1].get_xdata() == pytest.approx(at)
 
 
 def test_a_terminal_shows_the_degrees_of_the_table(result: PooledResult) -> None:
