@@ -23,13 +23,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import counted, enumerated
 from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import Likelihood
-from bayesterra.likelihood.sensitivities import (
-    has_own_sd,
-    known_inputs,
-    read_where,
-    sensitivities,
-    without_load,
-)
+from bayesterra.likelihood.sensitivities import has_own_sd, read_where, sensitivities, without_load
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
 
 DRAWS = 300
@@ -376,7 +370,7 @@ def ranks(posterior: Whole, x: FloatArray, channels: Sequence[str]) -> Ranks:
         whole = np.zeros((*slopes.values.shape, x.shape[1]))
         whole[..., at] = slopes.by_parameter
         by_x = np.where(read[..., None], whole[..., soil] * x[:, soil].std(axis=0), 0.0)
-        parts.append((by_x, np.where(read, slopes.by_load * known_inputs(own.likelihood)[:, None], 0.0)))
+        parts.append((by_x, np.where(read, slopes.by_load * own.likelihood.forward.given[:, None], 0.0)))
     by_x, by_load = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
     by_x, by_load = by_x / rows[..., None], by_load / rows

@@ -155,6 +155,11 @@ class Forward:
         """The same rows at other slips (m,)."""
         return replace(self, conditions=replace(self.conditions, slip=slip))
 
+    def at_load(self, load: FloatArray | float) -> Forward:
+        """The same rows under other loads, one for all, (m,) or (n, m)."""
+        shape = np.broadcast_shapes(np.shape(load), self.given.shape)
+        return replace(self, given=np.broadcast_to(load, shape))
+
     def row(self, i: int) -> Forward:
         """The same model at row ``i`` only."""
         chosen = np.arange(len(self.conditions.slip)) == i

@@ -15,7 +15,7 @@ at a sinkage at once; the error of its logarithm is below 1e-3.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -42,11 +42,13 @@ class Likelihood:
     forward : the model at the rows that are in the fit.
     observations : those rows.
     noise : noise of each measured outcome.
+    load_range : ends of the flat prior of every load, N; None where loads are known.
     """
 
     forward: Forward
     observations: Observations
     noise: Sequence[Noise]
+    load_range: tuple[float, float] | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -193,10 +195,7 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class LatentLoad(Likelihood):
-    """Likelihood of rows whose load is known by its readings only; the loads of ``forward`` are not used.
-
-    ``load_range`` are the ends of the flat prior of every load, N.
-    """
+    """Likelihood of rows whose load is known by its readings only; the loads of ``forward`` are not used."""
 
     load_range: tuple[float, float] = (0.0, np.inf)
 
@@ -212,8 +211,7 @@ class LatentLoad(Likelihood):
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer for the lowest load of the range."""
-        lowest = np.full(len(self.observations), self.load_range[0])
-        return replace(self.forward, given=lowest)(soil).status
+        return self.forward.at_load(self.load_range[0])(soil).status
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n, m, 1) of every row's readings together; −inf where the model has no answer."""
@@ -229,12 +227,12 @@ class LatentLoad(Likelihood):
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn given soil, noise and the readings of each row."""
-        return replace(self.forward, given=self.loads(soil, noise_values, rng))(soil, every_row=True)
+        return self.forward.at_load(self.loads(soil, noise_values, rng))(soil, every_row=True)
 
     def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn from their flat prior."""
         loads = rng.uniform(*self.load_range, size=(len(soil), len(self.observations)))
-        return replace(self.forward, given=loads)(soil, every_row=True)
+        return self.forward.at_load(loads)(soil, every_row=True)
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""

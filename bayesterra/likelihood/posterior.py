@@ -266,9 +266,12 @@ def posterior(study: Study) -> Posterior:
 def likelihood_of(study: Study, rows: Observations) -> Likelihood:
     """The likelihood of a study for some or all of its rows."""
     forward = Forward.of(study.model, study.drive, rows, dict(study.wheels))
+    if study.load_range is not None:  # where loads are taken for known, they are inside it
+        known = np.where(np.isnan(forward.given), study.middle_load, forward.given)
+        forward = forward.at_load(np.clip(known, *study.load_range))
     noise = tuple(study.noise.values())
     if study.errors:
-        return CorrelatedLikelihood(forward, rows, noise, study.errors)
+        return CorrelatedLikelihood(forward, rows, noise, errors=study.errors)
     if study.load_range is None:
         return Likelihood(forward, rows, noise)
     return LatentLoad(forward, rows, noise, study.load_range)

@@ -38,7 +38,7 @@ from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, offset_of, take
 from bayesterra.likelihood.joint import Whole
-from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions
 from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
@@ -79,7 +79,7 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     """Values and exact derivatives of every outcome of the drive, measured or not, at sets ``x`` (n, d)."""
     x = np.atleast_2d(np.asarray(x, dtype=np.float64))
     forward, prior = posterior.likelihood.forward, posterior.prior
-    soil, inputs = prior.soil_values(x), known_inputs(posterior.likelihood)
+    soil, inputs = prior.soil_values(x), forward.given
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
     shift = _column_slopes(prior)[SoilColumns.sinkage_offset] * forward.as_read
     parameters, shape = forward.model.parameters, (len(x), len(inputs), 3)
@@ -99,15 +99,6 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     if forward.drive.latent_load:
         return _with_normal_force(posterior, inputs, values, slopes, by_load)
     return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
-
-
-def known_inputs(likelihood: Likelihood) -> FloatArray:
-    """Load or sinkage reading of every row (m,); the best known value of a latent load, in its range."""
-    inputs = likelihood.forward.given
-    if not isinstance(likelihood, LatentLoad):
-        return inputs
-    middle = np.mean(likelihood.load_range)
-    return np.asarray(np.clip(np.where(np.isnan(inputs), middle, inputs), *likelihood.load_range))
 
 
 def _by_soil_and_given(
@@ -283,10 +274,10 @@ def _weighted(
     slopes = [place[:, None] * scaled.local.by_parameter, width[:, None] * scaled.spread]
     by_x = np.concatenate([part / scaled.scale[..., None] for part in slopes], axis=2)
     by_x = np.where(read[..., None], by_x, 0.0)
-    if isinstance(likelihood, LatentLoad):
+    if likelihood.load_range is not None:
         loads = [place * scaled.local.by_load / scaled.scale, width * scaled.spread_by_load / scaled.scale]
         by_load = np.where(read, np.concatenate(loads, axis=2), 0.0)
-        by_x = without_load(by_x, by_load, load_information(likelihood))
+        by_x = without_load(by_x, by_load, load_information(likelihood.load_range))
     return None, by_x.reshape(len(by_x), -1, by_x.shape[-1])
 
 
@@ -368,10 +359,9 @@ def _root(information: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(-1, -2))
 
 
-def load_information(likelihood: LatentLoad) -> float:
-    """Information of the flat prior of a load: its inverse variance, 12 / range², 1/N²."""
-    low, high = likelihood.load_range
-    return 12.0 / (high - low) ** 2
+def load_information(ends: tuple[float, float]) -> float:
+    """Information of the flat prior of a load between ``ends``: its inverse variance, 12 / range², 1/N²."""
+    return 12.0 / (ends[1] - ends[0]) ** 2
 
 
 def without_load(by_x: FloatArray, by_load: FloatArray, prior: float) -> FloatArray:

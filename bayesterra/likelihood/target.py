@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.likelihood import LatentLoad
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
 from bayesterra.parameters import MODULI, NOISE_PREFIX
@@ -115,7 +114,7 @@ class Target:
     @property
     def latent(self) -> bool:
         """True where loads are integrated out, which takes long."""
-        return isinstance(self.posterior.likelihood, LatentLoad)
+        return self.posterior.likelihood.load_range is not None
 
     @cached_property
     def _shaped(self) -> list[int]:

@@ -9,11 +9,9 @@ import pandas as pd
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.likelihood import LatentLoad
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import (
     fisher_information,
-    known_inputs,
     load_information,
     score_and_information,
     sensitivities,
@@ -101,7 +99,7 @@ def differences(f: Callable[[FloatArray], FloatArray], x: FloatArray, steps: Flo
 
 def modelled(post: Posterior) -> Callable[[FloatArray], FloatArray]:
     """Outcomes of the drive, every row for itself, at the loads that the sensitivities use."""
-    forward = replace(post.likelihood.forward, given=known_inputs(post.likelihood))
+    forward = post.likelihood.forward
     return lambda x: np.asarray(forward(post.prior.soil_values(x), every_row=True).values)
 
 
@@ -138,7 +136,7 @@ def test_derivatives_by_a_latent_load(model: str) -> None:
     """With drive both, by_load is the change of each channel with the load of its row."""
     post = make(model, "both", {}, load_range=(40.0, 160.0))
     x, forward = inner_points(post, 1), post.likelihood.forward
-    soil, given = post.prior.soil_values(x), known_inputs(post.likelihood)
+    soil, given = post.prior.soil_values(x), post.likelihood.forward.given
     ahead, behind = (replace(forward, given=given + step)(soil).values for step in (0.01, -0.01))
     found = sensitivities(post, x)
     np.testing.assert_allclose(found.by_load, (ahead - behind) / 0.02, rtol=1e-4, atol=1e-9)
@@ -148,16 +146,16 @@ def test_derivatives_by_a_latent_load(model: str) -> None:
 def test_a_latent_load_is_taken_where_it_is_best_known() -> None:
     """Loads without any reading of force are taken in the middle of their range, read ones inside it."""
     post = make("M2", "both", {}, load_range=(70.0, 160.0))
-    np.testing.assert_allclose(known_inputs(post.likelihood), [80.0] * 4 + [70.0] * 4)
+    np.testing.assert_allclose(post.likelihood.forward.given, [80.0] * 4 + [70.0] * 4)
 
 
 def numerical_information(post: Posterior, x: FloatArray, unit: FloatArray) -> FloatArray:
     """Fisher information (d, d) from differences of modelled values and of the likelihood's own scales."""
     likelihood = post.likelihood
-    forward = replace(likelihood.forward, given=known_inputs(likelihood))
-    latent = isinstance(likelihood, LatentLoad)
+    forward, ends = likelihood.forward, likelihood.load_range
+    latent = ends is not None
     loads = forward.given if latent else np.empty(0)
-    known = load_information(likelihood) if isinstance(likelihood, LatentLoad) else 0.0
+    known = 0.0 if ends is None else load_information(ends)
 
     def place_and_scale(y: FloatArray) -> FloatArray:
         theta, given = y[:, : len(x)], y[:, len(x) :]
@@ -302,7 +300,7 @@ def test_without_a_load_that_is_known_nothing_is_lost() -> None:
     latent = make("M2", "both", {}, load_range=(79.9999999, 80.0000001))
     x = inner_points(latent, 2)
     with_force = fisher_information(latent, x)
-    forward = replace(latent.likelihood.forward, drive=Drive.LOAD, given=known_inputs(latent.likelihood))
+    forward = replace(latent.likelihood.forward, drive=Drive.LOAD, given=latent.likelihood.forward.given)
     rows = latent.likelihood
     plain = type(make("M2").likelihood)(
         forward, rows.observations, [n for n in rows.noise if n.channel != "normal_force"]

@@ -57,7 +57,7 @@ class Gaussian:
         given = first.likelihood
         parts = {
             f"g{i}": Posterior(
-                first.prior, Readings(given.forward, given.observations, given.noise, y, self.sd)
+                first.prior, Readings(given.forward, given.observations, given.noise, y=y, sd=self.sd)
             )
             for i, y in enumerate(self.y)
         }

@@ -79,7 +79,7 @@ class LinearSoils:
         given = first.likelihood
         groups = {
             f"g{i}": Posterior(
-                first.prior, LinearReadings(given.forward, given.observations, given.noise, y, H)
+                first.prior, LinearReadings(given.forward, given.observations, given.noise, y=y, H=H)
             )
             for i, (y, H) in enumerate(zip(self.y, self.H, strict=True))
         }

@@ -106,7 +106,7 @@ def written(study: Study, density: Posterior, x: FloatArray) -> Written:
     """The law at one parameter set (d,), for all rows of the study's table."""
     rows, likelihood = study.observations, density.likelihood
     whole = CorrelatedLikelihood(
-        replace(likelihood.forward, **_at(study)), rows, likelihood.noise, study.errors
+        replace(likelihood.forward, **_at(study)), rows, likelihood.noise, errors=study.errors
     )
     soil, values = density.prior.soil_values(x[None]), dict(zip(density.names, x, strict=True))
     ends = [
