@@ -245,13 +245,14 @@ class CorrelatedLikelihood(Likelihood):
     ) -> TableLaw:
         """The same, where what the model says of the measured channels (n, m, k) is known."""
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
-        slopes = None
+        effects = np.empty((*mean.shape, 0))
         if self.errors.slip is not None:
             slopes = slip_slopes(self.forward, soil, self.channels, outcomes)
+            effects = (slopes * sizes[:, -1, None, None])[..., None]
         whitenings = self._constant
         if whitenings is None:
-            whitenings = tuple(stack.whitening(scale, sizes, slopes) for stack in self.layout.stacks)
-        return TableLaw(self.layout, mean, scale, sizes, slopes, whitenings)
+            whitenings = tuple(stack.whitening(scale, sizes, effects) for stack in self.layout.stacks)
+        return TableLaw(self.layout, mean, scale, sizes, effects, whitenings)
 
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
@@ -270,7 +271,8 @@ class CorrelatedLikelihood(Likelihood):
     def layout(self) -> Layout:
         """Layout of the readings that hang together."""
         rows = self.observations
-        blocks = stacks(self.errors, rows, self.channels, self.known, self._given_noise)
+        tied = self.errors.slip is not None
+        blocks = stacks(self.errors, rows, self.channels, self.known, self._given_noise, tied=tied)
         return Layout(self.errors, rows, self.channels, blocks)
 
     @cached_property
@@ -286,7 +288,8 @@ class CorrelatedLikelihood(Likelihood):
         if self.errors.laws or self.errors.slip or self._given_noise is None:
             return None
         scale, sizes = self._given_noise[None], self.sizes(1, np.empty((1, 0)))
-        return tuple(stack.whitening(scale, sizes, None) for stack in self.layout.stacks)
+        effects = np.empty((1, *self.measured.shape, 0))
+        return tuple(stack.whitening(scale, sizes, effects) for stack in self.layout.stacks)
 
     def _laws(
         self, soil: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None

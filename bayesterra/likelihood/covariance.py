@@ -1,7 +1,8 @@
 """Covariance of correlated readings: which hang together, and the law of a whole table.
 
 Readings that hang together form a block: those of a wheel where there is a discrepancy, of a sweep where
-there is ripple only. Channels are apart unless errors in slip tie them. Blocks of one size are stacked, so
+there is ripple only. Channels are apart unless errors of conditions tie them: each is a standard normal
+number of its row, which moves the outcomes along its effects (n, m, k, e). Blocks of one size are stacked, so
 that all of them are factorised at once for any number of parameter sets.
 """
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple, SlipError
+from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple
 from bayesterra.study.observations import Observations
 
 Pair = tuple[int, int]
@@ -35,14 +36,14 @@ class Stack:
     ----------
     rows, columns : row and channel of every reading (B, q).
     terms : which size, and the correlation (B, q, q) that it belongs to.
-    slip : which size is that of errors in slip, which tie the readings of a row; None where slips are exact.
+    tied : errors of conditions tie the readings of a row.
     noise : standard deviations (B, q) where they are the same for all parameter sets; else None.
     """
 
     rows: IntArray
     columns: IntArray
     terms: tuple[tuple[int, FloatArray], ...]
-    slip: int | None
+    tied: bool
     noise: FloatArray | None = None
 
     @cached_property
@@ -52,52 +53,44 @@ class Stack:
         Which size it has, variances (B, q) of its correlation in units of the noise, rows (B, q, q) along
         which readings then are independent, and the log of the noise, summed; None where there is more to it.
         """
-        if self.noise is None or self.slip is not None or len(self.terms) != 1:
+        if self.noise is None or self.tied or len(self.terms) != 1:
             return None
         which, correlation = self.terms[0]
         values, vectors = np.linalg.eigh(correlation / (self.noise[..., :, None] * self.noise[..., None, :]))
         along = vectors.swapaxes(-1, -2) / self.noise[..., None, :]
         return which, np.maximum(values, 0.0), np.asarray(along), float(np.log(self.noise).sum())
 
-    def covariance(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray:
-        """Covariance (n, B, q, q) for noise (n, m, k), sizes (n, j) and slopes over slip (n, m, k)."""
+    def covariance(self, scale: FloatArray, sizes: FloatArray, effects: FloatArray) -> FloatArray:
+        """Covariance (n, B, q, q) for noise (n, m, k), sizes (n, j) and effects (n, m, k, e)."""
         variance = scale[:, self.rows, self.columns] ** 2
         matrix: FloatArray = np.zeros((*variance.shape, variance.shape[-1]))
         np.einsum("nbqq->nbq", matrix)[...] = variance
         for which, correlation in self.terms:
             matrix += sizes[:, which, None, None, None] ** 2 * correlation
-        if self.slip is not None and slopes is not None:
-            along = sizes[:, self.slip, None, None] * slopes[:, self.rows, self.columns]
-            matrix += along[..., :, None] * along[..., None, :] * self.same_row
+        if self.tied:
+            matrix += self.tie(effects, effects)
         return matrix
 
-    def by_size(self, which: int, sizes: FloatArray, slopes: FloatArray | None) -> FloatArray | None:
-        """Derivative (n, B, q, q) of the covariance by one of the sizes; None where it has no part in it."""
-        if which == self.slip and slopes is not None:
-            along = slopes[:, self.rows, self.columns]
-            tied = along[..., :, None] * along[..., None, :] * self.same_row
-            return np.asarray(2.0 * sizes[:, which, None, None, None] * tied)
+    def tie(self, effects: FloatArray, others: FloatArray) -> FloatArray:
+        """Covariance (n, B, q, q) of effects (n, m, k, e) with others of the same errors."""
+        first, second = (part[:, self.rows, self.columns] for part in (effects, others))
+        return np.asarray((first @ second.swapaxes(-1, -2)) * self.same_row)
+
+    def by_size(self, which: int, sizes: FloatArray) -> FloatArray | None:
+        """Derivative (n, B, q, q) of the covariance by the size of a field; None where it has no part."""
         correlations = dict(self.terms)
         if which not in correlations:
             return None
         return np.asarray(2.0 * sizes[:, which, None, None, None] * correlations[which])
-
-    def by_slopes(self, sizes: FloatArray, slopes: FloatArray | None, change: FloatArray) -> FloatArray:
-        """Change (n, B, q, q) of the covariance as slopes (n, m, k) change, to first order."""
-        if self.slip is None or slopes is None:
-            return np.zeros((len(change), *self.same_row.shape))
-        along, more = (part[:, self.rows, self.columns] for part in (slopes, change))
-        tied = along[..., :, None] * more[..., None, :] * self.same_row
-        return np.asarray(sizes[:, self.slip, None, None, None] ** 2 * (tied + tied.swapaxes(-1, -2)))
 
     @property
     def same_row(self) -> BoolArray:
         """Mask of pairs of readings of a block that are of one row (B, q, q)."""
         return np.asarray(self.rows[:, :, None] == self.rows[:, None, :])
 
-    def whitening(self, scale: FloatArray, sizes: FloatArray, slopes: FloatArray | None) -> Whitening:
+    def whitening(self, scale: FloatArray, sizes: FloatArray, effects: FloatArray) -> Whitening:
         """The factor of the covariance; arguments as for :meth:`covariance`."""
-        if not self.terms and self.slip is None:
+        if not self.terms and not self.tied:
             sd = scale[:, self.rows, self.columns]
             return Whitening(1.0 / sd[..., None] * np.eye(sd.shape[-1]), np.log(sd).sum(axis=(1, 2)))
         if self.axes is not None:
@@ -106,7 +99,7 @@ class Stack:
             return Whitening(
                 vectors / np.sqrt(spread)[..., None], level + 0.5 * np.log(spread).sum(axis=(1, 2))
             )
-        lower = np.linalg.cholesky(self.covariance(scale, sizes, slopes))
+        lower = np.linalg.cholesky(self.covariance(scale, sizes, effects))
         level = np.log(np.einsum("nbqq->nbq", lower)).sum(axis=(1, 2))
         return Whitening(np.linalg.inv(lower), np.asarray(level))
 
@@ -142,13 +135,16 @@ def stacks(
     channels: Sequence[str],
     conditioned: BoolArray,
     noise: FloatArray | None = None,
+    *,
+    tied: bool,
 ) -> list[Stack]:
     """All readings where ``conditioned`` (m, channels) holds, in stacks of blocks.
 
-    ``noise`` (m, channels) are the standard deviations, where they do not depend on the parameters.
+    ``noise`` (m, channels) are the standard deviations, where they do not depend on the parameters; ``tied``
+    holds where conditions have errors.
     """
     groups: dict[tuple[object, ...], list[Pair]] = {}
-    sweep, place = sweeps(rows), _placed(errors)
+    sweep, place = sweeps(rows), _placed(errors, tied=tied)
     for i, column in np.argwhere(conditioned):
         key = place(channels[column], int(i), rows.wheel[i], sweep[i])
         groups.setdefault(key, []).append((int(i), int(column)))
@@ -156,49 +152,47 @@ def stacks(
     blocks = [pairs for key, pairs in groups.items() if key[-1] != "alone"]
     alike: dict[tuple[int, int], list[list[Pair]]] = {}
     for pairs in blocks:  # of one channel, where channels are apart: then one thing ties them
-        alike.setdefault((len(pairs), pairs[0][1] if errors.slip is None else 0), []).append(pairs)
-    stacked = [_stack(np.array(same), errors, rows, channels, noise) for same in alike.values()]
+        alike.setdefault((len(pairs), 0 if tied else pairs[0][1]), []).append(pairs)
+    stacked = [
+        Stack(pairs[..., 0], pairs[..., 1], _terms(pairs, errors, rows, channels), tied, _at(pairs, noise))
+        for pairs in map(np.array, alike.values())
+    ]
     if alone:
         block = np.array([alone])
-        stacked.append(Stack(block[..., 0], block[..., 1], (), None))
+        stacked.append(Stack(block[..., 0], block[..., 1], (), tied=False))
     return stacked
 
 
-def _placed(errors: ModelErrors) -> Callable[[str, int, str, object], tuple[object, ...]]:
+def _placed(errors: ModelErrors, *, tied: bool) -> Callable[[str, int, str, object], tuple[object, ...]]:
     """To which block a reading belongs."""
-    slip = errors.slip is not None
 
     def place(channel: str, row: int, wheel: str, sweep: object) -> tuple[object, ...]:
-        own = ("" if slip else channel,)
-        if errors.discrepancy if slip else channel in errors.discrepancy:
+        own = ("" if tied else channel,)
+        if errors.discrepancy if tied else channel in errors.discrepancy:
             return (*own, wheel, "wheel")
-        if errors.ripple if slip else channel in errors.ripple:
+        if errors.ripple if tied else channel in errors.ripple:
             return (*own, sweep, "sweep")
-        return (*own, row, "row" if slip else "alone")
+        return (*own, row, "row" if tied else "alone")
 
     return place
 
 
-def _stack(
-    pairs: IntArray,
-    errors: ModelErrors,
-    rows: Observations,
-    channels: Sequence[str],
-    noise: FloatArray | None,
-) -> Stack:
-    """A stack of blocks (B, q, 2)."""
-    i, column = pairs[..., 0], pairs[..., 1]
-    terms, slip = [], None
-    for which, error in enumerate(errors):
-        if isinstance(error, Discrepancy | Ripple):
-            mine = column == channels.index(error.channel)
-            both = mine[:, :, None] & mine[:, None, :]
-            if both.any():
-                whole = correlation(error, rows)
-                terms.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
-        else:
-            slip = which
-    return Stack(i, column, tuple(terms), slip, None if noise is None else noise[i, column])
+def _at(pairs: IntArray, noise: FloatArray | None) -> FloatArray | None:
+    return None if noise is None else np.asarray(noise[pairs[..., 0], pairs[..., 1]])
+
+
+def _terms(
+    pairs: IntArray, errors: ModelErrors, rows: Observations, channels: Sequence[str]
+) -> tuple[tuple[int, FloatArray], ...]:
+    """Fields that blocks (B, q, 2) have a part in; see :class:`Stack`."""
+    i, column, terms = pairs[..., 0], pairs[..., 1], []
+    for which, error in enumerate(errors.fields):
+        mine = column == channels.index(error.channel)
+        both = mine[:, :, None] & mine[:, None, :]
+        if both.any():
+            whole = correlation(error, rows)
+            terms.append((which, np.where(both, whole[i[:, :, None], i[:, None, :]], 0.0)))
+    return tuple(terms)
 
 
 def correlation(error: Discrepancy | Ripple, rows: Observations) -> FloatArray:
@@ -237,10 +231,21 @@ class Layout:
     stacks: Sequence[Stack]
 
     @cached_property
-    def correlations(self) -> list[FloatArray | None]:
-        """Between all rows (m, m), by size; None for errors in slip."""
-        return [correlation(error, self.rows) if isinstance(error, Discrepancy | Ripple) else None
-                for error in self.errors]  # fmt: skip
+    def correlations(self) -> list[FloatArray]:
+        """Of every field between all rows (m, m)."""
+        return [correlation(error, self.rows) for error in self.errors.fields]
+
+    @cached_property
+    def columns(self) -> list[int]:
+        """Column of the channel that every field is an error of."""
+        return [self.channels.index(error.channel) for error in self.errors.fields]
+
+    def variance(self, sizes: FloatArray, effects: FloatArray) -> FloatArray:
+        """Variance (n, m, k) of fields and errors of conditions before any reading."""
+        variance = np.asarray((effects**2).sum(axis=3))
+        for which, column in enumerate(self.columns):
+            variance[:, :, column] += sizes[:, [which]] ** 2
+        return variance
 
     @cached_property
     def doubles(self) -> int:
@@ -262,7 +267,7 @@ class Drawn:
 
     Attributes
     ----------
-    at_rows : discrepancy, ripple and effect of the slip error at every row (n, m, k).
+    at_rows : discrepancy, ripple and effects of errors of conditions at every row (n, m, k).
     discrepancy : at every row (n, m, k).
     elsewhere : the discrepancy at other slips (n, g, k).
     """
@@ -281,7 +286,7 @@ class TableLaw:
     layout : what hangs together.
     mean, scale : what the model says, and the noise of single readings (n, m, k).
     sizes : standard deviations of discrepancies, ripples and slip errors (n, j).
-    slopes : of the model over slip (n, m, k); None where slips are exact.
+    effects : of one standard deviation of every error of a condition (n, m, k, e).
     whitenings : of every stack.
     """
 
@@ -289,7 +294,7 @@ class TableLaw:
     mean: FloatArray
     scale: FloatArray
     sizes: FloatArray
-    slopes: FloatArray | None
+    effects: FloatArray
     whitenings: tuple[Whitening, ...]
 
     def take(self, chosen: IntArray) -> TableLaw:
@@ -299,7 +304,7 @@ class TableLaw:
             mean=self.mean[chosen],
             scale=self.scale[chosen],
             sizes=self.sizes[chosen],
-            slopes=None if self.slopes is None else self.slopes[chosen],
+            effects=self.effects[chosen],
             whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
         )
 
@@ -360,10 +365,10 @@ class TableLaw:
     def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (n, t, k) of readings of rows not conditioned on, given others.
 
-        Noise, ripple and slip errors of these rows are among it.
+        Noise, ripple and errors of conditions of these rows are among it.
         """
-        centre, variance = self.mean[:, targets].copy(), self.scale[:, targets] ** 2
-        variance = variance + self._loose(targets)
+        loose = self.layout.variance(self.sizes, self.effects)
+        centre, variance = self.mean[:, targets].copy(), (self.scale**2 + loose)[:, targets]
         residuals = self.white(readings - self.mean)
         for column in range(centre.shape[2]):
             for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
@@ -372,29 +377,16 @@ class TableLaw:
                 variance[:, :, column] -= (told**2).sum(axis=(1, 2))
         return centre, np.sqrt(variance)
 
-    def _loose(self, targets: IntArray) -> FloatArray:
-        """Variance (n, t, k) of discrepancy, ripple and slip errors before any reading."""
-        variance = np.zeros((len(self.mean), len(targets), self.mean.shape[2]))
-        for which, error in enumerate(self.layout.errors):
-            square = self.sizes[:, [which]] ** 2
-            if isinstance(error, Discrepancy | Ripple):
-                variance[:, :, self._column(error)] += square
-            else:
-                variance += square[..., None] * self._slopes[:, targets] ** 2
-        return variance
-
     def _between(self, stack: Stack, targets: IntArray, column: int) -> FloatArray:
         """Covariance (n, B, q, t) of the readings of a stack with those of a channel in other rows."""
-        covariance = np.zeros((len(self.mean), *stack.rows.shape, len(targets)))
-        for which, error in enumerate(self.layout.errors):
-            between = self.layout.correlations[which]
-            if isinstance(error, SlipError) or between is None:
-                continue
-            if self._column(error) == column:
-                mine = (stack.columns == column)[..., None]
+        effects = self.effects[:, stack.rows, stack.columns] @ self.effects[:, None, targets, column].mT
+        covariance = effects * (stack.rows[..., None] == targets)
+        mine = (stack.columns == column)[..., None]
+        for which, between in enumerate(self.layout.correlations):
+            if self.layout.columns[which] == column:
                 shared = np.where(mine, between[stack.rows[..., None], targets], 0.0)
                 covariance += self.sizes[:, which, None, None, None] ** 2 * shared
-        return covariance
+        return np.asarray(covariance)
 
     @cached_property
     def known(self) -> BoolArray:
@@ -405,36 +397,33 @@ class TableLaw:
         return conditioned
 
     def draw(self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None) -> Drawn:
-        """Draw discrepancy, ripple and slip errors given readings (m, k), or before any (None).
+        """Draw discrepancy, ripple and errors of conditions given readings (m, k), or before any (None).
 
         By Matheron's rule: a draw before the readings, moved by what the readings say against it.
         """
-        errors, m = list(self.layout.errors), self.mean.shape[1]
-        across = [self._across(which, error, elsewhere) for which, error in enumerate(errors)]
+        columns, m = self.layout.columns, self.mean.shape[1]
+        across = [
+            self._across(which, error, elsewhere) for which, error in enumerate(self.layout.errors.fields)
+        ]
         fields = [self._before(which, matrix, rng) for which, matrix in enumerate(across)]
+        shifts = rng.standard_normal((*self.effects.shape[:2], self.effects.shape[3]))
         if readings is not None:
             noise = self.scale * rng.standard_normal(self.scale.shape)
-            pull = self.pulls(readings - self.mean - self._effects(fields)[0] - noise)
-            told = [
-                self._told(which, error, across[which][:, :m], pull) for which, error in enumerate(errors)
-            ]
-            fields = [field + more for field, more in zip(fields, told, strict=True)]
-        at_rows, curves = self._effects(fields)
+            pull = self.pulls(readings - self.mean - sum(self._sums(fields, shifts)) - noise)
+            for which, column in enumerate(columns):
+                told = pull[:, :, column] @ across[which][:, :m].T
+                fields[which] = fields[which] + self.sizes[:, [which]] ** 2 * told
+            shifts = shifts + (pull[..., None] * self.effects).sum(axis=2)
+        curves, others = self._sums(fields, shifts)
         new = 0 if elsewhere is None else len(elsewhere.slip)
         there = np.zeros((len(self.mean), new, self.mean.shape[2]))
-        for error, field in zip(errors, fields, strict=True):
-            if isinstance(error, Discrepancy):
-                there[:, :, self._column(error)] = field[:, m:]
-        return Drawn(at_rows, curves, there)
-
-    def _column(self, error: Discrepancy | Ripple) -> int:
-        return self.layout.channels.index(error.channel)
+        for column, field in zip(columns[: len(self.layout.errors.discrepancy)], fields, strict=False):
+            there[:, :, column] = field[:, m:]
+        return Drawn(curves + others, curves, there)
 
     def _across(self, which: int, error: object, elsewhere: Elsewhere | None) -> FloatArray:
         """Correlation of a field at rows and, for a discrepancy, at slips elsewhere, among themselves."""
         inside = self.layout.correlations[which]
-        if inside is None:
-            return np.eye(self.mean.shape[1])
         if not isinstance(error, Discrepancy) or elsewhere is None:
             return inside
         rows = self.layout.rows
@@ -450,27 +439,11 @@ class TableLaw:
         unit = rng.standard_normal((len(self.mean), len(root))) @ root.T
         return np.asarray(self.sizes[:, [which]] * unit)
 
-    def _told(self, which: int, error: object, to_rows: FloatArray, pull: FloatArray) -> FloatArray:
-        """Shift of a field by the readings (n, m + g): its covariance with them times their pull."""
-        if isinstance(error, Discrepancy | Ripple):
-            heard = pull[:, :, self._column(error)]
-        else:
-            heard = (pull * self._slopes).sum(axis=2)
-        return np.asarray(self.sizes[:, [which]] ** 2 * (heard @ to_rows.T))
-
-    def _effects(self, fields: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """All fields as they enter the readings of the rows, and discrepancies alone, (n, m, k)."""
-        m, total = self.mean.shape[1], np.zeros(self.mean.shape)
-        curves = np.zeros(self.mean.shape)
-        for error, field in zip(self.layout.errors, fields, strict=True):
-            if isinstance(error, Discrepancy):
-                curves[:, :, self._column(error)] += field[:, :m]
-            elif isinstance(error, Ripple):
-                total[:, :, self._column(error)] += field[:, :m]
-            else:
-                total += self._slopes * field[:, :, None]
-        return total + curves, curves
-
-    @property
-    def _slopes(self) -> FloatArray:
-        return np.zeros(self.mean.shape) if self.slopes is None else self.slopes
+    def _sums(self, fields: Sequence[FloatArray], shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Discrepancies, and all else, as they enter the readings of the rows, (n, m, k) each."""
+        m, curves = self.mean.shape[1], np.zeros(self.mean.shape)
+        others = np.einsum("nmke,nme->nmk", self.effects, shifts)
+        for which, column in enumerate(self.layout.columns):
+            part = curves if which < len(self.layout.errors.discrepancy) else others
+            part[:, :, column] += fields[which][:, :m]
+        return curves, others

@@ -298,7 +298,7 @@ def _jointly_weighted(
     for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
         white.append(slopes.reshape(len(good), -1, x.shape[1]))
-    bends = _bends(posterior, likelihood, x[good])
+    bends = _bends(posterior, likelihood, law, x[good])
     gradient[good], information = _scatter(posterior, law, scaled.spread[good], bends, residuals)
     for slopes, residual in zip(white, residuals, strict=True):
         gradient[good] += np.einsum("nqd,nq->nd", slopes, residual.reshape(len(good), -1))
@@ -306,10 +306,12 @@ def _jointly_weighted(
     return gradient, whole
 
 
-def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray) -> FloatArray:
-    """Derivatives (n, m, k, d) of the slopes over slip by the parameters; 0 where slips are exact."""
-    rows = likelihood.forward.conditions
-    if likelihood.errors.slip is None:
+def _bends(
+    posterior: Posterior, likelihood: CorrelatedLikelihood, law: TableLaw, x: FloatArray
+) -> FloatArray:
+    """Derivatives (n, m, k, d) of the effect of errors in slip by the parameters; 0 where slips are exact."""
+    rows, error = likelihood.forward.conditions, likelihood.errors.slip
+    if error is None:
         return np.zeros((len(x), *likelihood.measured.shape, x.shape[1]))
     ends = np.maximum(rows.slip - STEP, 0.0), np.where(rows.slip + STEP < 1.0, rows.slip + STEP, rows.slip)
     moved = (replace(likelihood, forward=likelihood.forward.at_slip(slip)) for slip in ends)
@@ -317,7 +319,11 @@ def _bends(posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray
         sensitivities(replace(posterior, likelihood=at), x).of(likelihood.channels).by_parameter
         for at in moved
     )
-    return np.asarray(np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]))
+    size = law.sizes[:, -1, None, None]
+    bends = np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]) * size[..., None]
+    if error.parameter is not None:
+        bends[..., posterior.names.index(error.parameter)] = law.effects[..., 0] / size
+    return np.asarray(bends)
 
 
 def _scatter(
@@ -330,16 +336,17 @@ def _scatter(
     n, d = len(spread), spread.shape[-1]
     gradient, total = np.zeros((n, d)), np.zeros((n, d, d))
     named = [None if error.parameter is None else posterior.names.index(error.parameter)
-             for error in law.layout.errors]  # fmt: skip
+             for error in law.layout.errors.fields]  # fmt: skip
     for stack, whitening, w in zip(law.layout.stacks, law.whitenings, white, strict=True):
         at = (slice(None), stack.rows, stack.columns)
         moved = {i: np.eye(stack.rows.shape[1]) * (2.0 * law.scale[at] * spread[(*at, i)])[..., None]
                  for i in range(d) if spread[(*at, i)].any()}  # fmt: skip
         for i in range(d):
-            if stack.slip is not None and bends[(*at, i)].any():
-                moved[i] = moved.get(i, 0.0) + stack.by_slopes(law.sizes, law.slopes, bends[..., i])
+            if stack.tied and bends[(*at, i)].any():
+                half = stack.tie(law.effects[..., :1], bends[..., i, None])
+                moved[i] = moved.get(i, 0.0) + half + half.swapaxes(-1, -2)
         for which, column in enumerate(named):
-            by_size = stack.by_size(which, law.sizes, law.slopes)
+            by_size = stack.by_size(which, law.sizes)
             if column is not None and by_size is not None:
                 moved[column] = moved.get(column, 0.0) + by_size
         whitened = {

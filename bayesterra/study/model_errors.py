@@ -132,10 +132,15 @@ class ModelErrors:
     def __bool__(self) -> bool:
         return bool(self.discrepancy or self.ripple or self.slip)
 
+    @property
+    def fields(self) -> tuple[Discrepancy | Ripple, ...]:
+        """Discrepancies and ripples, which tie rows."""
+        parts: tuple[Mapping[str, Discrepancy | Ripple], ...] = (self.discrepancy, self.ripple)
+        return tuple(part[name] for part in parts for name in OUTCOMES if name in part)
+
     def __iter__(self) -> Iterator[Discrepancy | Ripple | SlipError]:
         """The errors one after the other, in the order in which posteriors hold their sizes."""
-        for part in (self.discrepancy, self.ripple):
-            yield from (part[name] for name in OUTCOMES if name in part)
+        yield from self.fields
         if self.slip is not None:
             yield self.slip
 
