@@ -19,14 +19,13 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.condition_errors import Loads, load_slopes, slip_slopes
 from bayesterra.likelihood.covariance import Drawn, Elsewhere, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.study.model_errors import ModelErrors, Ripple
 
-STEP = 0.005
-"""Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
 HUGE = 1e100
 """Modelled values beyond this (in SI units) are as impossible as none."""
 DOUBLES = 2e7
@@ -41,26 +40,6 @@ Against integrals over the true slip, with all rows at transition slips, φ is t
 NODES = 15
 TYPICAL = 200
 """Draws at which errors of slip are looked at."""
-
-
-def slip_slopes(
-    forward: Forward, soil: FloatArray, channels: Sequence[str], outcomes: Outcomes | None = None
-) -> FloatArray:
-    """Slopes (n, m, channels) of outcomes over slip, to both sides as far as the model goes.
-
-    ``outcomes`` are themselves, where they are known already.
-    """
-    values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
-    slip, ends = forward.conditions.slip, []
-    for at in (np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)):
-        shifted = forward.at_slip(at)(soil, every_row=True).of(channels)
-        answered = np.isfinite(shifted)
-        ends.append((np.where(answered, shifted, values), np.where(answered, at[:, None], slip[:, None])))
-    (low, left), (high, right) = ends
-    width = right - left
-    slopes = np.zeros_like(values)
-    np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
-    return slopes
 
 
 def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArray) -> str:

@@ -34,7 +34,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
+from bayesterra.likelihood.condition_errors import STEP
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, offset_of, take
 from bayesterra.likelihood.joint import Whole

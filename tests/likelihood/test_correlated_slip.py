@@ -9,7 +9,8 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.correlated import CorrelatedLikelihood, slip_doubts, slip_slopes
+from bayesterra.likelihood.condition_errors import slip_slopes
+from bayesterra.likelihood.correlated import CorrelatedLikelihood, slip_doubts
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior

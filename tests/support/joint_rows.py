@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.likelihood.correlated import STEP, CorrelatedLikelihood
+from bayesterra.likelihood.condition_errors import STEP
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Wheel
 from bayesterra.study.study import Study

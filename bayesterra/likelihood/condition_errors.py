@@ -1,0 +1,163 @@
+"""Errors of conditions to first order: slopes of outcomes over slip and load, and latent loads.
+
+Where rows hang together a latent load W counts to first order. Outcomes are straight lines about a load L near
+that which a row's readings tell, f(W) ≈ f(L) + g (W − L), and the flat prior of W is a normal law times a
+factor: the one with which these readings leave W the same probability, mean and variance (assumed density
+filtering; Minka 2001, Uncertainty in Artificial Intelligence 17, 362). That law is wide wherever the readings
+tell a load well inside the range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.stats.tails import GAUSSIAN
+
+STEP = 0.005
+"""Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
+LOAD_STEP = 1e-3
+"""Step for slopes over the load, as a share of it."""
+LINES = 3
+"""Loads at which outcomes are taken for straight lines, each told by the line before."""
+FLATTEST = 1e-6
+"""Precision of the law of a load over that of its readings, at least: no digits are lost to its width."""
+VAGUE = 100.0
+"""Standard deviation of a load that no reading tells, in ranges."""
+
+
+def slip_slopes(
+    forward: Forward, soil: FloatArray, channels: Sequence[str], outcomes: Outcomes | None = None
+) -> FloatArray:
+    """Slopes (n, m, channels) of outcomes over slip, to both sides as far as the model goes.
+
+    ``outcomes`` are themselves, where they are known already.
+    """
+    values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
+    slip = forward.conditions.slip
+    ends = np.maximum(slip - STEP, 0.0), np.where(slip + STEP < 1.0, slip + STEP, slip)
+    moved = [(at, forward.at_slip(at)(soil, every_row=True).of(channels)) for at in ends]
+    return _slopes(slip, values, moved)
+
+
+def load_slopes(
+    forward: Forward, soil: FloatArray, channels: Sequence[str], outcomes: Outcomes | None = None
+) -> FloatArray:
+    """Slopes (n, m, channels) of outcomes over the load of ``forward``, 1/N; see :func:`slip_slopes`."""
+    values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
+    load = forward.given
+    ends = load * (1 - LOAD_STEP), load * (1 + LOAD_STEP)
+    moved = [(at, forward.at_load(at)(soil, every_row=True).of(channels)) for at in ends]
+    return _slopes(load, values, moved)
+
+
+def _slopes(here: FloatArray, values: FloatArray, moved: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Slopes between the two ends that conditions are moved to, as far as these have answers."""
+    ends = []
+    for at, shifted in moved:
+        answered = np.isfinite(shifted)
+        ends.append(
+            (np.where(answered, shifted, values), np.where(answered, at[..., None], here[..., None]))
+        )
+    (low, left), (high, right) = ends
+    width, slopes = right - left, np.zeros_like(values)
+    np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
+    return slopes
+
+
+def told_loads(
+    residuals: FloatArray, slopes: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Precision of every row's load (n, m) as its readings tell it, and that times the load's shift.
+
+    ``residuals`` (n, m, k) are NaN where there is no reading.
+    """
+    read = ~np.isnan(residuals)
+    along = np.where(read, slopes / scale, 0.0)
+    return (along**2).sum(axis=2), (along * np.where(read, residuals / scale, 0.0)).sum(axis=2)
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Latent loads of n parameter sets in m rows, to first order about loads L.
+
+    Attributes
+    ----------
+    outcomes : at L.
+    values, slopes : of the channels at L and over the load (n, m, k).
+    at : L (n, m), inside the range.
+    mean, sd : of the normal laws in place of the flat prior (n, m).
+    level : log of the flat prior over these laws (n, m).
+    """
+
+    outcomes: Outcomes
+    values: FloatArray
+    slopes: FloatArray
+    at: FloatArray
+    mean: FloatArray
+    sd: FloatArray
+    level: FloatArray
+
+    @classmethod
+    def told(
+        cls,
+        forward: Forward,
+        soil: FloatArray,
+        channels: Sequence[str],
+        readings: FloatArray,
+        scatter: Callable[[FloatArray], FloatArray],
+        ends: tuple[float, float],
+    ) -> Loads:
+        """Loads that readings (m, k) tell, row by row, by Gauss–Newton steps from those of ``forward``.
+
+        ``scatter`` gives standard deviations (n, m, k) of the readings of a row by itself about modelled
+        values; ``ends`` are those of the flat prior. A load that a soil does not carry is not stepped to.
+        """
+        vague = VAGUE * (ends[1] - ends[0])
+        load = np.broadcast_to(forward.given, (len(soil), len(readings)))
+        carried = np.full(load.shape, ends[0])
+        for _ in range(LINES):
+            outcomes = forward.at_load(load)(soil, every_row=True)
+            lost = ~np.isfinite(outcomes.values).all(axis=2)
+            if lost.any():
+                load = np.where(lost, carried, load)
+                outcomes = forward.at_load(load)(soil, every_row=True)
+            at, values = load, outcomes.of(channels)
+            slopes = load_slopes(forward.at_load(at), soil, channels, outcomes)
+            precision, pull = told_loads(readings - values, slopes, scatter(values))
+            precision = precision + vague**-2
+            guess = np.nan_to_num(at + pull / precision)
+            carried, load = at, np.clip(guess, *ends)
+        return cls(outcomes, values, slopes, at, *_in_place_of_flat(guess, precision**-0.5, ends))
+
+    @property
+    def predicted(self) -> FloatArray:
+        """What the lines say at the mean loads (n, m, k)."""
+        return self.values + self.slopes * (self.mean - self.at)[:, :, None]
+
+    def take(self, chosen: IntArray) -> Loads:
+        """Those of some parameter sets, also repeatedly."""
+        kept = (part[chosen] for part in (self.values, self.slopes, self.at, self.mean, self.sd, self.level))
+        return Loads(self.outcomes.take(chosen), *kept)
+
+
+def _in_place_of_flat(
+    told: FloatArray, sd: FloatArray, ends: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, standard deviation and log factor of normal laws that stand for a flat prior.
+
+    Under them a load that readings tell with mean ``told`` and ``sd`` has the moments that it has under the
+    flat prior between ``ends``.
+    """
+    low, high = ((end - told) / sd for end in ends)
+    inside = GAUSSIAN.log_between(low, high)
+    shift, stretch = GAUSSIAN.pulls_between(low, high)
+    share = np.clip(1.0 + stretch - shift**2, 1e-8, 1.0)
+    gain = np.maximum(1.0 / share - 1.0, FLATTEST)  # precision of the law over that of the readings
+    mean, spread = told + sd * shift * (1.0 + 1.0 / gain), sd**2 * (1.0 + 1.0 / gain)
+    level = inside - np.log(ends[1] - ends[0]) + 0.5 * (np.log(2 * np.pi * spread) + (mean - told) ** 2 / spread)
+    return mean, sd / np.sqrt(gain), level
