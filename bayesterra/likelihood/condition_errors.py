@@ -1,8 +1,8 @@
 """Errors of conditions to first order: slopes of outcomes over slip and load, and latent loads.
 
-Where rows hang together a latent load W counts to first order. Outcomes are straight lines about a load L near
-that which a row's readings tell, f(W) ≈ f(L) + g (W − L), and the flat prior of W is a normal law times a
-factor: the one with which these readings leave W the same probability, mean and variance (assumed density
+Where rows hang together a latent load W counts to first order. Outcomes are straight lines about a load L
+near that which a row's readings tell, f(W) ≈ f(L) + g (W − L), and the flat prior of W is a normal law times
+a factor: the one with which these readings leave W the same probability, mean and variance (assumed density
 filtering; Minka 2001, Uncertainty in Artificial Intelligence 17, 362). That law is wide wherever the readings
 tell a load well inside the range.
 """
@@ -60,18 +60,14 @@ def _slopes(here: FloatArray, values: FloatArray, moved: list[tuple[FloatArray, 
     ends = []
     for at, shifted in moved:
         answered = np.isfinite(shifted)
-        ends.append(
-            (np.where(answered, shifted, values), np.where(answered, at[..., None], here[..., None]))
-        )
+        ends.append((np.where(answered, shifted, values), np.where(answered, at[..., None], here[..., None])))
     (low, left), (high, right) = ends
     width, slopes = right - left, np.zeros_like(values)
     np.divide(high - low, width, out=slopes, where=(width > 0) & np.isfinite(values))
     return slopes
 
 
-def told_loads(
-    residuals: FloatArray, slopes: FloatArray, scale: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def told_loads(residuals: FloatArray, slopes: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Precision of every row's load (n, m) as its readings tell it, and that times the load's shift.
 
     ``residuals`` (n, m, k) are NaN where there is no reading.
@@ -109,13 +105,13 @@ class Loads:
         soil: FloatArray,
         channels: Sequence[str],
         readings: FloatArray,
-        scatter: Callable[[FloatArray], FloatArray],
         ends: tuple[float, float],
+        scatter: Callable[[FloatArray], FloatArray],
     ) -> Loads:
         """Loads that readings (m, k) tell, row by row, by Gauss–Newton steps from those of ``forward``.
 
-        ``scatter`` gives standard deviations (n, m, k) of the readings of a row by itself about modelled
-        values; ``ends`` are those of the flat prior. A load that a soil does not carry is not stepped to.
+        ``ends`` are those of the flat prior; ``scatter`` gives standard deviations (n, m, k) of the readings
+        of a row by itself about modelled values. A load that a soil does not carry is not stepped to.
         """
         vague = VAGUE * (ends[1] - ends[0])
         load = np.broadcast_to(forward.given, (len(soil), len(readings)))
@@ -139,6 +135,11 @@ class Loads:
         """What the lines say at the mean loads (n, m, k)."""
         return self.values + self.slopes * (self.mean - self.at)[:, :, None]
 
+    @property
+    def effects(self) -> FloatArray:
+        """Effects of one standard deviation of the loads on the channels (n, m, k)."""
+        return self.slopes * self.sd[:, :, None]
+
     def take(self, chosen: IntArray) -> Loads:
         """Those of some parameter sets, also repeatedly."""
         kept = (part[chosen] for part in (self.values, self.slopes, self.at, self.mean, self.sd, self.level))
@@ -159,5 +160,5 @@ def _in_place_of_flat(
     share = np.clip(1.0 + stretch - shift**2, 1e-8, 1.0)
     gain = np.maximum(1.0 / share - 1.0, FLATTEST)  # precision of the law over that of the readings
     mean, spread = told + sd * shift * (1.0 + 1.0 / gain), sd**2 * (1.0 + 1.0 / gain)
-    level = inside - np.log(ends[1] - ends[0]) + 0.5 * (np.log(2 * np.pi * spread) + (mean - told) ** 2 / spread)
-    return mean, sd / np.sqrt(gain), level
+    away = np.log(2 * np.pi * spread) + (mean - told) ** 2 / spread
+    return mean, sd / np.sqrt(gain), inside - np.log(ends[1] - ends[0]) + 0.5 * away

@@ -5,13 +5,14 @@
 δ is a Gaussian process over slip, one curve per wheel and channel (Kennedy and O'Hagan 2001, J. R. Stat. Soc.
 B 63, 425). Everything but θ is Gaussian and integrated out: the readings of a table are jointly normal around
 f(θ, s). An error of slip counts to first order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a
-row; f is taken as straight and δ as level over its size. Noise that is a fraction is one of f(θ, s) in the
-likelihood, of all that is drawn in draws.
+row; f is taken as straight and δ as level over its size. A latent load (drive ``both``) counts to first order
+about the load that its row's readings tell (:mod:`bayesterra.likelihood.condition_errors`). Noise that is a
+fraction is one of f(θ, s) in the likelihood, of all that is drawn in draws.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.condition_errors import Loads, load_slopes, slip_slopes
+from bayesterra.likelihood.condition_errors import Loads, slip_slopes
 from bayesterra.likelihood.covariance import Drawn, Elsewhere, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.intervals import Intervals
@@ -70,7 +71,8 @@ def _rows(numbers: IntArray) -> str:
 class CorrelatedLikelihood(Likelihood):
     """Likelihood of a table whose rows hang together. Rows that are not in use are not conditioned on.
 
-    ``errors`` are discrepancy and ripple of the measured channels, and errors of slip.
+    But for their normal forces where loads are latent, which say how they were driven. ``errors`` are
+    discrepancy and ripple of the measured channels, and errors of slip.
     """
 
     errors: ModelErrors = field(default_factory=ModelErrors)
@@ -89,6 +91,15 @@ class CorrelatedLikelihood(Likelihood):
     def intervals(self) -> Intervals | None:
         """None: rounding is one more error."""
         return None
+
+    def status(self, soil: FloatArray) -> IntArray:
+        """Status (n,) of soil arrays; with latent loads 0 where the lowest of the range has an answer."""
+        return self._lowest(soil).status
+
+    def _lowest(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
+        """Outcomes under the loads of the rows, or under the lowest load where these are latent."""
+        at = self.forward if self.load_range is None else self.forward.at_load(self.load_range[0])
+        return at(soil, every_row=every_row)
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log density (n, m, 1) of every row's readings given those of all other rows; −inf without answer.
@@ -150,11 +161,24 @@ class CorrelatedLikelihood(Likelihood):
         return scores
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
-        """Outcomes behind the readings: discrepancy, ripple and true slips drawn given the readings."""
-        return self._drawn(soil, noise_values, rng, conditioned=True)
+        """Outcomes behind the readings: discrepancy, ripple, true slips and loads drawn given these."""
+        if self.load_range is None:
+            return self._drawn(soil, noise_values, rng, conditioned=True)
+        loads = np.full((len(soil), len(self.observations)), np.nan)
+        errors = np.full((*loads.shape, len(self.channels)), np.nan)
+        for good, law in self._laws(soil, noise_values):
+            loads[good], errors[good] = law.draw_loads(self.measured, rng)
+        outcomes = self.forward.at_load(np.clip(loads, *self.load_range))(soil, every_row=True)
+        for i, name in enumerate(self.channels):
+            outcomes.add(name, errors[:, :, i])
+        return outcomes
 
     def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
-        """Outcomes before any reading: discrepancy, ripple and slip errors drawn as stated."""
+        """Outcomes before any reading: latent loads, discrepancy, ripple and slip errors drawn as stated."""
+        if self.load_range is not None:
+            loads = rng.uniform(*self.load_range, size=(len(soil), len(self.observations)))
+            known = replace(self, forward=self.forward.at_load(loads), load_range=None)
+            return known.imagined(soil, noise_values, rng)
         return self._drawn(soil, noise_values, rng, conditioned=False)
 
     def discrepancy(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
@@ -216,22 +240,47 @@ class CorrelatedLikelihood(Likelihood):
         return replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
 
     def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
-        """The joint law of the readings at soils that have an answer in every row in use."""
-        return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes)
+        """The joint law of the readings at soils that have an answer in every row in use.
+
+        Those of latent loads are about the loads that readings tell, ``outcomes`` not looked at.
+        """
+        if self.load_range is None:
+            return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes)
+        readings = np.where(self.known, self.measured, np.nan)
+        sizes, none = self.sizes(len(soil), noise_values), np.zeros((len(soil), *self.measured.shape, 0))
+        fields = self.layout.variance(sizes, none)
+        loads = Loads.told(
+            self.forward, soil, self.channels, readings, self.load_range,
+            lambda values: np.sqrt(self.scales(values, noise_values) ** 2 + fields),
+        )  # fmt: skip
+        about = replace(self, forward=self.forward.at_load(loads.at))
+        law = about.law_at(soil, loads.values, noise_values, loads.outcomes, loads.effects)
+        return replace(law, mean=loads.predicted, loads=loads)
 
     def law_at(
-        self, soil: FloatArray, mean: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
+        self,
+        soil: FloatArray,
+        mean: FloatArray,
+        noise_values: FloatArray,
+        outcomes: Outcomes | None = None,
+        by_load: FloatArray | None = None,
     ) -> TableLaw:
-        """The same, where what the model says of the measured channels (n, m, k) is known."""
+        """The same, where what the model says of the measured channels (n, m, k) is known.
+
+        ``by_load`` (n, m, k) is the effect of one standard deviation of latent loads.
+        """
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
-        effects = np.empty((*mean.shape, 0))
+        effects: list[FloatArray] = []
         if self.errors.slip is not None:
             slopes = slip_slopes(self.forward, soil, self.channels, outcomes)
-            effects = (slopes * sizes[:, -1, None, None])[..., None]
+            effects.append(slopes * sizes[:, -1, None, None])
+        if by_load is not None:
+            effects.append(by_load)
+        effect = np.stack(effects, axis=3) if effects else np.empty((*mean.shape, 0))
         whitenings = self._constant
         if whitenings is None:
-            whitenings = tuple(stack.whitening(scale, sizes, effects) for stack in self.layout.stacks)
-        return TableLaw(self.layout, mean, scale, sizes, effects, whitenings)
+            whitenings = tuple(stack.whitening(scale, sizes, effect) for stack in self.layout.stacks)
+        return TableLaw(self.layout, mean, scale, sizes, effect, whitenings)
 
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
@@ -244,13 +293,14 @@ class CorrelatedLikelihood(Likelihood):
     @cached_property
     def known(self) -> BoolArray:
         """Readings that are conditioned on (m, k)."""
-        return np.asarray(~np.isnan(self.measured) & self.observations.use[:, None])
+        kept = [self.load_range is not None and name == "normal_force" for name in self.channels]
+        return np.asarray(~np.isnan(self.measured) & (self.observations.use[:, None] | kept))
 
     @cached_property
     def layout(self) -> Layout:
         """Layout of the readings that hang together."""
         rows = self.observations
-        tied = self.errors.slip is not None
+        tied = self.errors.slip is not None or self.load_range is not None
         blocks = stacks(self.errors, rows, self.channels, self.known, self._given_noise, tied=tied)
         return Layout(self.errors, rows, self.channels, blocks)
 
@@ -264,7 +314,8 @@ class CorrelatedLikelihood(Likelihood):
     @cached_property
     def _constant(self) -> tuple[Whitening, ...] | None:
         """Whitenings where the covariance does not depend on the parameters; else None."""
-        if self.errors.laws or self.errors.slip or self._given_noise is None:
+        ties = self.errors.slip is not None or self.load_range is not None
+        if self.errors.laws or ties or self._given_noise is None:
             return None
         scale, sizes = self._given_noise[None], self.sizes(1, np.empty((1, 0)))
         effects = np.empty((1, *self.measured.shape, 0))
@@ -278,13 +329,21 @@ class CorrelatedLikelihood(Likelihood):
         for first in range(0, len(soil), at_once):
             part = slice(first, first + at_once)
             if outcomes is None:
-                answers = self.forward(soil[part], every_row=not self.observations.use.all())
+                answers = self._lowest(soil[part], every_row=not self.observations.use.all())
             else:
                 answers = outcomes.take(part)
-            used = answers.values[:, self.observations.use]
-            good = np.flatnonzero((np.abs(used) < HUGE).all(axis=(1, 2)))
+            counted = answers.values[:, self.known.any(axis=1) | self.observations.use]
+            good = np.flatnonzero((np.abs(counted) < HUGE).all(axis=(1, 2)))
             if good.size:
-                yield first + good, self.law(soil[part][good], answers.take(good), noise_values[part][good])
+                own = self._of_sets(first + good)
+                yield first + good, own.law(soil[part][good], answers.take(good), noise_values[part][good])
+
+    def _of_sets(self, chosen: IntArray) -> CorrelatedLikelihood:
+        """The same for some parameter sets, where each has loads of its own."""
+        given = self.forward.given
+        if given.ndim == 1:
+            return self
+        return replace(self, forward=replace(self.forward, given=given[chosen]))
 
     def _drawn(
         self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool

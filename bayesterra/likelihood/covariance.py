@@ -16,6 +16,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.condition_errors import Loads
 from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple
 from bayesterra.study.observations import Observations
 
@@ -270,11 +271,13 @@ class Drawn:
     at_rows : discrepancy, ripple and effects of errors of conditions at every row (n, m, k).
     discrepancy : at every row (n, m, k).
     elsewhere : the discrepancy at other slips (n, g, k).
+    shifts : errors of conditions in standard deviations (n, m, e).
     """
 
     at_rows: FloatArray
     discrepancy: FloatArray
     elsewhere: FloatArray
+    shifts: FloatArray
 
 
 @dataclass(frozen=True)
@@ -288,6 +291,7 @@ class TableLaw:
     sizes : standard deviations of discrepancies, ripples and slip errors (n, j).
     effects : of one standard deviation of every error of a condition (n, m, k, e).
     whitenings : of every stack.
+    loads : latent loads, whose effects are the last; None where loads are known.
     """
 
     layout: Layout
@@ -296,6 +300,7 @@ class TableLaw:
     sizes: FloatArray
     effects: FloatArray
     whitenings: tuple[Whitening, ...]
+    loads: Loads | None = None
 
     def take(self, chosen: IntArray) -> TableLaw:
         """At some of the sets, also repeatedly."""
@@ -306,7 +311,15 @@ class TableLaw:
             sizes=self.sizes[chosen],
             effects=self.effects[chosen],
             whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
+            loads=None if self.loads is None else self.loads.take(chosen),
         )
+
+    @property
+    def levels(self) -> FloatArray:
+        """What latent loads add to the log density of every row (n or 1, m); 0 where nothing is read."""
+        if self.loads is None:
+            return np.zeros((1, len(self.known)))
+        return np.where(self.known.any(axis=1), self.loads.level, 0.0)
 
     def white(self, residuals: FloatArray) -> list[FloatArray]:
         """White residuals (n, B, q) of every stack."""
@@ -315,7 +328,7 @@ class TableLaw:
 
     def log_density(self, readings: FloatArray) -> FloatArray:
         """Log density (n,) of readings (m, k); only those that the layout conditions on count."""
-        total = np.zeros(len(self.mean))
+        total = np.broadcast_to(self.levels.sum(axis=1), len(self.mean)).copy()
         for white, whitening in zip(self.white(readings - self.mean), self.whitenings, strict=True):
             total -= 0.5 * (white**2).sum(axis=(1, 2)) + whitening.level + 0.5 * white[0].size * LOG_2_PI
         return total
@@ -353,7 +366,7 @@ class TableLaw:
         _, log_det = np.linalg.slogdet(Q)
         square = (pull * np.linalg.solve(Q, pull[..., None])[..., 0]).sum(axis=2)
         counts = self.known.sum(axis=1)
-        return np.asarray(0.5 * (log_det - square - counts * LOG_2_PI))
+        return np.asarray(0.5 * (log_det - square - counts * LOG_2_PI) + self.levels)
 
     def scores(self, readings: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
@@ -419,7 +432,16 @@ class TableLaw:
         there = np.zeros((len(self.mean), new, self.mean.shape[2]))
         for column, field in zip(columns[: len(self.layout.errors.discrepancy)], fields, strict=False):
             there[:, :, column] = field[:, m:]
-        return Drawn(curves + others, curves, there)
+        return Drawn(curves + others, curves, there, shifts)
+
+    def draw_loads(self, readings: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
+        """Draw latent loads (n, m), and all else that is not the model's (n, m, k), given readings."""
+        drawn, loads = self.draw(readings, rng), self.loads
+        if loads is None:
+            raise ValueError("the loads of this table are known")
+        shift = drawn.shifts[:, :, -1]
+        others = drawn.at_rows - self.effects[..., -1] * shift[..., None]
+        return loads.mean + loads.sd * shift, others
 
     def _across(self, which: int, error: object, elsewhere: Elsewhere | None) -> FloatArray:
         """Correlation of a field at rows and, for a discrepancy, at slips elsewhere, among themselves."""

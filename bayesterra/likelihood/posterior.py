@@ -271,7 +271,7 @@ def likelihood_of(study: Study, rows: Observations) -> Likelihood:
         forward = forward.at_load(np.clip(known, *study.load_range))
     noise = tuple(study.noise.values())
     if study.errors:
-        return CorrelatedLikelihood(forward, rows, noise, errors=study.errors)
+        return CorrelatedLikelihood(forward, rows, noise, study.load_range, study.errors)
     if study.load_range is None:
         return Likelihood(forward, rows, noise)
     return LatentLoad(forward, rows, noise, study.load_range)

@@ -292,9 +292,10 @@ def _jointly_weighted(
     if not good.size:
         return gradient, whole
     values = scaled.local.values[good]
-    law = likelihood.reading(read).law_at(
-        posterior.prior.soil_values(x[good]), values, posterior.noise_values(x[good])
-    )
+    by_load, soil, ends = None, posterior.prior.soil_values(x[good]), likelihood.load_range
+    if ends is not None:  # by the standard deviation of their flat prior
+        by_load = scaled.local.by_load[good] / np.sqrt(load_information(ends))
+    law = likelihood.reading(read).law_at(soil, values, posterior.noise_values(x[good]), by_load=by_load)
     residuals, white = law.white(likelihood.measured - values), []
     for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]

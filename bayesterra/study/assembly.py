@@ -358,13 +358,11 @@ def errors_of_outcomes(
 ) -> tuple[ModelErrors, list[str]]:
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
 
-    StudyError beside a latent load or Student-t noise.
+    StudyError beside Student-t noise.
     """
     if not errors:
         return errors, []
     table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
-    if drive.latent_load:
-        raise StudyError(f"[{table}] takes the drives 'load' and 'sinkage' (got '{drive}')")
     heavy = next((name for name, channel_noise in noise.items() if channel_noise.tails != GAUSSIAN), None)
     if heavy:
         keys = "' and '".join(noise[heavy].tails.keys)

@@ -1,10 +1,10 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
-Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-noise-halved, m2-jacobian-dropped,
-m2-rounding-ignored (default: all). Every case takes its replications one by one in
-this process, those of groups in a process for each processor, goes on where an interrupted run ended, and
-leaves its ranks, record and report in a folder of its name, and the memory of this process in ``memory.csv``
-there.
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-both-discrepancy, m2-noise-halved,
+m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its replications
+one by one in this process, those of groups and of latent loads in a process for each processor, goes on
+where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and the
+memory of this process in ``memory.csv`` there.
 """
 
 from __future__ import annotations
@@ -45,6 +45,12 @@ LIMITS = ("<4", "", "", "", "", ">18")
 GROUP_SLIPS = (0.1, 0.25, 0.5)
 COHESION = {"dist": "norm", "loc": "1 kPa", "scale": "0.3 kPa", "lower": "0 kPa"}
 FRICTION = {"dist": "norm", "loc": "30 deg", "scale": "4 deg", "lower": "0 deg", "upper": "60 deg"}
+BOTH_SLIPS = (0.1, 0.2, 0.35, 0.5)
+FORCE = 3.0
+"""Noise, N, of the normal force where the load is known by its readings only."""
+CURVES = {"drawbar_pull": {"sd": "2 N", "length": 0.3}, "sinkage": {"sd": "1 mm", "length": 0.3}}
+EXPONENT = {"dist": "norm", "loc": 0.8, "scale": 0.1, "lower": 0.3, "upper": 1.3}
+MODULUS = {"dist": "norm", "loc": "11 mm", "scale": "3 mm", "lower": "3 mm", "upper": "40 mm"}
 CORRELATION = 0.8
 """Prior correlation of c and φ in the cases with groups."""
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
@@ -99,6 +105,28 @@ def groups() -> bt.Study:
     )
 
 
+def latent_loads(*, curves: bool = True) -> bt.Study:
+    """Four slips whose loads are known by their readings only, and two curves of discrepancy over slip."""
+    readings = {"normal_force [N]": 80.0, "sinkage [mm]": 5.0, "drawbar_pull [N]": 10.0}
+    noise: dict[str, Any] = {**NOISE, "normal_force": FORCE}
+    held = {name: ABOUT_WH32[name] for name in ("Ks", "n1", "c", "c1", "c2")}
+    errors: dict[str, Any] = {"discrepancy": CURVES} if curves else {}
+    return bt.Study(
+        pd.DataFrame({"slip": BOTH_SLIPS}).assign(**readings, **{"resistance_moment [N m]": 3.0}),
+        {"Wh32": WHEEL},
+        title="Calibration of latent loads beside a discrepancy",
+        model="M2",
+        drive="both",
+        load_range=["40 N", "120 N"],
+        slip_reference="shearing",
+        kind="simulated",
+        source="studies/calibration/run.py",
+        noise=noise,
+        priors={**held, "n0": EXPONENT, "phi": FRICTION, "K": MODULUS},
+        **errors,
+    )
+
+
 @dataclass(frozen=True)
 class NoiseHalved:
     """A wrong posterior: it believes in half of the noise that the readings have."""
@@ -120,6 +148,17 @@ class RoundingIgnored:
     def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
         """Sample the posterior of a study as though nothing were rounded."""
         return self.fit(study(simulated.model.name).with_data(simulated.observations.values), seed)
+
+
+@dataclass(frozen=True)
+class CurveIgnored:
+    """A wrong posterior: it takes the model for exact where readings have a discrepancy."""
+
+    fit: ShortRuns = field(default_factory=ShortRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the posterior of a study as though there were no discrepancy."""
+        return self.fit(latent_loads(curves=False).with_data(simulated.observations.values), seed)
 
 
 @dataclass(frozen=True)
@@ -157,7 +196,7 @@ class JacobianDropped:
 
 
 class Case(NamedTuple):
-    """A model, number and sampling of its replications, the noise (1: ``NOISE``), steps, and groups."""
+    """A model, number and sampling of its replications, the noise (1: ``NOISE``), steps, groups, loads."""
 
     model: str
     n: int
@@ -165,10 +204,13 @@ class Case(NamedTuple):
     noise: float = 1.0
     intervals: bool = False
     groups: bool = False
+    latent: bool = False
 
     @property
     def study(self) -> bt.Study:
         """What is calibrated."""
+        if self.latent:
+            return latent_loads()
         return groups() if self.groups else study(self.model, self.noise, intervals=self.intervals)
 
 
@@ -177,9 +219,11 @@ CASES = {
     "m1": Case("M1", 300),
     "m2-intervals": Case("M2", 200, intervals=True),
     "m2-groups": Case("M2", 200, groups=True),
+    "m2-both-discrepancy": Case("M2", 200, latent=True),
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
     "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
+    "m2-curve-ignored": Case("M2", 40, CurveIgnored(), latent=True),
 }
 
 
@@ -201,7 +245,7 @@ def run(case: str) -> Calibration:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    engine = bt.local_pool() if todo.groups else None
+    engine = bt.local_pool() if todo.groups or todo.latent else None
     request = CalibrationRequest(todo.study, todo.n, engine=engine, fit=todo.fit)
     found = calibrate_study(request, out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
