@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayesterra.analysis.simulation import Truth
-from bayesterra.likelihood.correlated import TYPICAL, slip_doubts
+from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -44,8 +44,7 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     for name, own in groups.items():
         shares = (f"{100 * share:.3g} % {reason}" for reason, share in cuts[name].shares.items())
         console.print(f"Of the stated prior{f', {name} alone' if name else ''}: {', '.join(shares)}")
-        typical = cuts[name].x[:TYPICAL]
-        doubts.append(slip_doubts(own.likelihood, own.prior.soil_values(typical), own.noise_values(typical)))
+        doubts.append(own.doubts(cuts[name].x[:TYPICAL]))
     for note in (*study.notes, *filter(None, dict.fromkeys(doubts))):
         console.print(f"Note: {note}")
 

@@ -17,12 +17,10 @@ from bayesterra.checking.predictive import Curves, predict_curves
 from bayesterra.checking.ranks import FAILED
 from bayesterra.checking.short_runs import FAILURES, Fit, ShortGroupRuns, ShortRuns
 from bayesterra.errors import StudyError, did_you_mean
-from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.joint import JointPosterior, whole_posterior
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.parameters import CHANNELS
 from bayesterra.stats.tails import Tails
-from bayesterra.study.observations import Observations
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
@@ -394,23 +392,10 @@ def predictives(
     hang together, the readings of the rows in use that are not left out count as well.
     """
     noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
-    if study.errors:  # what is left out hangs together with what is not
-        rows = study.observations
-        likelihood = likelihood_of(study, replace(rows, use=frozen(rows.use & ~left, np.bool_)))
-        assert isinstance(likelihood, CorrelatedLikelihood)  # noqa: S101
-        centre, scale = likelihood.ahead(soil, noise, left)
-    else:
-        likelihood = likelihood_of(study, blinded(study, left))
-        centre = likelihood.predicted(likelihood.explained(soil, noise, rng))
-        scale = likelihood.scales(centre, noise)
+    rows = study.observations
+    likelihood = likelihood_of(study, replace(rows, use=frozen(rows.use & ~left, np.bool_)))
+    centre, scale = likelihood.ahead(soil, noise, left, rng)
     names = scored_channels(study)
     columns = [likelihood.channels.index(name) for name in names]
     tails = tuple(study.noise[name].tails for name in names)
     return Predictives(names, centre[:, :, columns], scale[:, :, columns], tails)
-
-
-def blinded(study: Study, left: BoolArray) -> Observations:
-    """The rows in ``left`` (m,) without the readings that are to be predicted."""
-    rows = study.observations.take(left)
-    nothing = frozen(np.full(len(rows), np.nan))
-    return replace(rows, values={n: v if n in study.drive.kept else nothing for n, v in rows.values.items()})

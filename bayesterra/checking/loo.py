@@ -20,7 +20,6 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
-from bayesterra.checking.predictive import normal_scores
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw
@@ -249,14 +248,14 @@ def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weigh
     likelihood = posterior.likelihood
     if likelihood.forward.drive.latent_load:
         return {}
-    full = normal_scores(posterior, cases[0].x)
+    full = posterior.scores(cases[0].x)
     table = np.empty((len(cases), len(likelihood.channels)))
     for i, (case, result) in enumerate(zip(cases, results, strict=True)):
         if result is case.weighted:
             table[i] = np.exp(result.log_weights) @ ndtr(full[:, i])
         else:
             chosen = systematic(np.exp(result.log_weights), PIT_DRAWS, default_rng(0))
-            table[i] = ndtr(normal_scores(posterior, result.x[chosen])[:, i]).mean(axis=0)
+            table[i] = ndtr(posterior.scores(result.x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
 
 

@@ -18,8 +18,8 @@ import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray, answered_quantiles
-from bayesterra.likelihood.correlated import DOUBLES, CorrelatedLikelihood
+from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
+from bayesterra.likelihood.condition_errors import told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.likelihood import Likelihood
@@ -228,7 +228,8 @@ class Modelled:
         if likelihood.intervals is not None:
             bare = likelihood.scales(mean, noise, rounded=False)
         scale = likelihood.scales(mean, noise)
-        return cls(mean, scale, _slope(posterior, x, outcomes), _joint(posterior, x), bare)
+        joint = likelihood.joint_law(posterior.prior.soil_values(x), noise)
+        return cls(mean, scale, _slope(posterior, x, outcomes) if joint is None else None, joint, bare)
 
     def take(self, chosen: IntArray) -> Modelled:
         """Those of the sets, also repeatedly."""
@@ -249,14 +250,9 @@ class Modelled:
         for i, noise in enumerate(likelihood.noise):
             total += noise.tails.log_density(z[:, :, i]).sum(axis=1, where=present[:, i])
         if self.slope is not None:
-            curvature, pull = self._along(z, present)
+            curvature, pull = told_loads(readings - self.mean, self.slope, self.scale)
             total += (0.5 * pull**2 / curvature - 0.5 * np.log(curvature)).sum(axis=1)
         return np.asarray(total)
-
-    def _along(self, z: FloatArray, present: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Precision of every row's load (n, m) as its readings tell it, and that times the load's shift."""
-        b = np.where(present, (self.slope if self.slope is not None else 0.0) / self.scale, 0.0)
-        return (b**2).sum(axis=2), (b * np.where(present, z, 0.0)).sum(axis=2)
 
     def explaining(self, readings: FloatArray, rng: Generator) -> Modelled:
         """The same with every latent quantity drawn as these readings (m, channels) tell it."""
@@ -264,7 +260,7 @@ class Modelled:
             return replace(self, mean=self.joint.mean + self.joint.draw(readings, rng).at_rows)
         if self.slope is None:
             return self
-        curvature, pull = self._along((readings - self.mean) / self.scale, ~np.isnan(readings))
+        curvature, pull = told_loads(readings - self.mean, self.slope, self.scale)
         shift = pull / curvature + rng.standard_normal(pull.shape) / np.sqrt(curvature)
         return replace(self, mean=self.mean + self.slope * shift[:, :, None])
 
@@ -277,25 +273,6 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
     moved = replace(forward, given=loads * (1 + LOAD_STEP))(posterior.prior.soil_values(x))
     difference = posterior.likelihood.predicted(moved) - posterior.likelihood.predicted(outcomes)
     return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
-
-
-def _joint(posterior: Posterior, x: FloatArray) -> TableLaw | None:
-    likelihood, soil = posterior.likelihood, posterior.prior.soil_values(x)
-    if not isinstance(likelihood, CorrelatedLikelihood):
-        return None
-    return likelihood.law(soil, likelihood.forward(soil), posterior.noise_values(x))
-
-
-def normal_scores(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Readings (n, m, channels) as normal scores under their law given all other rows, NaN without one."""
-    likelihood = posterior.likelihood
-    if isinstance(likelihood, CorrelatedLikelihood):
-        return likelihood.scores(posterior.prior.soil_values(x), posterior.noise_values(x))
-    predicted = likelihood.predicted(posterior.outcomes(x))
-    z = likelihood.standardised(predicted, posterior.noise_values(x))
-    return np.stack(
-        [noise.tails.normal_score(z[:, :, c]) for c, noise in enumerate(likelihood.noise)], axis=2
-    )
 
 
 @dataclass(frozen=True)
@@ -332,9 +309,7 @@ class _Pool:
 
     @classmethod
     def of(cls, near: PosteriorProposal, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
-        if isinstance(near.posterior.likelihood, CorrelatedLikelihood):  # its matrices must find room
-            n = min(n, int(DOUBLES / max(1, near.posterior.likelihood.layout.doubles)))
-        sets = near.propose(mixture, n, rng)
+        sets = near.propose(mixture, min(n, near.posterior.likelihood.at_once), rng)
         outcomes = near.posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)
         sets, outcomes = sets.take(kept), outcomes.take(kept)

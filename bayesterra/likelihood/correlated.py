@@ -43,26 +43,6 @@ TYPICAL = 200
 """Draws at which errors of slip are looked at."""
 
 
-def slip_doubts(likelihood: Likelihood, soil: FloatArray, noise_values: FloatArray) -> str:
-    """A sentence on the rows where errors of slip are poorly taken to first order; empty without any.
-
-    ``soil`` and ``noise_values`` are typical parameter sets, of the prior or of the posterior.
-    """
-    if not isinstance(likelihood, CorrelatedLikelihood) or likelihood.errors.slip is None:
-        return ""
-    numbers, doubts = np.array(likelihood.observations.rows), []
-    sd = float(np.median(likelihood.sizes(len(soil), noise_values)[:, -1]))
-    near, off = likelihood.near_bends(sd), likelihood.beyond_first_order(soil, noise_values, sd) > OFF
-    ends = " and ".join(f"{slip:g}" for slip in likelihood.forward.model.transition_slips)
-    if near.any():
-        doubts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
-    if off.any():
-        doubts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
-    if not doubts:
-        return ""
-    return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {'; '.join(doubts)}"
-
-
 def _rows(numbers: IntArray) -> str:
     return f"row{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
 
@@ -122,6 +102,35 @@ class CorrelatedLikelihood(Likelihood):
         for good, law in self._laws(soil, noise_values):
             total[good], rows[good] = law.log_density(self.measured), law.row_terms(self.measured)
         return total, rows
+
+    def doubts(self, soil: FloatArray, noise_values: FloatArray) -> str:
+        """A sentence on the rows where errors of slip are poorly taken to first order; empty without any.
+
+        ``soil`` and ``noise_values`` are typical parameter sets, of the prior or of the posterior.
+        """
+        if self.errors.slip is None:
+            return ""
+        numbers, doubts = np.array(self.observations.rows), []
+        sd = float(np.median(self.sizes(len(soil), noise_values)[:, -1]))
+        near, off = self.near_bends(sd), self.beyond_first_order(soil, noise_values, sd) > OFF
+        ends = " and ".join(f"{slip:g}" for slip in self.forward.model.transition_slips)
+        if near.any():
+            doubts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
+        if off.any():
+            doubts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
+        if not doubts:
+            return ""
+        where = "; ".join(doubts)
+        return f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in {where}"
+
+    @property
+    def at_once(self) -> int:
+        """Parameter sets whose matrices find room at once."""
+        return max(1, int(DOUBLES / max(1, self.layout.doubles)))
+
+    def joint_law(self, soil: FloatArray, noise_values: FloatArray) -> TableLaw:
+        """Law of the whole table at soils with an answer in every row in use."""
+        return self.law(soil, self.forward(soil), noise_values)
 
     def near_bends(self, sd: float) -> BoolArray:
         """Rows (m,) whose slip, read with an error ``sd``, may lie on the other side of a transition slip."""
@@ -189,12 +198,9 @@ class CorrelatedLikelihood(Likelihood):
         return discrepancies
 
     def ahead(
-        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
+        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray, rng: Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (n, t, k) of readings of rows ``targets`` (m,), which are not in use.
-
-        Given the readings of the rows in use; NaN where there is no answer.
-        """
+        """Means and standard deviations (n, t, k) of readings of rows ``targets`` (m,)."""
         places = np.flatnonzero(targets)
         centre = np.full((len(soil), len(places), len(self.channels)), np.nan)
         scale = centre.copy()
@@ -233,11 +239,19 @@ class CorrelatedLikelihood(Likelihood):
                 effects[:, :, columns] += slopes * draw[:, :, None]
         return effects
 
-    def reading(self, where: BoolArray) -> CorrelatedLikelihood:
-        """The same for readings where ``where`` (m, k) holds, made or yet to be made, and no others."""
-        columns = dict(zip(self.channels, np.where(where, 0.0, np.nan).T, strict=True))
+    def law_where(
+        self,
+        read: BoolArray,
+        soil: FloatArray,
+        mean: FloatArray,
+        noise_values: FloatArray,
+        by_load: FloatArray | None,
+    ) -> TableLaw:
+        """Law of readings where ``read`` (m, k) holds, made or yet to be made."""
+        columns = dict(zip(self.channels, np.where(read, 0.0, np.nan).T, strict=True))
         rows = replace(self.observations, values={**self.observations.values, **columns})
-        return replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
+        reading = replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
+        return reading.law_at(soil, mean, noise_values, by_load=by_load)
 
     def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
         """The joint law of the readings at soils that have an answer in every row in use.
@@ -325,7 +339,7 @@ class CorrelatedLikelihood(Likelihood):
         self, soil: FloatArray, noise_values: FloatArray, outcomes: Outcomes | None = None
     ) -> Iterator[tuple[IntArray, TableLaw]]:
         """Indices of soils with an answer in every row in use, a part of them at a time, and their law."""
-        at_once = max(1, int(DOUBLES / max(1, self.layout.doubles)))
+        at_once = self.at_once
         for first in range(0, len(soil), at_once):
             part = slice(first, first + at_once)
             if outcomes is None:

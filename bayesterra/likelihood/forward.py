@@ -162,7 +162,10 @@ class Forward:
 
     def row(self, i: int) -> Forward:
         """The same model at row ``i`` only."""
-        chosen = np.arange(len(self.conditions.slip)) == i
+        return self.rows(np.arange(len(self.conditions.slip)) == i)
+
+    def rows(self, chosen: BoolArray) -> Forward:
+        """The same model at some rows (m,) only."""
         return replace(self, conditions=take(self.conditions, chosen), given=self.given[..., chosen])
 
 

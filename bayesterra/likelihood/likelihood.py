@@ -14,16 +14,18 @@ at a sinkage at once; the error of its logarithm is below 1e-3.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
+from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
 from bayesterra.models import kernels as at
@@ -86,6 +88,55 @@ class Likelihood:
         """
         rows = self.log_terms(soil, noise_values).sum(axis=2)
         return np.asarray(rows.sum(axis=1)), np.asarray(rows)
+
+    @property
+    def at_once(self) -> int:
+        """Parameter sets whose matrices find room at once."""
+        return sys.maxsize
+
+    def joint_law(self, soil: FloatArray, noise_values: FloatArray) -> TableLaw | None:
+        """Law of the whole table at soils with an answer in every row; None where rows are independent."""
+        return None
+
+    def law_where(
+        self,
+        read: BoolArray,
+        soil: FloatArray,
+        mean: FloatArray,
+        noise_values: FloatArray,
+        by_load: FloatArray | None,
+    ) -> TableLaw | None:
+        """Law of readings where ``read`` (m, k) holds, made or yet to be made; None where these are apart.
+
+        ``mean`` (n, m, k) is what the model says of them, ``by_load`` the effect of one standard deviation
+        of latent loads.
+        """
+        return None
+
+    def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
+        """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
+        z = self.standardised(self.predicted(self.forward(soil)), noise_values)
+        laws = [noise.tails.normal_score(z[:, :, i]) for i, noise in enumerate(self.noise)]
+        return np.stack(laws, axis=2)
+
+    def ahead(
+        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray, rng: Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        """Places and standard deviations (n, t, k) of readings of rows ``targets`` (m,) that are not in use.
+
+        Given the readings of the rows in use, and the normal forces of the others where loads are latent: a
+        load is drawn then. NaN where there is no answer.
+        """
+        rows, kept = self.observations.take(targets), self.forward.drive.kept
+        nothing = frozen(np.full(len(rows), np.nan))
+        values = {name: column if name in kept else nothing for name, column in rows.values.items()}
+        apart = replace(self, forward=self.forward.rows(targets), observations=replace(rows, values=values))
+        centre = apart.predicted(apart.explained(soil, noise_values, rng))
+        return centre, apart.scales(centre, noise_values)
+
+    def doubts(self, soil: FloatArray, noise_values: FloatArray) -> str:
+        """A sentence on rows for which an approximation is poor, at typical parameter sets; or nothing."""
+        return ""
 
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""

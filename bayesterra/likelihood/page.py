@@ -10,7 +10,6 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.correlated import slip_doubts
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Table, Text
@@ -26,7 +25,7 @@ from bayesterra.study.study import Study
 
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
-    doubts = slip_doubts(target.likelihood, target.prior.soil_values(x), target.noise_values(x))
+    doubts = target.doubts(x)
     return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
 
 

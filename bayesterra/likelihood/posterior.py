@@ -131,6 +131,14 @@ class Posterior:
         """Log likelihood (n,), and log density (n, rows) of every row given all other rows."""
         return self.likelihood.log_rows(self.prior.soil_values(x), self.noise_values(x))
 
+    def scores(self, x: FloatArray) -> FloatArray:
+        """Normal scores (n, rows, channels) of readings given all other rows, NaN where there is none."""
+        return self.likelihood.scores(self.prior.soil_values(x), self.noise_values(x))
+
+    def doubts(self, x: FloatArray) -> str:
+        """A sentence on rows for which an approximation is poor, at typical sets ``x``; or nothing."""
+        return self.likelihood.doubts(self.prior.soil_values(x), self.noise_values(x))
+
     def explained(self, x: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
         return self.likelihood.explained(self.prior.soil_values(x), self.noise_values(x), rng)

@@ -35,7 +35,6 @@ import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.condition_errors import STEP
-from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, offset_of, take
 from bayesterra.likelihood.joint import Whole
@@ -268,8 +267,8 @@ def _weighted(
 ) -> tuple[FloatArray | None, FloatArray]:
     """Gradient (n, d) where rows hang together, else None, and :func:`weighted_sensitivities`."""
     likelihood = posterior.likelihood
-    if isinstance(likelihood, CorrelatedLikelihood):
-        return _jointly_weighted(posterior, likelihood, np.atleast_2d(x), scaled, read)
+    if not likelihood.rows_apart:
+        return _jointly_weighted(posterior, np.atleast_2d(x), scaled, read)
     place, width = _weights(likelihood.noise)
     read = np.tile(read, 2)
     slopes = [place[:, None] * scaled.local.by_parameter, width[:, None] * scaled.spread]
@@ -283,24 +282,24 @@ def _weighted(
 
 
 def _jointly_weighted(
-    posterior: Posterior, likelihood: CorrelatedLikelihood, x: FloatArray, scaled: Scaled, read: BoolArray
+    posterior: Posterior, x: FloatArray, scaled: Scaled, read: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (n, d) and whitened sensitivities (n, readings + d, d); see the head of the module."""
     whole = np.full((len(x), int(read.sum()) + x.shape[1], x.shape[1]), np.nan)
     gradient = np.full(x.shape, np.nan)
     good = np.flatnonzero(np.isfinite(scaled.local.values).all(axis=(1, 2)))
-    if not good.size:
+    likelihood, values, by_load = posterior.likelihood, scaled.local.values[good], None
+    if likelihood.load_range is not None:  # by the standard deviation of their flat prior
+        by_load = scaled.local.by_load[good] / np.sqrt(load_information(likelihood.load_range))
+    soil, noise = posterior.prior.soil_values(x[good]), posterior.noise_values(x[good])
+    law = likelihood.law_where(read, soil, values, noise, by_load) if good.size else None
+    if law is None:
         return gradient, whole
-    values = scaled.local.values[good]
-    by_load, soil, ends = None, posterior.prior.soil_values(x[good]), likelihood.load_range
-    if ends is not None:  # by the standard deviation of their flat prior
-        by_load = scaled.local.by_load[good] / np.sqrt(load_information(ends))
-    law = likelihood.reading(read).law_at(soil, values, posterior.noise_values(x[good]), by_load=by_load)
     residuals, white = law.white(likelihood.measured - values), []
     for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
         white.append(slopes.reshape(len(good), -1, x.shape[1]))
-    bends = _bends(posterior, likelihood, law, x[good])
+    bends = _bends(posterior, law, x[good])
     gradient[good], information = _scatter(posterior, law, scaled.spread[good], bends, residuals)
     for slopes, residual in zip(white, residuals, strict=True):
         gradient[good] += np.einsum("nqd,nq->nd", slopes, residual.reshape(len(good), -1))
@@ -308,11 +307,10 @@ def _jointly_weighted(
     return gradient, whole
 
 
-def _bends(
-    posterior: Posterior, likelihood: CorrelatedLikelihood, law: TableLaw, x: FloatArray
-) -> FloatArray:
+def _bends(posterior: Posterior, law: TableLaw, x: FloatArray) -> FloatArray:
     """Derivatives (n, m, k, d) of the effect of errors in slip by the parameters; 0 where slips are exact."""
-    rows, error = likelihood.forward.conditions, likelihood.errors.slip
+    likelihood, error = posterior.likelihood, law.layout.errors.slip
+    rows = likelihood.forward.conditions
     if error is None:
         return np.zeros((len(x), *likelihood.measured.shape, x.shape[1]))
     ends = np.maximum(rows.slip - STEP, 0.0), np.where(rows.slip + STEP < 1.0, rows.slip + STEP, rows.slip)

@@ -83,7 +83,7 @@ def test_a_row_that_is_not_in_use_is_predicted_by_the_others(case: Case) -> None
     x = sets(density, 2)
     likelihood = law_of(study)
     soil, noise = density.prior.soil_values(x), density.noise_values(x)
-    centre, scale = likelihood.ahead(soil, noise, ~study.observations.use)
+    centre, scale = likelihood.ahead(soil, noise, ~study.observations.use, np.random.default_rng(1))
     for n, each in enumerate(x):
         law = written(study, density, each)
         mean, K = law.given(np.arange(18, 21), law.known)

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.condition_errors import slip_slopes
-from bayesterra.likelihood.correlated import CorrelatedLikelihood, slip_doubts
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
@@ -101,7 +101,7 @@ def test_rows_near_a_transition_slip_are_named(sd: float, distance: float, shift
     spread = np.sqrt(exact @ (phi - exact @ phi) ** 2)
     assert (found @ phi - exact @ phi) / spread == pytest.approx(shift, abs=0.03)
     typical = middle[None]
-    said = slip_doubts(density.likelihood, density.prior.soil_values(typical), density.noise_values(typical))
+    said = density.doubts(typical)
     first = f"errors of slip (sd {sd:.3g}) are taken to first order, which is doubtful in "
     assert said == (first + doubts if doubts else "")
 
@@ -116,7 +116,7 @@ def test_smooth_wheels_and_exact_slips_have_no_doubts() -> None:
                    slip={"sd": 0.005})  # fmt: skip
     for density in (exact, posterior(smooth)):
         x = density.prior.sample(5, np.random.default_rng(1))
-        assert slip_doubts(density.likelihood, density.prior.soil_values(x), density.noise_values(x)) == ""
+        assert density.doubts(x) == ""
 
 
 def test_slopes_are_those_of_the_model() -> None:
