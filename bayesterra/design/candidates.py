@@ -11,8 +11,8 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, known
-from bayesterra.likelihood.forward import Forward, Outcomes, load_of, offset_of, reference_load
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.correlated import CorrelatedLikelihood
+from bayesterra.likelihood.forward import Forward, load_of, offset_of, reference_load
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, OUTCOMES
@@ -173,8 +173,6 @@ def _again(study: Study, noise: tuple[Noise, ...]) -> Candidate:
 
 
 NORMAL_FORCE = "normal_force"
-STEP = 1e-3
-"""Relative step of the load in the slopes by which an error in the load reaches the other readings."""
 
 
 @dataclass(frozen=True)
@@ -238,8 +236,8 @@ def readings_of(situation: Situation, candidate: Candidate) -> tuple[Reading, ..
     """Every row of a candidate as every draw expects it.
 
     Drive ``sinkage``: readings at the median, over the draws, of the sinkage that the load makes, as that
-    drive takes the sinkage as known. Drive ``both``: an error in the load is carried to the other readings to
-    first order.
+    drive takes the sinkage as known. Drive ``both``: the readings given the normal force; an error in the
+    load is carried to them to first order. A discrepancy is as the readings of the table leave it.
     """
     return tuple(_row(situation, row) for row in _rows(candidate))
 
@@ -254,66 +252,44 @@ def _rows(candidate: Candidate) -> Iterator[Candidate]:
 
 
 def _row(situation: Situation, row: Candidate) -> Reading:
-    soil = situation.study.prior.soil_values(situation.draws)
-    if situation.study.drive.latent_load:
-        return _with_latent_load(situation, row, soil)
-    outcomes = _modelled(situation.study, row, soil, row.load)
-    mean, scale = _read(situation, row, row.noise, outcomes)
-    return Reading(mean, _diagonal(1 / scale), row.noise)
-
-
-def _modelled(study: Study, row: Candidate, soil: FloatArray, load: FloatArray) -> Outcomes:
-    """Outcomes (n, 1) of the drive, as they are read but for noise."""
-    conditions = Conditions.of(row.wheels, row.slip)
-    conditioned = load
+    """One row by the law of its readings, given those of the table where rows hang together."""
+    study, latent = situation.study, situation.study.load_range
+    noise, known = row.noise, {NORMAL_FORCE: row.load} if latent else {}
+    if (
+        latent and NORMAL_FORCE not in row.channels
+    ):  # a load that nothing reads is about the one that is meant
+        noise = (*noise, Noise(NORMAL_FORCE, sd=latent[1] - latent[0]))
+    errors, soil = study.errors.of(row.channels), study.prior.soil_values(situation.draws)
     if study.drive.by_sinkage:
-        carried = Forward(study.model, Drive.LOAD, conditions, load)(soil)["sinkage"]
-        conditioned = np.nanmedian(carried + offset_of(soil), axis=0) if np.isfinite(carried).any() else load
-    outcomes = Forward(study.model, study.drive, conditions, frozen(conditioned), as_read=True)(soil)
-    return replace(outcomes, values=np.where(outcomes.status[:, None, None] == 0, outcomes.values, np.nan))
-
-
-def _read(
-    situation: Situation, row: Candidate, noise: tuple[Noise, ...], outcomes: Outcomes
-) -> tuple[FloatArray, FloatArray]:
-    """Means and standard deviations (n, k) of some channels."""
-    study, channels = situation.study, tuple(sensor.channel for sensor in noise)
-    blank = Observations(row.wheel, row.slip, row.load, {}, {}, np.ones(1, dtype=np.bool_), (1,))
-    conditions = Conditions.of(row.wheels, row.slip)
-    likelihood = Likelihood(Forward(study.model, study.drive, conditions, row.load), blank, noise)
-    estimated = situation.posterior.noise_values(situation.draws, channels)
-    mean = likelihood.predicted(outcomes)
-    return mean[:, 0], likelihood.scales(mean, estimated)[:, 0]
-
-
-def _diagonal(values: FloatArray) -> FloatArray:
-    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
-
-
-def _with_latent_load(situation: Situation, row: Candidate, soil: FloatArray) -> Reading:
-    """Sinkage, pull and moment given the normal force, which says how far the load may be off."""
-    others = tuple(noise for noise in row.noise if noise.channel != NORMAL_FORCE)
-    at = _modelled(situation.study, row, soil, row.load)
-    mean, scale = _read(situation, row, others, at)
-    up, down = (_modelled(situation.study, row, soil, row.load * (1 + step)) for step in (STEP, -STEP))
-    rise = (up.values - down.values) / (2 * STEP * row.load)
-    slope = _read(situation, row, others, replace(at, values=rise))[0]
-    spread = _load_sd(situation, row, at)
-    covariance = _diagonal(scale**2) + (slope * spread)[:, :, None] * (slope * spread)[:, None, :]
+        known = {"sinkage": _carried(study, row, soil)}
+    nothing = frozen(np.zeros(1), np.bool_)
+    rows = Observations(row.wheel, row.slip, row.load, known, {}, nothing, (0,))
+    if errors and situation.source == "posterior":
+        rows = study.observations.used().followed_by(rows)
+    blank = {entry.channel: frozen(np.full(len(rows), np.nan)) for entry in noise}
+    rows = replace(rows, values={**blank, **rows.values})
+    wheels = {**study.wheels, **dict(zip(row.wheel, row.wheels, strict=True))}
+    forward = Forward.of(study.model, study.drive, rows, wheels)
+    likelihood = CorrelatedLikelihood(forward, rows, noise, latent, errors)
+    unknown = [each.parameter for each in (*noise, *errors) if each.parameter]
+    sizes = situation.draws[:, [situation.posterior.names.index(name) for name in unknown]]
+    target = np.arange(len(rows)) == len(rows) - 1
+    mean, covariance = likelihood.jointly_ahead(soil, sizes, target)
+    read = [i for i, entry in enumerate(noise) if not (latent and entry.channel == NORMAL_FORCE)]
+    mean, covariance = mean[:, 0, read], covariance[:, 0][:, read][:, :, read]
     answered: BoolArray = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
-    safe = np.where(answered[:, None, None], covariance, np.eye(len(others)))
+    safe = np.where(answered[:, None, None], covariance, np.eye(len(read)))
     whitening: FloatArray = np.asarray(np.linalg.inv(np.linalg.cholesky(safe)), dtype=np.float64)
-    return Reading(np.where(answered[:, None], mean, np.nan), whitening, others)
+    return Reading(np.where(answered[:, None], mean, np.nan), whitening, tuple(noise[i] for i in read))
 
 
-def _load_sd(situation: Situation, row: Candidate, at: Outcomes) -> FloatArray:
-    """Standard deviation (n, 1) of the load, from its range and, where it is read, the normal force."""
-    low, high = situation.study.load_range or (0.0, np.inf)
-    weight = np.full((len(at.status), 1), 12 / (high - low) ** 2)
-    force = tuple(noise for noise in row.noise if noise.channel == NORMAL_FORCE)
-    if force:
-        weight = weight + 1 / _read(situation, row, force, at)[1] ** 2
-    return np.asarray(1 / np.sqrt(weight))
+def _carried(study: Study, row: Candidate, soil: FloatArray) -> FloatArray:
+    """Median (1,) over the draws of the sinkage, as it is read, that the load makes."""
+    forward = Forward(study.model, Drive.LOAD, Conditions.of(row.wheels, row.slip), row.load)
+    carried = forward(soil)["sinkage"]
+    if not np.isfinite(carried).any():
+        return row.load
+    return frozen(np.nanmedian(carried + offset_of(soil), axis=0))
 
 
 def standard_noise(reading: Reading, rng: Generator) -> FloatArray:

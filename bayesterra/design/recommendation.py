@@ -118,7 +118,6 @@ def design_request(
     elif group is not None:
         raise StudyError(f"'group' needs a result with groups (got {group!r} beside a study)")
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
-    study.errors.refuse("'design'")
     names = parameters_of_interest(study, about)
     grid = candidates(study, slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)

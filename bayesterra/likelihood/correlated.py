@@ -201,12 +201,19 @@ class CorrelatedLikelihood(Likelihood):
         self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray, rng: Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Means and standard deviations (n, t, k) of readings of rows ``targets`` (m,)."""
-        places = np.flatnonzero(targets)
-        centre = np.full((len(soil), len(places), len(self.channels)), np.nan)
-        scale = centre.copy()
+        centre, covariance = self.jointly_ahead(soil, noise_values, targets)
+        return centre, np.sqrt(np.einsum("ntkk->ntk", covariance))
+
+    def jointly_ahead(
+        self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same means, and covariances (n, t, k, k) of the readings of each of these rows."""
+        places, k = np.flatnonzero(targets), len(self.channels)
+        centre = np.full((len(soil), len(places), k), np.nan)
+        covariance = np.full((*centre.shape, k), np.nan)
         for good, law in self._laws(soil, noise_values):
-            centre[good], scale[good] = law.ahead(self.measured, places)
-        return centre, scale
+            centre[good], covariance[good] = law.ahead(self.measured, places)
+        return centre, covariance
 
     def beyond(
         self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
@@ -302,7 +309,7 @@ class CorrelatedLikelihood(Likelihood):
         sizes = [
             np.full(n, error.size.sd) if error.parameter is None else next(columns) for error in self.errors
         ]
-        return np.column_stack(sizes)
+        return np.column_stack([np.empty((n, 0)), *sizes])
 
     @cached_property
     def known(self) -> BoolArray:

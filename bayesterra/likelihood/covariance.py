@@ -376,19 +376,21 @@ class TableLaw:
         return np.where(self.known, deviation / spread, np.nan)
 
     def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (n, t, k) of readings of rows not conditioned on, given others.
+        """Mean (n, t, k) and covariance (n, t, k, k) of readings of rows not conditioned on, given others.
 
         Noise, ripple and errors of conditions of these rows are among it.
         """
-        loose = self.layout.variance(self.sizes, self.effects)
-        centre, variance = self.mean[:, targets].copy(), (self.scale**2 + loose)[:, targets]
+        centre, effects = self.mean[:, targets].copy(), self.effects[:, targets]
+        covariance = effects @ effects.swapaxes(-1, -2)
+        fields = self.layout.variance(self.sizes, np.zeros((*self.mean.shape, 0)))
+        np.einsum("ntkk->ntk", covariance)[...] += (self.scale**2 + fields)[:, targets]
+        channels = range(centre.shape[2])
         residuals = self.white(readings - self.mean)
-        for column in range(centre.shape[2]):
-            for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
-                told = whitening.matrix @ self._between(stack, targets, column)
-                centre[:, :, column] += (white[..., None] * told).sum(axis=(1, 2))
-                variance[:, :, column] -= (told**2).sum(axis=(1, 2))
-        return centre, np.sqrt(variance)
+        for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
+            told = np.stack([whitening.matrix @ self._between(stack, targets, c) for c in channels], axis=-1)
+            centre += (white[..., None, None] * told).sum(axis=(1, 2))
+            covariance -= np.einsum("nbqtk,nbqtl->ntkl", told, told)
+        return centre, covariance
 
     def _between(self, stack: Stack, targets: IntArray, column: int) -> FloatArray:
         """Covariance (n, B, q, t) of the readings of a stack with those of a channel in other rows."""

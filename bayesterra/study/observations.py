@@ -119,6 +119,25 @@ class Observations:
             raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {names})")
         return self.labels[by]
 
+    def followed_by(self, rows: Observations) -> Observations:
+        """These rows and then others; readings and labels that only one of the two has are empty there."""
+        n, empty = len(rows), ("",) * len(rows)
+
+        def column(own: Mapping[str, FloatArray], other: Mapping[str, FloatArray], name: str) -> FloatArray:
+            lost = np.full(len(self), np.nan), np.full(n, np.nan)
+            return frozen(np.concatenate([own.get(name, lost[0]), other.get(name, lost[1])]))
+
+        return Observations(
+            wheel=self.wheel + rows.wheel,
+            slip=frozen(np.concatenate([self.slip, rows.slip])),
+            load=frozen(np.concatenate([self.load, rows.load])),
+            values={name: column(self.values, rows.values, name) for name in {**self.values, **rows.values}},
+            given_sd={k: column(self.given_sd, rows.given_sd, k) for k in {**self.given_sd, **rows.given_sd}},
+            use=frozen(np.concatenate([self.use, rows.use]), np.bool_),
+            rows=self.rows + rows.rows,
+            labels={name: own + rows.labels.get(name, empty) for name, own in self.labels.items()},
+        )
+
     def take(self, keep: BoolArray) -> Observations:
         """Only the rows where ``keep`` (m,) holds."""
         return Observations(
