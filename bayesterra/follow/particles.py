@@ -190,7 +190,7 @@ class Levels:
     ----------
     posterior : posterior of all rows, the newest one too.
     earlier : likelihood of the rows before it, None where there are none.
-    newest : likelihood of the newest row.
+    newest : likelihood of the newest row; of all rows where they hang together.
     """
 
     posterior: Posterior
@@ -202,8 +202,9 @@ class Levels:
         """Levels of all rows, of which the last is the newest."""
         last = len(rows) - 1
         earlier = likelihood_of(study, rows.first(last)) if last else None
-        posterior = Posterior(study.prior, likelihood_of(study, rows.first()))
-        return cls(posterior, earlier, likelihood_of(study, rows.between(last, last + 1)))
+        whole = likelihood_of(study, rows.first())
+        newest = likelihood_of(study, rows.between(last, last + 1)) if whole.rows_apart else whole
+        return cls(Posterior(study.prior, whole), earlier, newest)
 
     @property
     def coordinates(self) -> Coordinates:
@@ -221,6 +222,8 @@ class Levels:
             earlier[inside] = log_likelihoods(self.posterior, self.earlier, x[inside])
         else:
             earlier[inside] = 0.0
+        if not self.newest.rows_apart:
+            newest[inside] -= earlier[inside]
         return prior, earlier, newest
 
 

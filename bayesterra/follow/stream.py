@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator, SeedSequence, default_rng
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
 from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
@@ -87,7 +87,8 @@ class Stream(AnalysisResult):
                 "following row by row takes the rows of one soil: leave [pooling] out, or follow one group by"
                 " a study of its own, with what a run of all found as its prior ([[priors.from]])"
             )
-        study.errors.refuse("following row by row")
+        if study.errors.ripple:
+            raise StudyError("following row by row knows no sweeps, along which [ripple] runs: leave it out")
         if not study.prior.names:
             raise StudyError("every parameter is fixed: there is nothing to learn")
         if particles < FEWEST:
@@ -95,7 +96,7 @@ class Stream(AnalysisResult):
         if false_alarms is not None and not 0 < false_alarms < 1:
             raise StudyError(f"'false_alarms' must lie between 0 and 1 (got {false_alarms:g})")
         self.study, self.seed, self.particles = study, seed, particles
-        self.false_alarms = None if study.drive.latent_load else false_alarms
+        self.false_alarms = None if study.drive.latent_load or study.errors else false_alarms
         self.references = {"slip_reference": slip_reference, "sinkage_reference": sinkage_reference}
         self.offset = 0
         self.rows = Rows.of(study)
@@ -246,8 +247,15 @@ class Stream(AnalysisResult):
         if self._cloud is None:
             self._begin(posterior, rng)
         particles = self.cloud
-        expected = forecast(particles, posterior, newest, rng)
-        terms = log_likelihoods(posterior, newest, particles.x)
+        if newest.rows_apart:
+            expected = forecast(particles, posterior, newest, rng)
+            terms = log_likelihoods(posterior, newest, particles.x)
+        else:
+            earlier, unused = self.rows.first(), frozen(np.zeros(1), np.bool_)
+            ahead = likelihood_of(self.study, earlier.followed_by(replace(row, use=unused)))
+            expected = forecast(particles, posterior, ahead, rng)
+            whole = likelihood_of(self.study, earlier.followed_by(row))
+            terms = log_likelihoods(posterior, whole, particles.x) - particles.log_likelihood
         self.rows.append(row)
         try:
             learned = learn(particles, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)

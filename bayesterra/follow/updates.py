@@ -62,17 +62,22 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
     Parameters
     ----------
     posterior : gives soil and noise of the particles.
-    newest : likelihood of the row.
+    newest : likelihood of the row; where rows hang together, of all rows, of which this one is not in use.
     """
     soil, noise = posterior.prior.soil_values(particles.x), posterior.noise_values(particles.x)
-    outcomes = newest.imagined(soil, noise, rng)
-    readings = newest.draw(outcomes, noise, rng)[:, 0]
-    predicted = newest.predicted(outcomes)
+    if newest.rows_apart:
+        outcomes = newest.imagined(soil, noise, rng)
+        readings = newest.draw(outcomes, noise, rng)[:, 0]
+        predicted = newest.predicted(outcomes)
+        scale = newest.scales(predicted, noise)
+    else:
+        predicted, scale = newest.ahead(soil, noise, ~newest.observations.use, rng)
+        readings = (predicted + scale * rng.standard_normal(scale.shape))[:, 0]
     answered = np.isfinite(readings).all(axis=1)
-    observed, weights, k = newest.measured[0], particles.weights, len(newest.channels)
+    observed, weights, k = newest.measured[-1], particles.weights, len(newest.channels)
     if not answered.any() or weights[answered].sum() <= 0:
         return Forecast(newest.channels, observed, np.full((3, k), np.nan), np.full(k, np.nan), 1.0)
-    standard = (observed - predicted[answered]) / newest.scales(predicted[answered], noise[answered])
+    standard = (observed - predicted[answered]) / scale[answered]
     share = weights[answered] / weights[answered].sum()
     scores = [law.tails.normal_score(standard[:, 0, i]) for i, law in enumerate(newest.noise)]
     return Forecast(

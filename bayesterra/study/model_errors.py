@@ -149,17 +149,6 @@ class ModelErrors:
         """Prior laws of the estimated sizes by parameter."""
         return {error.parameter: error.size.law for error in self if error.parameter and error.size.law}
 
-    @property
-    def tables(self) -> str:
-        """The tables that are given, as they stand in a study: ``[discrepancy] and [slip]``."""
-        tables = {"discrepancy": self.discrepancy, "ripple": self.ripple, "slip": self.slip}
-        return " and ".join(f"[{name}]" for name, part in tables.items() if part)
-
-    def refuse(self, what: str) -> None:
-        """StudyError that ``what`` cannot be done with any of these tables, if there is one."""
-        if self:
-            raise StudyError(f"{what} takes studies whose rows stand alone: leave {self.tables} out")
-
     def of(self, channels: tuple[str, ...]) -> ModelErrors:
         """The errors of some channels only."""
         curves = {name: curve for name, curve in self.discrepancy.items() if name in channels}

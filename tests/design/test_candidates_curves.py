@@ -40,7 +40,7 @@ def draws() -> FloatArray:
 
 
 def test_a_candidate_has_the_law_that_it_adds_to_the_table() -> None:
-    """Given the posterior: the log likelihood with the row, less that without it; from the prior by itself."""
+    """The log likelihood with the row, less that without it; from the prior by itself."""
     plain, row = study(), pd.DataFrame([{**NEW, "resistance_moment [N m]": 5.7}])
     more, alone = study(pd.concat([ROWS, row], ignore_index=True)), study(row)
     density, x = posterior(plain), draws()

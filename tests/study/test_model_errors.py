@@ -9,9 +9,7 @@ import pytest
 
 from bayesterra.analysis.simulation import simulate, write_simulated
 from bayesterra.analysis.terminal import print_overview
-from bayesterra.design.recommendation import recommend
 from bayesterra.errors import StudyError
-from bayesterra.follow.stream import Stream
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.runtime.checkpoints import digest
@@ -120,16 +118,6 @@ def test_heavy_tails_do_not_go_with_them() -> None:
         StudyError, match=r"\[discrepancy\] needs Gaussian noise: leave 'dof' .*'drawbar_pull'"
     ):
         joined("phi", discrepancy=CURVES, noise=noise)
-
-
-def test_what_does_not_know_of_them_refuses() -> None:
-    """Rather than leave them out."""
-    study = joined("phi", discrepancy=CURVES, slip={"sd": 0.01})
-    message = r"takes studies whose rows stand alone: leave \[discrepancy\] and \[slip\] out"
-    with pytest.raises(StudyError, match=message):
-        Stream(study)
-    with pytest.raises(StudyError, match=message):
-        recommend(study)
 
 
 def test_notes_say_what_is_not_used_and_what_is_meant() -> None:
