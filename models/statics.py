@@ -159,6 +159,26 @@ class SoftGround:
         return values, outcomes
 
 
+@dataclass(frozen=True)
+class CurvedGround:
+    """A ground whose answers are off by curves (n, slips, 3) over ``SLIPS``, one set for each axle."""
+
+    ground: Ground
+    curves: tuple[FloatArray, FloatArray]
+
+    def respond(
+        self, soils: IntArray, slip: FloatArray, load: FloatArray, mean_load: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """See :class:`Ground`; between slips curves are straight, beyond the last level."""
+        values, outcomes = self.ground.respond(soils, slip, load, mean_load)
+        place = np.clip(slip / _GAP, 0.0, len(SLIPS) - 1.0)
+        left = np.minimum(place.astype(np.int64), len(SLIPS) - 2)
+        for axle, curve in enumerate(self.curves):
+            at, share = left[:, axle], (place - left)[:, axle, None]
+            values[:, axle] += (1.0 - share) * curve[soils, at] + share * curve[soils, at + 1]
+        return values, outcomes
+
+
 def _conditions(wheel: Wheel, slip: FloatArray) -> Conditions:
     """As ``Conditions.of``, without its checks, which would take longer than the forces."""
     radii = (wheel.radius, wheel.width, wheel.lug_height, float(wheel.shearing_radius()))

@@ -10,15 +10,18 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.random import SeedSequence, default_rng
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
 from bayesterra.models.statics import (
     OUTCOMES,
+    SLIPS,
+    CurvedGround,
     Greatest,
+    Ground,
     Outcome,
-    SoftGround,
     State,
     Sweep,
     greatest,
@@ -26,7 +29,15 @@ from bayesterra.models.statics import (
     sweep,
 )
 from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import UNANSWERED, quantile_columns, quantiles, spread, wheel_remarks
+from bayesterra.prediction.prediction import (
+    UNANSWERED,
+    discrepancy,
+    error_remark,
+    quantile_columns,
+    quantiles,
+    spread,
+    wheel_remarks,
+)
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import AnalysisResult, Result
@@ -127,7 +138,7 @@ class RoverOutlook(AnalysisResult):
         """Assumptions, where the prediction leaves what was measured, and what is not in it."""
         assumed = (str(note) for note in self.rover.assumptions)
         source = (self.basis,) if self.basis else ()
-        return (*source, *assumed, *self._slips(), *self.remarks, MODEL_ERROR)
+        return (*source, *assumed, *self._slips(), *self.remarks)
 
     def _slips(self) -> Iterator[str]:
         low, high = self.driven
@@ -304,6 +315,10 @@ DRAWS = 1000
 STEEPEST = 45 * DEGREE
 CURVE = 21
 """Slopes, or tow forces, of a smooth curve."""
+CURVES = 1
+"""Seed of the model's own errors of a rover's wheels."""
+RESPONSE = ("sinkage", "drawbar_pull", "resistance_moment")
+"""What a ground answers with, in its order."""
 
 
 def predict_rover(
@@ -334,15 +349,13 @@ def predict_rover(
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
     result = result.of_group(group, wheel=_driven(result.study, rover))
     study = result.study
-    if study.errors.discrepancy:
-        raise StudyError(
-            "a rover is driven by the model alone: leave [discrepancy] out, or predict wheels one by one"
-        )
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
     alphas, pulls = checked_slopes(slopes), checked_tows(tows)
     draws, index = spread(result, DRAWS)
-    ground = rover.on(study.prior.soil_values(draws), study.model)
+    ground: Ground = rover.on(study.prior.soil_values(draws), study.model)
+    if study.errors.discrepancy:
+        ground = _with_curves(study, rover, ground, draws)
     sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
     pulled = sweep(rover, ground, len(draws), "tow")
     asked = _joined([states_at(rover, ground, sweeps[tow], alphas) for tow in pulls])
@@ -391,7 +404,17 @@ def checked_tows(tows: Sequence[float | str]) -> FloatArray:
     return values
 
 
-def _over_tow(rover: Rover, ground: SoftGround, slope: float, tows: FloatArray, flat: Sweep) -> State | None:
+def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) -> CurvedGround:
+    """A ground with the model's own error of each wheel, one curve over slip for every draw."""
+    curves = {}
+    for wheel, seed in zip(dict.fromkeys(rover.wheels), SeedSequence(CURVES).spawn(2), strict=False):
+        drawn = discrepancy(study, wheel, SLIPS, draws, default_rng(seed))
+        none = np.zeros((len(draws), len(SLIPS)))
+        curves[wheel] = np.stack([drawn.get(name, none) for name in RESPONSE], axis=2)
+    return CurvedGround(ground, (curves[rover.wheels[0]], curves[rover.wheels[1]]))
+
+
+def _over_tow(rover: Rover, ground: Ground, slope: float, tows: FloatArray, flat: Sweep) -> State | None:
     if tows[-1] == 0:
         return None
     traction = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
@@ -407,7 +430,9 @@ def _joined(states: Sequence[State]) -> State:
 
 
 def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterator[str]:
-    """Sentences on where loads, wheels and gravity leave what was measured."""
+    """Sentences on where loads, wheels and gravity leave what was measured, and on the model's own error."""
+    for wheel in dict.fromkeys(rover.wheels) if study.errors.discrepancy else ():
+        yield error_remark(study, wheel)
     middles = [quantiles(asked.load[:, i, axle])[2] for i in range(asked.load.shape[1]) for axle in (0, 1)]
     ends, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
     if ends and loads.size and not (0.999 * ends[0] <= loads.min() and loads.max() <= 1.001 * ends[1]):
@@ -423,6 +448,8 @@ def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterat
             f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"
             " taken unchanged from where they were measured"
         )
+    if not study.errors.discrepancy:
+        yield MODEL_ERROR
 
 
 def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:

@@ -328,7 +328,7 @@ def predict(
     blocks = [forward.row(i)(soil) for i in range(len(at))]
     rng = default_rng(seed)
     outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
-    for channel, error in _discrepancy(study, driven, at, draws, rng).items():
+    for channel, error in discrepancy(study, driven, at, draws, rng).items():
         if channel in outcomes.names:
             outcomes.add(channel, error)
     rows = study.observations.used().slip
@@ -362,7 +362,7 @@ def _with_efficiency(outcomes: Outcomes, conditions: Conditions) -> FloatArray:
     return np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2)
 
 
-def _discrepancy(
+def discrepancy(
     study: Study, driven: Wheel, slip: FloatArray, draws: FloatArray, rng: Generator
 ) -> dict[str, FloatArray]:
     """The model's own error (n, k) by channel: as the readings of the same wheel tell it, else as stated."""
@@ -423,10 +423,14 @@ def _remarks(study: Study, wheel: Wheel, load: float, basis: str) -> Iterator[st
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield f"load {load:.4g} N is not among the measured loads, {named} N: extrapolated"
     if study.errors.discrepancy:
-        driven = wheel in study.wheels.values()
-        told = "as its readings tell it" if driven else "as stated before any reading"
-        yield f"the model's own error is part of it, {told}; derived quantities are those of the model alone"
+        yield f"{error_remark(study, wheel)}; derived quantities are those of the model alone"
     yield from wheel_remarks(study, wheel, known=bool(basis))
+
+
+def error_remark(study: Study, wheel: Wheel) -> str:
+    """A sentence on the model's own error where a wheel is predicted."""
+    told = "as its readings tell it" if wheel in study.wheels.values() else "as stated before any reading"
+    return f"the model's own error is part of it, {told}"
 
 
 def wheel_remarks(study: Study, wheel: Wheel, *, known: bool = False) -> Iterator[str]:

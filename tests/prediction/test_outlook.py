@@ -17,7 +17,9 @@ from bayesterra.models import Conditions, Wheel
 from bayesterra.models.statics import Greatest, Outcome
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.prediction.page import rover_outlook
+from bayesterra.prediction.prediction import spread
 from bayesterra.report.figures import figure_of
+from bayesterra.study.model_errors import Discrepancy, ModelErrors, Size
 from bayesterra.study.result import Result
 
 FILE = """\
@@ -208,3 +210,34 @@ def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlo
         share = [(np.degrees(own.value) >= slope).mean() for slope in climb["slope [deg]"]]
         np.testing.assert_allclose(climb[column], share)
     assert (climb["probability"] > climb["probability_driven_slips"]).any()
+
+
+def test_a_discrepancy_moves_with_the_rover(
+    wide: Result, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pulls are the model's plus one curve of the wheel for each draw, at both axles."""
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 300)
+    noisy = Discrepancy("drawbar_pull", Size(sd=3.0), 0.3)
+    study = wide.study.having(errors=ModelErrors({"drawbar_pull": noisy}))
+    found = bt.predict_rover(replace(wide, study=study), file, slopes=["5 deg", "10 deg"])
+    plain = bt.predict_rover(wide, file, slopes=["5 deg", "10 deg"])
+    states, held = found.asked, (found.asked.outcome == Outcome.HELD).all(axis=1)
+    assert held.mean() > 0.5
+    draws = spread(wide, 300)[0]
+    ground = found.rover.on(study.prior.soil_values(draws), study.model)
+    errors = []
+    for i in (0, 1):
+        load = states.load[held, i]
+        values, _ = ground.respond(np.flatnonzero(held), states.slip[held, i], load, load.mean(axis=1))
+        errors.append(states.pull[held, i] - values[:, :, 1])
+    first, second = errors
+    np.testing.assert_allclose(first[:, 0], first[:, 1], atol=1e-6)
+    assert np.corrcoef(first[:, 0], second[:, 0])[0, 1] > 0.5
+    assert 0.1 < first[:, 0].std() < 3.0
+    widths = [np.nanstd(outlook.asked.slip[:, 0, 0]) for outlook in (plain, found)]
+    assert widths[1] > widths[0]
+    notes = "\n".join(found.notes)
+    assert "the model's own error is part of it, as its readings tell it" in notes
+    assert "the error of the wheel-soil model itself" not in notes
+    again = bt.predict_rover(replace(wide, study=study), file, slopes=["5 deg", "10 deg"])
+    np.testing.assert_array_equal(again.asked.slip, states.slip)
