@@ -154,23 +154,9 @@ def predict_curves(
 
 
 def _curves(study: Study, posterior: Posterior, draws: FloatArray, wheel: str, rng: Generator) -> Curves:
-    forward, whole = curve_forward(study, wheel), posterior.likelihood
-    soil, values = posterior.prior.soil_values(draws), posterior.noise_values(draws)
-    outcomes = forward(soil, every_row=True)
-    curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)
-    fresh = whole.fresh(forward, soil, values, rng)
-    readings = replace(outcomes, values=np.full(outcomes.values.shape, np.nan))
-    noises = [noise for noise in whole.noise if noise.channel in forward.outcomes]
-    columns = {noise.channel: whole.channels.index(noise.channel) for noise in noises}
-    for name, column in columns.items():
-        outcomes.add(name, curve[:, :, column])
-    blank = replace(
-        study.observations.used(), given_sd={}, values={}, limits={}, rows=tuple(range(len(forward.given)))
-    )
-    likelihood = Likelihood(forward, blank, noises)
-    drawn = likelihood.draw(outcomes, posterior.noise_values(draws, likelihood.channels), rng)
-    for i, (name, column) in enumerate(columns.items()):
-        readings[name][...] = drawn[:, :, i] + fresh[:, :, column]
+    forward = curve_forward(study, wheel)
+    outcomes = forward(posterior.prior.soil_values(draws), every_row=True)
+    readings = posterior.drive(forward, outcomes, draws, wheel, rng)
     slip, given = forward.conditions.slip, forward.given
     return Curves(wheel, slip, outcomes.names, outcomes.values, readings.values, given)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol
 
@@ -13,7 +13,7 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError, check_kind
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
-from bayesterra.likelihood.forward import Forward, Outcomes, soil_at
+from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, soil_at
 from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.models import Status
 from bayesterra.parameters import NOISE_PREFIX, SIZES, SoilColumns
@@ -142,6 +142,34 @@ class Posterior:
     def explained(self, x: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
         return self.likelihood.explained(self.prior.soil_values(x), self.noise_values(x), rng)
+
+    def drive(
+        self, forward: Forward, outcomes: Outcomes, x: FloatArray, wheel: str | None, rng: Generator
+    ) -> Outcomes:
+        """Readings of a new drive of a wheel, NaN for channels that have no noise; ``outcomes`` are changed.
+
+        What the model says at the rows of ``forward`` becomes that and the discrepancy: as the readings of
+        the wheel tell it, or for a wheel of no name (None) as stated. Sinkages are read with the zero error,
+        which ``forward`` may say already. Ripple and errors of slip are those
+        of another sweep.
+        """
+        soil, values, whole = self.prior.soil_values(x), self.noise_values(x), self.likelihood
+        noise = tuple(entry for entry in whole.noise if entry.channel in outcomes.names)
+        names, columns = [entry.channel for entry in noise], [whole.channels.index(n.channel) for n in noise]
+        curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)[:, :, columns]
+        fresh = whole.fresh(forward, soil, values, rng)[:, :, columns]
+        for i, name in enumerate(names):
+            outcomes.add(name, curve[:, :, i])
+        read = replace(outcomes, values=outcomes.values.copy())
+        if not forward.as_read:
+            read.add("sinkage", offset_of(soil))
+        rows = tuple(range(len(forward.given)))
+        blank = replace(whole.observations, given_sd={}, values={}, limits={}, rows=rows)
+        drawn = Likelihood(forward, blank, noise).draw(read, self.noise_values(x, tuple(names)), rng)
+        readings = replace(outcomes, values=np.full(outcomes.values.shape, np.nan))
+        for i, name in enumerate(names):
+            readings[name][...] = drawn[:, :, i] + fresh[:, :, i]
+        return readings
 
     def log_prior(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of the stated prior, −inf outside its range and outside the physical ranges."""

@@ -17,15 +17,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import check_kind, check_seed
-from bayesterra.likelihood.forward import (
-    Forward,
-    Outcomes,
-    derive_for,
-    load_of,
-    offset_of,
-    tractive_efficiency,
-)
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of, tractive_efficiency
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
@@ -328,9 +320,7 @@ def predict(
     blocks = [forward.row(i)(soil) for i in range(len(at))]
     rng = default_rng(seed)
     outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
-    for channel, error in discrepancy(study, driven, at, draws, rng).items():
-        if channel in outcomes.names:
-            outcomes.add(channel, error)
+    readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven), rng).values
     rows = study.observations.used().slip
     return Prediction(
         title=study.title,
@@ -339,7 +329,7 @@ def predict(
         load=carried,
         slip=at,
         modelled=_with_efficiency(outcomes, forward.conditions),
-        readings=_with_noise(study, forward, outcomes, draws, rng),
+        readings=np.concatenate([readings, np.full((*readings.shape[:2], 1), np.nan)], axis=2),
         reasons=np.column_stack([block.status for block in blocks]),
         index=index,
         driven=(float(rows.min()), float(rows.max())),
@@ -368,46 +358,15 @@ def discrepancy(
     """The model's own error (n, k) by channel: as the readings of the same wheel tell it, else as stated."""
     if not study.errors.discrepancy:
         return {}
-    target = posterior(study)
-    name = next((name for name, wheel in study.wheels.items() if wheel == driven), None)
+    target, name = posterior(study), name_of(study, driven)
     values = target.noise_values(draws)
     curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
     return dict(zip(target.likelihood.channels, np.moveaxis(curve, 2, 0), strict=True))
 
 
-def _with_noise(
-    study: Study, forward: Forward, outcomes: Outcomes, draws: FloatArray, rng: Generator
-) -> FloatArray:
-    """Readings (n, k, 4) of the study's instruments, with the zero error of the sinkage.
-
-    NaN where a channel was not measured.
-    """
-    noise = tuple(noise for name, noise in study.noise.items() if name in forward.outcomes)
-    readings = np.full((*outcomes.values.shape[:2], len(PREDICTED)), np.nan)
-    if not noise:
-        return readings
-    blank = replace(
-        study.observations.used(), given_sd={}, values={}, limits={}, rows=tuple(range(len(forward.given)))
-    )
-    read = replace(outcomes, values=outcomes.values.copy())
-    read.add("sinkage", offset_of(study.prior.soil_values(draws)))
-    columns = [study.prior.names.index(entry.parameter) for entry in noise if entry.parameter]
-    drawn = Likelihood(forward, blank, noise).draw(read, draws[:, columns], rng)
-    fresh = _fresh(study, forward, draws, rng)
-    for column, entry in enumerate(noise):
-        more = fresh.get(entry.channel, 0.0)
-        readings[:, :, list(PREDICTED).index(entry.channel)] = drawn[:, :, column] + more
-    return readings
-
-
-def _fresh(study: Study, forward: Forward, draws: FloatArray, rng: Generator) -> dict[str, FloatArray]:
-    """Ripple and effect of slip errors (n, k) of readings of another sweep, by channel."""
-    if not study.errors:
-        return {}
-    target = posterior(study)
-    values, soil = target.noise_values(draws), study.prior.soil_values(draws)
-    drawn = target.likelihood.fresh(forward, soil, values, rng)
-    return dict(zip(target.likelihood.channels, np.moveaxis(drawn, 2, 0), strict=True))
+def name_of(study: Study, driven: Wheel) -> str | None:
+    """Name of a wheel of the study; None for another one."""
+    return next((name for name, wheel in study.wheels.items() if wheel == driven), None)
 
 
 def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:

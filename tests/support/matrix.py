@@ -21,6 +21,7 @@ import pytest
 import typer
 
 from bayesterra.__main__ import main
+from bayesterra.checking import calibration, short_runs
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.pooling import degrees
 from bayesterra.sampling import joint, sampler
@@ -197,7 +198,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("simulate", "STUDY", "--set", "phi=29 deg", "--set", "K=11 mm", "--out", "NEW"),
     "identify": ("identify", "RESULT", *ONE, "--quiet", "--out", "NEW"),
     "identify --prior-only": ("identify", "STUDY", "--prior-only", "--quiet"),
-    "calibrate": ("calibrate", "STUDY", "-n", "20", *ONE, "--quiet", "--out", "NEW"),
+    "calibrate": ("calibrate", "STUDY", "-n", "4", *ONE, "--quiet", "--out", "NEW"),
     "holdout": ("holdout", "STUDY", "--by", "wheel", *ONE, "--quiet", "--out", "NEW"),
     "follow": ("follow", "STUDY", "--data", "TABLE", "--particles", "128", "--quiet", "--out", "NEW"),
     "predict": ("predict", "RESULT", "--slip", "0.2,0.4", "--load", "80 N", "--out", "NEW"),
@@ -262,6 +263,8 @@ def quick() -> Iterator[None]:
         little = {"WALKERS": 32, "WARM_UPS": (4, 8), "SWEEPS": (20,), "OUTER": 512, "INNER": 16}
         for name, value in little.items():
             patch.setattr(degrees, name, value)
+        patch.setattr(calibration, "FEWEST", 4)
+        patch.setattr(short_runs, "enough", lambda _: True)
         yield
 
 
@@ -274,6 +277,7 @@ def table(folder: Path) -> None:
                 counts[command][cell.word] += 1
                 if cell.word in ("refused", "traceback"):
                     typer.echo(f"{title(kind)} | {command} | {cell.word}: {cell.said}")
+                    sys.stdout.flush()
     for command, words in counts.items():
         typer.echo(f"{command}: {dict(words)}")
     typer.echo(dict(sum(counts.values(), Counter[str]())))
