@@ -21,11 +21,13 @@ import pytest
 import typer
 
 from bayesterra.__main__ import main
-from bayesterra.checking import calibration, short_runs
+from bayesterra.checking import calibration, holdout, short_runs
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.pooling import degrees
 from bayesterra.sampling import joint, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
+from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.study import Study
 
 FACTORS: Mapping[str, Sequence[str]] = {
     "model": ("M2", "M1", "M3", "M2L"),
@@ -265,7 +267,17 @@ def quick() -> Iterator[None]:
             patch.setattr(degrees, name, value)
         patch.setattr(calibration, "FEWEST", 4)
         patch.setattr(short_runs, "enough", lambda _: True)
+        patch.setattr(calibration, "short_runs", _little_runs, raising=False)
+        patch.setattr(holdout, "refits", _little_runs, raising=False)
         yield
+
+
+def _little_runs(study: Study) -> short_runs.ShortRuns:
+    """Short runs of next to nothing."""
+    short = SamplingOptions(target_ess=100, walkers=32, max_steps=40)
+    if study.pooling is None:
+        return short_runs.ShortRuns(short=short, adaptation=LITTLE)
+    return short_runs.ShortGroupRuns(short=short, adaptation=LITTLE, warm_ups=(5, 10))
 
 
 def table(folder: Path) -> None:
