@@ -15,7 +15,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import complete_soils
 from bayesterra.checking.validation_page import posterior_checks, prior_predictive
-from bayesterra.likelihood.forward import SLIP_GRID, reference_load
+from bayesterra.likelihood.forward import reference_load
+from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, photograph
 from bayesterra.report.failures import failed

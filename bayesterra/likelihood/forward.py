@@ -12,6 +12,7 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.errors import StudyError
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
 from bayesterra.models.forces import SINKAGE
+from bayesterra.models.traction import greatest, traction
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
@@ -176,7 +177,6 @@ def take(conditions: Conditions, rows: BoolArray) -> Conditions:
 
 REFERENCE_SINKAGE = 0.010
 REFERENCE_STRESS = 5e3
-SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 
 def reference_load(study: Study) -> float:
@@ -203,30 +203,6 @@ def load_of(study: Study, load: float | str | None) -> float:
     return value
 
 
-def traction(
-    model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Drawbar pull and efficiency (n, slips) of a wheel under ``load`` (N) over ``SLIP_GRID``; soils (n, p).
-
-    NaN where the model has no answer, and where the load is not known.
-    """
-    conditions = Conditions.of(wheel, SLIP_GRID)
-    forward = Forward(model, Drive.LOAD, conditions, np.full(len(SLIP_GRID), load))
-    outcomes = forward(soil, every_row=True)
-    pull = outcomes["drawbar_pull"]
-    return pull, tractive_efficiency(pull, outcomes["resistance_moment"], conditions)
-
-
-def tractive_efficiency(pull: FloatArray, moment: FloatArray, conditions: Conditions) -> FloatArray:
-    """Power at the drawbar over power at the axle, η = F_DP v / (M_DR ω) = F_DP r_s (1 − s) / M_DR.
-
-    By v = r_s ω (1 − s), eq. (3); pull (N) and moment (N m) of shape (n, rows). Negative where the wheel has
-    to be pushed, NaN where the axle takes no power.
-    """
-    speed = conditions.shearing_radius * (1.0 - conditions.slip)
-    return pull * speed / np.where(moment > 0, moment, np.nan)
-
-
 def bearing_pressure(soil: FloatArray) -> FloatArray:
     """Bekker pressure K_s z^n0 at ``REFERENCE_SINKAGE`` and zero slip, Pa, eq. (5); soils (n, p)."""
     return soil[:, SoilColumns.Ks] * REFERENCE_SINKAGE ** soil[:, SoilColumns.n0]
@@ -247,8 +223,9 @@ def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArra
 
     ``soil`` (n, p) as every forward model takes it; NaN where the model has no answer.
     """
-    (pull, pull_slip), (efficiency, efficiency_slip) = map(greatest, traction(model, wheel, load, soil))
     soil = soil_at(soil, wheel.width)
+    curves = traction(model, wheel, load, model_columns(soil, model))
+    (pull, pull_slip), (efficiency, efficiency_slip) = map(greatest, curves)
     return {
         "bearing_pressure": bearing_pressure(soil),
         "shear_strength": shear_strength(soil),
@@ -257,21 +234,3 @@ def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArra
         "peak_efficiency": efficiency,
         "peak_efficiency_slip": efficiency_slip,
     }
-
-
-def greatest(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Greatest of ``values`` (n, slips) over ``SLIP_GRID`` and its slip, each (n,); NaN where all are.
-
-    Between the slips of the grid: the vertex of the parabola through the greatest value and its neighbours.
-    """
-    filled = np.where(np.isfinite(values), values, -np.inf)
-    best, every = filled.argmax(axis=1), np.arange(len(filled))
-    centre = np.clip(best, 1, len(SLIP_GRID) - 2)
-    around = filled[every[:, None], centre[:, None] + np.array([-1, 0, 1])]
-    inner = (centre == best) & np.isfinite(around).all(axis=1)
-    before, middle, after = np.where(inner[:, None], around, [0.0, 1.0, 0.0]).T
-    shift = np.where(inner, 0.5 * (before - after) / np.minimum(before - 2 * middle + after, -1e-300), 0.0)
-    height = filled[every, best] - np.where(inner, 0.25 * (before - after) * shift, 0.0)
-    answered = np.isfinite(values).any(axis=1)
-    slip = SLIP_GRID[best] + shift * (SLIP_GRID[1] - SLIP_GRID[0])
-    return np.where(answered, height, np.nan), np.where(answered, slip, np.nan)

@@ -17,9 +17,10 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import check_kind, check_seed
-from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of, tractive_efficiency
+from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
+from bayesterra.models.traction import tractive_efficiency
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi

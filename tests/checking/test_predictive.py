@@ -13,15 +13,10 @@ from bayesterra.checking.predictive import (
     predict_rows,
     predictive_table,
 )
-from bayesterra.likelihood.forward import (
-    REFERENCE_SINKAGE,
-    REFERENCE_STRESS,
-    SLIP_GRID,
-    derive,
-    reference_load,
-)
+from bayesterra.likelihood.forward import REFERENCE_SINKAGE, REFERENCE_STRESS, derive, reference_load
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
+from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import DERIVED, soil_array
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
