@@ -19,7 +19,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
-from bayesterra.likelihood.condition_errors import told_loads
+from bayesterra.likelihood.condition_errors import load_slopes, told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.likelihood import Likelihood
@@ -182,9 +182,6 @@ def curve_forward(study: Study, wheel: str) -> Forward:
 
 T = TypeVar("T")
 
-LOAD_STEP = -1e-3
-"""Relative step of the load for the slopes of outcomes; a lower load is carried wherever a higher one is."""
-
 
 @dataclass(frozen=True)
 class Modelled:
@@ -252,13 +249,11 @@ class Modelled:
 
 
 def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArray | None:
-    forward = posterior.likelihood.forward
-    if not forward.drive.latent_load:
+    likelihood = posterior.likelihood
+    if likelihood.load_range is None:
         return None
-    loads = outcomes["normal_force"]
-    moved = replace(forward, given=loads * (1 + LOAD_STEP))(posterior.prior.soil_values(x))
-    difference = posterior.likelihood.predicted(moved) - posterior.likelihood.predicted(outcomes)
-    return np.asarray(np.nan_to_num(difference) / (LOAD_STEP * loads[:, :, None]))
+    at = likelihood.forward.at_load(outcomes["normal_force"])
+    return load_slopes(at, posterior.prior.soil_values(x), likelihood.channels, outcomes)
 
 
 @dataclass(frozen=True)

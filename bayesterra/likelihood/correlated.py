@@ -15,15 +15,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood.condition_errors import Loads, slip_slopes
-from bayesterra.likelihood.covariance import Drawn, Elsewhere, Layout, TableLaw, Whitening, stacks
+from bayesterra.likelihood.covariance import Drawn, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
-from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.study.model_errors import ModelErrors, Ripple
 
@@ -56,21 +56,12 @@ class CorrelatedLikelihood(Likelihood):
     """
 
     errors: ModelErrors = field(default_factory=ModelErrors)
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """One term: all readings of a row together."""
-        return ("readings",)
+    together: ClassVar[bool] = True
 
     @property
     def rows_apart(self) -> bool:
         """No: a row's term is given all other rows."""
         return False
-
-    @cached_property
-    def intervals(self) -> Intervals | None:
-        """None: rounding is one more error."""
-        return None
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; with latent loads 0 where the lowest of the range has an answer."""
@@ -224,7 +215,7 @@ class CorrelatedLikelihood(Likelihood):
         """
         discrepancies = np.full((len(soil), len(slip), len(self.channels)), np.nan)
         for good, law in self._laws(soil, noise_values):
-            discrepancies[good] = law.draw(self.measured, rng, Elsewhere(wheel, slip)).elsewhere
+            discrepancies[good] = law.draw(self.measured, rng, wheel, slip).elsewhere
         return discrepancies
 
     def fresh(
@@ -247,18 +238,13 @@ class CorrelatedLikelihood(Likelihood):
         return effects
 
     def law_where(
-        self,
-        read: BoolArray,
-        soil: FloatArray,
-        mean: FloatArray,
-        noise_values: FloatArray,
-        by_load: FloatArray | None,
+        self, read: BoolArray, soil: FloatArray, mean: FloatArray, noise: FloatArray, load: FloatArray | None
     ) -> TableLaw:
         """Law of readings where ``read`` (m, k) holds, made or yet to be made."""
         columns = dict(zip(self.channels, np.where(read, 0.0, np.nan).T, strict=True))
         rows = replace(self.observations, values={**self.observations.values, **columns})
         reading = replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
-        return reading.law_at(soil, mean, noise_values, by_load=by_load)
+        return reading.law_at(soil, mean, noise, by_load=load)
 
     def law(self, soil: FloatArray, outcomes: Outcomes, noise_values: FloatArray) -> TableLaw:
         """The joint law of the readings at soils that have an answer in every row in use.

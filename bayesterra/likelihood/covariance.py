@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.likelihood.condition_errors import Loads
 from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple
 from bayesterra.study.observations import Observations
@@ -212,6 +212,7 @@ def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
 
 
 LOG_2_PI = float(np.log(2 * np.pi))
+NONE = frozen(np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -252,14 +253,6 @@ class Layout:
     def doubles(self) -> int:
         """Numbers that the whitening of one parameter set takes."""
         return sum(stack.rows.shape[0] * stack.rows.shape[1] ** 2 for stack in self.stacks)
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """Slips (g,) of a wheel of the table, or of another one (None), at which discrepancies are wanted."""
-
-    wheel: str | None
-    slip: FloatArray
 
 
 @dataclass(frozen=True)
@@ -411,15 +404,16 @@ class TableLaw:
             conditioned[stack.rows, stack.columns] = True
         return conditioned
 
-    def draw(self, readings: FloatArray | None, rng: Generator, elsewhere: Elsewhere | None = None) -> Drawn:
+    def draw(
+        self, readings: FloatArray | None, rng: Generator, wheel: str | None = None, slip: FloatArray = NONE
+    ) -> Drawn:
         """Draw discrepancy, ripple and errors of conditions given readings (m, k), or before any (None).
 
-        By Matheron's rule: a draw before the readings, moved by what the readings say against it.
+        By Matheron's rule: a draw before the readings, moved by what the readings say against it. The
+        discrepancy is drawn at slips (g,) of a wheel of the table, or of another one (None), too.
         """
         columns, m = self.layout.columns, self.mean.shape[1]
-        across = [
-            self._across(which, error, elsewhere) for which, error in enumerate(self.layout.errors.fields)
-        ]
+        across = [self._across(i, error, wheel, slip) for i, error in enumerate(self.layout.errors.fields)]
         fields = [self._before(which, matrix, rng) for which, matrix in enumerate(across)]
         shifts = rng.standard_normal((*self.effects.shape[:2], self.effects.shape[3]))
         if readings is not None:
@@ -430,8 +424,7 @@ class TableLaw:
                 fields[which] = fields[which] + self.sizes[:, [which]] ** 2 * told
             shifts = shifts + (pull[..., None] * self.effects).sum(axis=2)
         curves, others = self._sums(fields, shifts)
-        new = 0 if elsewhere is None else len(elsewhere.slip)
-        there = np.zeros((len(self.mean), new, self.mean.shape[2]))
+        there = np.zeros((len(self.mean), len(slip), self.mean.shape[2]))
         for column, field in zip(columns[: len(self.layout.errors.discrepancy)], fields, strict=False):
             there[:, :, column] = field[:, m:]
         return Drawn(curves + others, curves, there, shifts)
@@ -445,16 +438,14 @@ class TableLaw:
         others = drawn.at_rows - self.effects[..., -1] * shift[..., None]
         return loads.mean + loads.sd * shift, others
 
-    def _across(self, which: int, error: object, elsewhere: Elsewhere | None) -> FloatArray:
-        """Correlation of a field at rows and, for a discrepancy, at slips elsewhere, among themselves."""
-        inside = self.layout.correlations[which]
-        if not isinstance(error, Discrepancy) or elsewhere is None:
+    def _across(self, which: int, error: object, wheel: str | None, slip: FloatArray) -> FloatArray:
+        """Correlation of a field at rows and, for a discrepancy, at other slips, among themselves."""
+        inside, rows = self.layout.correlations[which], self.layout.rows
+        if not isinstance(error, Discrepancy):
             return inside
-        rows = self.layout.rows
-        same = np.array([wheel == elsewhere.wheel for wheel in rows.wheel])
-        between = np.where(same[:, None], error.correlation(rows.slip, elsewhere.slip), 0.0)
-        beyond = error.correlation(elsewhere.slip, elsewhere.slip)
-        return np.block([[inside, between], [between.T, beyond]])
+        same = np.array([wheel == own for own in rows.wheel])
+        between = np.where(same[:, None], error.correlation(rows.slip, slip), 0.0)
+        return np.block([[inside, between], [between.T, error.correlation(slip, slip)]])
 
     def _before(self, which: int, matrix: FloatArray, rng: Generator) -> FloatArray:
         """A field (n, m + g) before any reading."""

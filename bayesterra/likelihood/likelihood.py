@@ -18,6 +18,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -52,6 +53,9 @@ class Likelihood:
     noise: Sequence[Noise]
     load_range: tuple[float, float] | None = None
 
+    together: ClassVar[bool] = False
+    """Whether the readings of a row have one law together, in which rounding is one more error."""
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Measured outcomes, the order of :meth:`pointwise`'s last axis."""
@@ -60,7 +64,7 @@ class Likelihood:
     @property
     def terms(self) -> tuple[str, ...]:
         """Terms that the log likelihood of a row is the sum of."""
-        return self.channels
+        return ("readings",) if self.together else self.channels
 
     @property
     def rows_apart(self) -> bool:
@@ -99,16 +103,11 @@ class Likelihood:
         return None
 
     def law_where(
-        self,
-        read: BoolArray,
-        soil: FloatArray,
-        mean: FloatArray,
-        noise_values: FloatArray,
-        by_load: FloatArray | None,
+        self, read: BoolArray, soil: FloatArray, mean: FloatArray, noise: FloatArray, load: FloatArray | None
     ) -> TableLaw | None:
         """Law of readings where ``read`` (m, k) holds, made or yet to be made; None where these are apart.
 
-        ``mean`` (n, m, k) is what the model says of them, ``by_load`` the effect of one standard deviation
+        ``mean`` (n, m, k) is what the model says of them, ``load`` the effect of one standard deviation
         of latent loads.
         """
         return None
@@ -174,7 +173,7 @@ class Likelihood:
 
         None also where rounding is taken for one more error of variance step²/12: see :meth:`Noise.scale`.
         """
-        return Intervals.of(self.observations, self.noise, self.measured)
+        return None if self.together else Intervals.of(self.observations, self.noise, self.measured)
 
     def predicted(self, outcomes: Outcomes) -> FloatArray:
         """Modelled values of the measured channels, (n, m, channels)."""
@@ -249,16 +248,7 @@ class LatentLoad(Likelihood):
     """Likelihood of rows whose load is known by its readings only; the loads of ``forward`` are not used."""
 
     load_range: tuple[float, float] = (0.0, np.inf)
-
-    @cached_property
-    def intervals(self) -> Intervals | None:
-        """None: rounding is one more error."""
-        return None
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """One term: all readings of a row together."""
-        return ("readings",)
+    together: ClassVar[bool] = True
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer for the lowest load of the range."""

@@ -192,20 +192,12 @@ def weighted_sensitivities(posterior: Whole, x: FloatArray) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def fisher_information(posterior: Whole, x: FloatArray) -> FloatArray:
-    """Fisher information (n, d, d) of the readings about the free parameters at sets ``x`` (n, d), SI.
-
-    NaN where the model has no answer in a row that is read. With drive ``both``: exact for a model that is
-    linear over the spread of the load given its readings; see the head of the module.
-    """
-    weighted = weighted_sensitivities(posterior, x)
-    return np.asarray(weighted.transpose(0, 2, 1) @ weighted)
-
-
 def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gradient of the log likelihood (n, d) and Fisher information (n, d, d) at sets ``x`` (n, d), SI.
 
-    The gradient takes a latent load for its best known value. NaN as with :func:`fisher_information`.
+    The gradient takes a latent load for its best known value. NaN where the model has no
+    answer in a row that is read. With drive ``both`` exact for a model that is linear over the spread of the
+    load given its readings; see the head of the module.
     """
     scaled = Scaled.of(posterior, x)
     joint, weighted = _weighted(posterior, x, scaled, read_where(posterior)[0])

@@ -10,11 +10,12 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.random import SeedSequence, default_rng
+from numpy.random import default_rng
 from numpy.typing import ArrayLike
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
+from bayesterra.likelihood.posterior import posterior
 from bayesterra.models.statics import (
     OUTCOMES,
     SLIPS,
@@ -31,8 +32,8 @@ from bayesterra.models.statics import (
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction.prediction import (
     UNANSWERED,
-    discrepancy,
     error_remark,
+    name_of,
     quantile_columns,
     quantiles,
     spread,
@@ -406,11 +407,14 @@ def checked_tows(tows: Sequence[float | str]) -> FloatArray:
 
 def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) -> CurvedGround:
     """A ground with the model's own error of each wheel, one curve over slip for every draw."""
-    curves = {}
-    for wheel, seed in zip(dict.fromkeys(rover.wheels), SeedSequence(CURVES).spawn(2), strict=False):
-        drawn = discrepancy(study, wheel, SLIPS, draws, default_rng(seed))
-        none = np.zeros((len(draws), len(SLIPS)))
-        curves[wheel] = np.stack([drawn.get(name, none) for name in RESPONSE], axis=2)
+    target, curves, rng = posterior(study), {}, default_rng(CURVES)
+    read, soil, values = target.likelihood, study.prior.soil_values(draws), target.noise_values(draws)
+    for wheel in dict.fromkeys(rover.wheels):
+        drawn = read.beyond(soil, values, name_of(study, wheel), SLIPS, rng)
+        curves[wheel] = np.zeros((len(draws), len(SLIPS), len(RESPONSE)))
+        for i, name in enumerate(RESPONSE):
+            if name in read.channels:
+                curves[wheel][:, :, i] = drawn[:, :, read.channels.index(name)]
     return CurvedGround(ground, (curves[rover.wheels[0]], curves[rover.wheels[1]]))
 
 

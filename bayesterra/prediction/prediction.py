@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator, default_rng
+from numpy.random import default_rng
 from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
@@ -351,18 +351,6 @@ def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
 def _with_efficiency(outcomes: Outcomes, conditions: Conditions) -> FloatArray:
     efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], conditions)
     return np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2)
-
-
-def discrepancy(
-    study: Study, driven: Wheel, slip: FloatArray, draws: FloatArray, rng: Generator
-) -> dict[str, FloatArray]:
-    """The model's own error (n, k) by channel: as the readings of the same wheel tell it, else as stated."""
-    if not study.errors.discrepancy:
-        return {}
-    target, name = posterior(study), name_of(study, driven)
-    values = target.noise_values(draws)
-    curve = target.likelihood.beyond(study.prior.soil_values(draws), values, name, slip, rng)
-    return dict(zip(target.likelihood.channels, np.moveaxis(curve, 2, 0), strict=True))
 
 
 def name_of(study: Study, driven: Wheel) -> str | None:

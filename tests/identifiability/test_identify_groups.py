@@ -14,9 +14,10 @@ from bayesterra.identifiability.profiles import NO_PROFILES
 from bayesterra.identifiability.structure import design_of, structure
 from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.likelihood.sensitivities import fisher_information, read_where
+from bayesterra.likelihood.sensitivities import read_where
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
+from tests.support.fisher import fisher_information
 from tests.support.two_wheels import FRICTION, HELD, SHEAR, TABLE, MakeStudy
 
 CORRELATED = {"phi, K": 0.6}

@@ -12,8 +12,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.local import collinearity, cramer_rao, local_analysis
 from bayesterra.identifiability.structure import structure
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
-from bayesterra.likelihood.sensitivities import fisher_information
 from bayesterra.study.study import Study, load_study
+from tests.support.fisher import fisher_information
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 

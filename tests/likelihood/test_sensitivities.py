@@ -11,7 +11,6 @@ import pytest
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import (
-    fisher_information,
     load_information,
     score_and_information,
     sensitivities,
@@ -21,6 +20,7 @@ from bayesterra.likelihood.sensitivities import (
 from bayesterra.models import MODELS, Soil, Wheel
 from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
+from tests.support.fisher import fisher_information
 
 WIDE, NARROW = Wheel(0.15735, 0.165, 0.010, 30, 0.65), Wheel(0.135, 0.11, 0.015, 24, 0.75)
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}

@@ -21,9 +21,10 @@ from bayesterra.checking.predictive_checks import predictive_checks
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.likelihood.sensitivities import fisher_information, score_and_information
+from bayesterra.likelihood.sensitivities import score_and_information
 from bayesterra.models import M1, Soil
 from bayesterra.study.study import Study
+from tests.support.fisher import fisher_information
 from tests.support.joint_rows import (
     CASES,
     CURVES,
