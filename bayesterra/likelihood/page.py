@@ -126,6 +126,8 @@ def _errors(study: Study) -> tuple[Text, ...]:
         texts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
     if errors.slip is not None:
         texts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
+    if errors and study.load_range is not None:
+        texts.append(Markup("Unknown loads count to first order about those that readings tell."))
     return (Text(Markup(" ").join(texts)),) if texts else ()
 
 

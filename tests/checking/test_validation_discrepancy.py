@@ -14,6 +14,7 @@ from bayesterra.analysis.page import data_section
 from bayesterra.analysis.run import load_result, run
 from bayesterra.checking.validation import Missed, missed, trades
 from bayesterra.checking.validation_page import _sentence
+from bayesterra.likelihood.page import conditions
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.prediction.outlook import predict_rover
 from bayesterra.prediction.prediction import predict
@@ -56,6 +57,13 @@ def test_the_report_says_what_the_model_misses(result: Result, tmp_path: Path) -
     assert "standard deviation of the model&#39;s error in drawbar pull" in text
     again = load_result(tmp_path / "out")
     assert again.study.errors == result.study.errors
+
+
+def test_the_report_says_how_unknown_loads_count(result: Result) -> None:
+    """To first order beside a discrepancy; the sentence is for latent loads only."""
+    said = "Unknown loads count to first order"
+    assert said not in str(conditions(result.study))
+    assert said in str(conditions(result.study.having(load_range=(40.0, 120.0))))
 
 
 def test_the_report_names_rows_where_the_first_order_is_doubtful(result: Result) -> None:
