@@ -100,7 +100,9 @@ def settled(study: Study, n: int) -> tuple[Posterior, LatentLoad, FloatArray, Fl
     return density, density.likelihood, x, density.prior.soil_values(x)
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(CASES[name], id=name, marks=[pytest.mark.slow] * (name == "M1")) for name in CASES]
+)
 def test_rows_agree_with_brute_force_over_the_prior(case: Mapping[str, Any], brute_force: RowLevel) -> None:
     """Within 1e-3 in log likelihood (1e-8 of it, where it is huge) anywhere in the prior, row by row."""
     density, whole, x, soil = settled(latent_study(**case), 6)
