@@ -128,7 +128,7 @@ def _study(kind: Kind) -> str:
         "population": '[pooling]\nby = "wheel"\nshared = ["phi"]\nhierarchical = { K = {} }\n',
         "separate": '[pooling]\nby = "wheel"\nshared = ["phi"]\nseparate = ["K"]\n',
     }[kind["groups"]]
-    sampling = "[sampling]\ntarget_ess = 100\nwalkers = 32\nmax_steps = 200\n"
+    sampling = "[sampling]\ntarget_ess = 100\nwalkers = 32\nmax_steps = 60\n"
     parts = [head, data, _wheels(), options, _noise(kind), _errors(kind), priors, groups, sampling]
     return "\n".join(part for part in parts if part)
 
@@ -200,7 +200,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("simulate", "STUDY", "--set", "phi=29 deg", "--set", "K=11 mm", "--out", "NEW"),
     "identify": ("identify", "RESULT", *ONE, "--quiet", "--out", "NEW"),
     "identify --prior-only": ("identify", "STUDY", "--prior-only", "--quiet"),
-    "calibrate": ("calibrate", "STUDY", "-n", "4", *ONE, "--quiet", "--out", "NEW"),
+    "calibrate": ("calibrate", "STUDY", "-n", "2", *ONE, "--quiet", "--out", "NEW"),
     "holdout": ("holdout", "STUDY", "--by", "wheel", *ONE, "--quiet", "--out", "NEW"),
     "follow": ("follow", "STUDY", "--data", "TABLE", "--particles", "128", "--quiet", "--out", "NEW"),
     "predict": ("predict", "RESULT", "--slip", "0.2,0.4", "--load", "80 N", "--out", "NEW"),
@@ -262,10 +262,11 @@ def quick() -> Iterator[None]:
         joint_plan = joint.PoolingOptions
         plan = joint_plan((5, 10), LITTLE)
         patch.setattr(joint, "PoolingOptions", lambda *of: joint_plan(*of) if of else plan)
-        little = {"WALKERS": 32, "WARM_UPS": (4, 8), "SWEEPS": (20,), "OUTER": 512, "INNER": 16}
+        little = {"WALKERS": 32, "WARM_UPS": (2, 4), "SWEEPS": (8,), "OUTER": 256, "INNER": 16}
         for name, value in little.items():
             patch.setattr(degrees, name, value)
-        patch.setattr(calibration, "FEWEST", 4)
+        patch.setattr(joint, "ROUND_SWEEPS", 60)
+        patch.setattr(calibration, "FEWEST", 2)
         patch.setattr(short_runs, "enough", lambda _: True)
         patch.setattr(calibration, "short_runs", _little_runs, raising=False)
         patch.setattr(holdout, "refits", _little_runs, raising=False)
