@@ -131,6 +131,7 @@ def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
     assert re.findall(r'<section id="(\w+)"', html) == expected.split()
 
 
+@pytest.mark.slow
 def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: Path, html: str) -> None:
     """Drawing and writing the report of a result once more changes nothing."""
     small_result.save(tmp_path / "out")

@@ -50,6 +50,7 @@ def test_a_sensor_more_tells_more(unmeasured: Make) -> None:
     assert with_torque > without + 0.1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_table(two_free: Study) -> None:
     """Ranking and errors depend on the seed alone."""
     first, second = (recommend(two_free, slips=[0.1, 0.5], about=["phi"], seed=3).table for _ in range(2))

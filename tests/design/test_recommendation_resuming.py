@@ -37,6 +37,7 @@ def stop_at(judged: int) -> Callable[[Progress], None]:
     return watch
 
 
+@pytest.mark.slow
 def test_every_engine_gives_the_same_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """Table and plan, to the last digit; the pool is used though the work is short."""
     monkeypatch.setattr(running_module, "PATIENCE", 0.0)

@@ -255,9 +255,11 @@ def soil_test_page() -> str:
 
 
 @pytest.mark.parametrize(
-    "make", [prior_page, calibration_page, design_page, holdout_page, pooled_page, soil_test_page],
+    "make",
+    [prior_page, calibration_page, design_page, holdout_page]
+    + [pytest.param(make, marks=pytest.mark.slow) for make in (pooled_page, soil_test_page)],
     ids=lambda make: make.__name__,
-)  # fmt: skip
+)
 def test_other_pages(make: Callable[[], str]) -> None:
     """Every other page that a command writes."""
     check(make(), TITLE)

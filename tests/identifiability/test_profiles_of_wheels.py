@@ -188,7 +188,7 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-QUICK = ("both", "one width")
+QUICK = ("one width",)
 """Kinds that share most with the others; all are tested with the slow tests."""
 
 

@@ -17,6 +17,7 @@ def traced(variant: str, engine: Engine) -> Profiles:
     return profiles(posterior(VARIANTS[variant]()), rng=np.random.default_rng(1), engine=engine)
 
 
+@pytest.mark.slow
 def test_a_pool_traces_what_one_process_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every point, to the last digit; quick descents are taken for long ones."""
     monkeypatch.setattr(tracing, "_long", lambda target: True)

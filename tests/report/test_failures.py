@@ -102,6 +102,7 @@ def test_a_damaged_record_is_still_noticed(broken: tuple[Result, Path], tmp_path
         load_result(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_the_draws_are_those_of_a_run_in_which_nothing_fails(
     broken: tuple[Result, Path], study: Study
 ) -> None:

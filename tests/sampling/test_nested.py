@@ -132,6 +132,7 @@ def test_every_setting_is_run_with_a_stream_of_its_own(
     assert found.verdict == "agree"
 
 
+@pytest.mark.slow
 def test_a_run_counts_its_draws_for_what_they_are_worth(
     make_study: Callable[..., Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,7 @@ BROKEN = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_no_check_costs_the_posterior(
     analysed: Analysed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,6 +134,7 @@ def test_a_finding_that_fails_leaves_the_verdicts(monkeypatch: pytest.MonkeyPatc
     assert words(found)["n"] == "determined"
 
 
+@pytest.mark.slow
 def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     analysed: Analysed, capsys: pytest.CaptureFixture[str]
 ) -> None:

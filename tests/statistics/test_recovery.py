@@ -36,11 +36,9 @@ def simulated(study: Study, make_study: MakeStudy, truth: Mapping[str, float], s
     return make_study(model=study.model.name, drive=study.drive, free=FREE, data=data)
 
 
-SLOW = pytest.mark.slow
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
-@pytest.mark.parametrize("model", [pytest.param("M1", marks=SLOW), "M2", pytest.param("M3", marks=SLOW)])
+@pytest.mark.parametrize("model", ["M1", "M2", "M3"])
 def test_the_truth_lies_in_the_joint_region(
     model: str, drive: str, make_study: MakeStudy, truth: Mapping[str, float]
 ) -> None:
@@ -49,6 +47,7 @@ def test_the_truth_lies_in_the_joint_region(
     assert credible_level(simulated(study, make_study, truth, 1), truth, 1) < 0.999
 
 
+@pytest.mark.slow
 def test_sinkage_noise_breaks_the_sinkage_drive(
     make_study: MakeStudy, make_table: Callable[..., pd.DataFrame], truth: Mapping[str, float]
 ) -> None:

@@ -113,6 +113,7 @@ def test_r_hat_sees_drift() -> None:
     assert r_hat(walks(0.5) + drift) > 1.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [pytest.param(0.02, marks=pytest.mark.slow), 0.05])
 def test_agreement_sees_what_many_draws_show_and_r_hat_lets_pass(shift: float) -> None:
     """An ensemble off by some hundredths of a standard deviation, or drifting by that, is no chance."""
