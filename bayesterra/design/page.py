@@ -289,17 +289,20 @@ PRINTED = 15
 
 
 def design_overview(design: Design) -> Overview:
-    """The ranking with its Monte Carlo errors, and what is recommended."""
-    about = design.about[:3]
+    """The ranking with its Monte Carlo errors, and what is recommended; it fits a terminal of 80 columns."""
+    about, several = design.about[:2], len({candidate.channels for candidate in design.candidates}) > 1
     deviations = [f"sd {PARAMETERS[name].symbol} [{PARAMETERS[name].unit}]" for name in about]
-    header = ("", "drive", "channels", "gain [bit]", "behind the best", *deviations)
+    header = ("", "drive", *["channels"] * several, "gain [bit]", "behind best", *deviations)
     ranked = enumerate(design.ranking.order[:PRINTED], start=1)
-    rows = tuple((str(rank), *_candidate(design, index, len(about))) for rank, index in ranked)
+    rows = tuple((str(rank), *_candidate(design, index, len(about), several)) for rank, index in ranked)
     title = f"one more drive, about {', '.join(design.about)}"
-    return (Table(title, "lllrr" + "r" * len(about), header, rows), *map(Text, design_lines(design)))
+    return (
+        Table(title, "ll" + "l" * several + "rr" + "r" * len(about), header, rows),
+        *map(Text, design_lines(design)),
+    )
 
 
-def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
+def _candidate(design: Design, index: int, deviations: int, several: bool) -> tuple[str, ...]:
     candidate, estimate = design.candidates[index], design.ranking.estimates[index]
     lag, lag_error = (value / BIT for value in design.ranking.behind(index))
     symbols = " ".join(CHANNELS[name].symbol for name in candidate.channels)
@@ -307,7 +310,7 @@ def _candidate(design: Design, index: int, deviations: int) -> tuple[str, ...]:
     gain = _gain(estimate) if np.isfinite(estimate.values[0]) else (NOTHING,)
     behind = " ± ".join(with_error(lag, lag_error)) if lag > 0 else ""
     changes = (" → ".join(figures_of(design, i, estimate)[:2]) for i in range(deviations))
-    return (candidate.where + mark, symbols, " ± ".join(gain), behind, *changes)
+    return (candidate.where + mark, *[symbols] * several, " ± ".join(gain), behind, *changes)
 
 
 def design_lines(design: Design) -> list[str]:

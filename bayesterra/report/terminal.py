@@ -47,8 +47,11 @@ def show(overview: Overview, *lines: str) -> None:
 def _table(block: Table) -> RichTable:
     """A table whose numbers stay whole; empty rows part the others."""
     table = RichTable(title=_plain(block.caption) or None, box=SIMPLE_HEAD, padding=(0, 1))
-    for header, letter in zip(block.header, block.align, strict=True):
-        table.add_column(_plain(header), justify="right" if letter == "r" else "left", no_wrap=letter == "r")
+    for i, (header, letter) in enumerate(zip(block.header, block.align, strict=True)):
+        words = [word for row in block.rows if row for word in _plain(row[i]).split()]
+        least = min(max(map(len, words), default=0), 12)  # a column of text never vanishes
+        how = {"justify": "right", "no_wrap": True} if letter == "r" else {"min_width": least}
+        table.add_column(_plain(header), **how)
     for row in block.rows:
         if row:
             table.add_row(*map(_plain, row))

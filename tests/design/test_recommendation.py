@@ -56,7 +56,10 @@ def test_a_study_speaks_from_its_prior(tmp_path: Path, capsys: Captured) -> None
     """A study is judged by its prior alone, and that is said."""
     out = tmp_path / "d"
     assert main(["design", str(HIT), "--about", "phi", "--slip", "0.2", "--out", str(out)]) == 0
-    assert "From the prior alone, no readings used" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "From the prior alone, no readings used" in printed
+    assert "slip 0.2" in printed.split("Recommended")[0]
+    assert "channels" not in printed  # the same for all
     assert Design.RECORD.read(out / Design.MARK)["source"] == "prior"
 
 

@@ -24,6 +24,18 @@ def test_the_terminal_shows_text_and_warns_apart(capsys: pytest.CaptureFixture[s
     assert printed.err == "warning: units\n"
 
 
+def test_no_column_of_text_vanishes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where numbers take the width of a terminal, words are broken between them and not left out."""
+    monkeypatch.setenv("COLUMNS", "60")
+    numbers = ("0.53 ± 0.03",) * 4
+    show((Table("", "l" + "r" * 4, ("drive", *numbers), (("wheel Wh32, 80 N", *numbers),)),))
+    printed = capsys.readouterr().out
+    for word in ("drive", "wheel", "Wh32,", "80 N"):
+        assert word in printed
+
+
 def test_a_notebook_sets_symbols_and_escapes() -> None:
     """Symbols as in the literature, what comes from outside escaped, numbers to the right."""
     shown = notebook(OVERVIEW)
