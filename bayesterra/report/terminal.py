@@ -48,7 +48,7 @@ def _table(block: Table) -> RichTable:
     """A table whose numbers stay whole; empty rows part the others."""
     table = RichTable(title=_plain(block.caption) or None, box=SIMPLE_HEAD, padding=(0, 1))
     for i, (header, letter) in enumerate(zip(block.header, block.align, strict=True)):
-        words = [word for row in block.rows if row for word in _plain(row[i]).split()]
+        words = [word for row in block.rows for cell in row[i : i + 1] for word in _plain(cell).split()]
         least = min(max(map(len, words), default=0), 12)  # a column of text never vanishes
         how = {"justify": "right", "no_wrap": True} if letter == "r" else {"min_width": least}
         table.add_column(_plain(header), **how)

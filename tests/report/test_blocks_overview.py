@@ -30,7 +30,7 @@ def test_no_column_of_text_vanishes(
     """Where numbers take the width of a terminal, words are broken between them and not left out."""
     monkeypatch.setenv("COLUMNS", "60")
     numbers = ("0.53 ± 0.03",) * 4
-    show((Table("", "l" + "r" * 4, ("drive", *numbers), (("wheel Wh32, 80 N", *numbers),)),))
+    show((Table("", "l" + "r" * 4, ("drive", *numbers), (("wheel Wh32, 80 N", *numbers), ("short",))),))
     printed = capsys.readouterr().out
     for word in ("drive", "wheel", "Wh32,", "80 N"):
         assert word in printed
