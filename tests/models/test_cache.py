@@ -26,6 +26,7 @@ def halved(x: float) -> float:
     return 0.5 * x
 
 
+@pytest.mark.usefixtures("cache")
 def test_a_constant_is_a_number_of_its_kind() -> None:
     """Callers in compiled code with other whole numbers share one version of what they call."""
 
