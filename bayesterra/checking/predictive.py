@@ -22,6 +22,7 @@ from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.likelihood.condition_errors import load_slopes, told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.models import Conditions
@@ -33,6 +34,8 @@ from bayesterra.study.study import Study
 
 GRID = 41
 FORCE = "normal_force"
+LEAST_TOLD = 1e-12
+"""Precision, 1/N², of a load on which a row has no number."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,7 @@ class Modelled:
     joint : law of the whole table where rows hang together; ``mean`` then holds discrepancy, ripple and
         slip errors as they were drawn.
     bare : noise before readings are rounded, where they stand for intervals; else None.
+    limits : readings known by a limit under latent loads; None without.
     """
 
     mean: FloatArray
@@ -201,6 +205,7 @@ class Modelled:
     slope: FloatArray | None
     joint: TableLaw | None = None
     bare: FloatArray | None = None
+    limits: Intervals | None = None
 
     @classmethod
     def of(cls, posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> Modelled:
@@ -208,18 +213,20 @@ class Modelled:
         likelihood = posterior.likelihood
         mean = likelihood.predicted(outcomes)
         noise, bare = posterior.noise_values(x), None
-        if likelihood.intervals is not None:
+        if not likelihood.widened:
             bare = likelihood.scales(mean, noise, rounded=False)
         scale = likelihood.scales(mean, noise)
         joint = likelihood.joint_law(posterior.prior.soil_values(x), noise)
-        return cls(mean, scale, _slope(posterior, x, outcomes) if joint is None else None, joint, bare)
+        slope = _slope(posterior, x, outcomes) if joint is None else None
+        limits = likelihood.intervals if joint is None and bare is None else None
+        return cls(mean, scale, slope, joint, bare, limits)
 
     def take(self, chosen: IntArray) -> Modelled:
         """Those of the sets, also repeatedly."""
         slope = None if self.slope is None else self.slope[chosen]
         joint = None if self.joint is None else self.joint.take(chosen)
         bare = None if self.bare is None else self.bare[chosen]
-        return Modelled(self.mean[chosen], self.scale[chosen], slope, joint, bare)
+        return Modelled(self.mean[chosen], self.scale[chosen], slope, joint, bare, self.limits)
 
     def log_likelihood(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings (m, channels), NaN where there is none, but for a constant."""
@@ -227,15 +234,31 @@ class Modelled:
             return self.joint.log_density(readings)
         if self.bare is not None:
             return np.asarray(likelihood.log_readings(readings, self.mean, self.bare).sum(axis=(1, 2)))
-        z = (readings - self.mean) / self.scale
-        present = ~np.isnan(readings)
-        total = -np.log(self.scale).sum(axis=(1, 2), where=present)
+        numbers, mean, scale = self._numbers(readings), self.mean, self.scale
+        z = (numbers - mean) / scale
+        present = ~np.isnan(numbers)
+        total = -np.log(scale).sum(axis=(1, 2), where=present)
         for i, noise in enumerate(likelihood.noise):
             total += noise.tails.log_density(z[:, :, i]).sum(axis=1, where=present[:, i])
         if self.slope is not None:
-            curvature, pull = told_loads(readings - self.mean, self.slope, self.scale)
+            curvature, pull = self._told(numbers, self.slope)
             total += (0.5 * pull**2 / curvature - 0.5 * np.log(curvature)).sum(axis=1)
+            mean = mean + self.slope * (pull / curvature)[:, :, None]
+            scale = np.hypot(scale, self.slope / np.sqrt(curvature)[:, :, None])
+        if self.limits is not None:  # each as the numbers of its row leave the load
+            beyond = np.zeros(mean.shape)
+            self.limits.replace_densities(beyond, readings, mean, scale)
+            total += beyond.sum(axis=(1, 2))
         return np.asarray(total)
+
+    def _numbers(self, readings: FloatArray) -> FloatArray:
+        """Readings (m, channels) without those known by a limit."""
+        return readings if self.limits is None else np.where(self.limits.limited(readings), np.nan, readings)
+
+    def _told(self, numbers: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Precision of latent loads (n, m), above 0, and what pulls at them."""
+        curvature, pull = told_loads(numbers - self.mean, slope, self.scale)
+        return np.maximum(curvature, LEAST_TOLD), pull
 
     def explaining(self, readings: FloatArray, rng: Generator) -> Modelled:
         """The same with every latent quantity drawn as these readings (m, channels) tell it."""
@@ -243,7 +266,7 @@ class Modelled:
             return replace(self, mean=self.joint.mean + self.joint.draw(readings, rng).at_rows)
         if self.slope is None:
             return self
-        curvature, pull = told_loads(readings - self.mean, self.slope, self.scale)
+        curvature, pull = self._told(self._numbers(readings), self.slope)
         shift = pull / curvature + rng.standard_normal(pull.shape) / np.sqrt(curvature)
         return replace(self, mean=self.mean + self.slope * shift[:, :, None])
 

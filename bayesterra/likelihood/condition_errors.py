@@ -128,7 +128,8 @@ class Loads:
             precision = precision + vague**-2
             guess = np.nan_to_num(at + pull / precision)
             carried, load = at, np.clip(guess, *ends)
-        return cls(outcomes, values, slopes, at, *_in_place_of_flat(guess, precision**-0.5, ends))
+        mean, sd, level = in_place_of(guess, precision**-0.5, *ends)
+        return cls(outcomes, values, slopes, at, mean, sd, level - np.log(ends[1] - ends[0]))
 
     @property
     def predicted(self) -> FloatArray:
@@ -146,19 +147,19 @@ class Loads:
         return Loads(self.outcomes.take(chosen), *kept)
 
 
-def _in_place_of_flat(
-    told: FloatArray, sd: FloatArray, ends: tuple[float, float]
+def in_place_of(
+    told: FloatArray, sd: FloatArray, lowest: FloatArray | float, highest: FloatArray | float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, standard deviation and log factor of normal laws that stand for a flat prior.
+    """Mean, standard deviation and log factor of normal laws that stand for an interval of a quantity.
 
-    Under them a load that readings tell with mean ``told`` and ``sd`` has the moments that it has under the
-    flat prior between ``ends``.
+    Under them what all else tells of it, with mean ``told`` and ``sd``, becomes the moments that it has
+    between ``lowest`` and ``highest``.
     """
-    low, high = ((end - told) / sd for end in ends)
+    low, high = ((end - told) / sd for end in (lowest, highest))
     inside = GAUSSIAN.log_between(low, high)
     shift, stretch = GAUSSIAN.pulls_between(low, high)
     share = np.clip(1.0 + stretch - shift**2, 1e-8, 1.0)
     gain = np.maximum(1.0 / share - 1.0, FLATTEST)  # precision of the law over that of the readings
     mean, spread = told + sd * shift * (1.0 + 1.0 / gain), sd**2 * (1.0 + 1.0 / gain)
     away = np.log(2 * np.pi * spread) + (mean - told) ** 2 / spread
-    return mean, sd / np.sqrt(gain), inside - np.log(ends[1] - ends[0]) + 0.5 * away
+    return mean, sd / np.sqrt(gain), inside + 0.5 * away

@@ -241,7 +241,8 @@ class CorrelatedLikelihood(Likelihood):
         self, read: BoolArray, soil: FloatArray, mean: FloatArray, noise: FloatArray, load: FloatArray | None
     ) -> TableLaw:
         """Law of readings where ``read`` (m, k) holds, made or yet to be made."""
-        columns = dict(zip(self.channels, np.where(read, 0.0, np.nan).T, strict=True))
+        readings = np.where(read, np.nan_to_num(self.measured), np.nan)
+        columns = dict(zip(self.channels, readings.T, strict=True))
         rows = replace(self.observations, values={**self.observations.values, **columns})
         reading = replace(self, observations=replace(rows, use=np.ones(len(rows), dtype=np.bool_)))
         return reading.law_at(soil, mean, noise, by_load=load)
@@ -253,7 +254,8 @@ class CorrelatedLikelihood(Likelihood):
         """
         if self.load_range is None:
             return self.law_at(soil, self.predicted(outcomes), noise_values, outcomes)
-        readings = np.where(self.known, self.measured, np.nan)
+        numbers = self.known & (self.intervals is None or self.intervals.sides(self.measured) == 0)
+        readings = np.where(numbers, self.measured, np.nan)
         sizes, none = self.sizes(len(soil), noise_values), np.zeros((len(soil), *self.measured.shape, 0))
         fields = self.layout.variance(sizes, none)
         loads = Loads.told(
@@ -287,7 +289,11 @@ class CorrelatedLikelihood(Likelihood):
         whitenings = self._constant
         if whitenings is None:
             whitenings = tuple(stack.whitening(scale, sizes, effect) for stack in self.layout.stacks)
-        return TableLaw(self.layout, mean, scale, sizes, effect, whitenings)
+        law = TableLaw(self.layout, mean, scale, sizes, effect, whitenings)
+        if self.intervals is None:
+            return law
+        side = np.where(self.known, self.intervals.sides(self.measured), 0.0)
+        return law.limited(side, self.measured) if side.any() else law
 
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
@@ -314,7 +320,7 @@ class CorrelatedLikelihood(Likelihood):
     @cached_property
     def _given_noise(self) -> FloatArray | None:
         """Noise (m, k) where it does not depend on the parameters; else None."""
-        if any(noise.sd is None for noise in self.noise):
+        if any(noise.sd is None for noise in self.noise) or self.intervals is not None:
             return None
         return np.asarray(self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))[0])
 

@@ -17,6 +17,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.likelihood.condition_errors import Loads
+from bayesterra.likelihood.intervals import Sites
 from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple
 from bayesterra.study.observations import Observations
 
@@ -212,6 +213,8 @@ def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
 
 
 LOG_2_PI = float(np.log(2 * np.pi))
+VAGUE, ROUNDS = 1e3, 10
+"""Where laws in place of limits begin, in standard deviations, and how often each is told by the others."""
 NONE = frozen(np.empty(0))
 
 
@@ -285,6 +288,7 @@ class TableLaw:
     effects : of one standard deviation of every error of a condition (n, m, k, e).
     whitenings : of every stack.
     loads : latent loads, whose effects are the last; None where loads are known.
+    sites : readings known by a limit; None without.
     """
 
     layout: Layout
@@ -294,6 +298,49 @@ class TableLaw:
     effects: FloatArray
     whitenings: tuple[Whitening, ...]
     loads: Loads | None = None
+    sites: Sites | None = None
+
+    def limited(self, side: FloatArray, readings: FloatArray) -> TableLaw:
+        """The same with readings (m, k) known to lie above (1) or below (−1) what they say, 0 for numbers.
+
+        Expectation propagation: each becomes a normal law with the moments that it has beyond its limit given
+        all others (Minka 2001; for normal laws Cunningham, Hennig and Lacoste-Julien 2013, arXiv:1111.6832).
+        """
+        row, column = side.nonzero()
+        end, above = readings[row, column], side[row, column] > 0
+        low, high = np.where(above, end, -np.inf), np.where(above, np.inf, end)
+        variance = self.scale**2 + self.layout.variance(self.sizes, self.effects)
+        vague, values = VAGUE * np.sqrt(variance[:, row, column]), np.tile(end, (len(variance), 1))
+        sites = Sites(row, column, low, high, values, vague, np.zeros(values.shape))
+        law = self._with(sites)
+        for _ in range(ROUNDS if len(end) > 1 else 1):
+            off = law.pulls(law.residuals(readings))[:, row, column]
+            variance = 1.0 / np.einsum("nmkk->nmk", law.precisions)[:, row, column]
+            sites = sites.given(sites.values - off * variance, variance)
+            law = self._with(sites)
+        return law
+
+    def _with(self, sites: Sites) -> TableLaw:
+        """The same with laws in place of limits."""
+        law = replace(self, sites=sites)
+        parts = (stack.whitening(law.noise, self.sizes, self.effects) for stack in self.layout.stacks)
+        return replace(law, whitenings=tuple(parts))
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise (n, m, k) of numbers, and of what stands in place of limits."""
+        if self.sites is None:
+            return self.scale
+        noise, place = self.scale.copy(), (self.sites.row, self.sites.column)
+        noise[:, *place] = np.hypot(noise[:, *place], self.sites.sd)
+        return noise
+
+    def residuals(self, readings: FloatArray) -> FloatArray:
+        """Readings (m, k), or what stands in place of limits, off the mean (n, m, k)."""
+        off, sites = readings - self.mean, self.sites
+        if sites is not None:
+            off[:, sites.row, sites.column] = sites.values - self.mean[:, sites.row, sites.column]
+        return off
 
     def take(self, chosen: IntArray) -> TableLaw:
         """At some of the sets, also repeatedly."""
@@ -305,14 +352,20 @@ class TableLaw:
             effects=self.effects[chosen],
             whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
             loads=None if self.loads is None else self.loads.take(chosen),
+            sites=None if self.sites is None else self.sites.take(chosen),
         )
 
     @property
     def levels(self) -> FloatArray:
-        """What latent loads add to the log density of every row (n or 1, m); 0 where nothing is read."""
-        if self.loads is None:
-            return np.zeros((1, len(self.known)))
-        return np.where(self.known.any(axis=1), self.loads.level, 0.0)
+        """What latent loads and limits add to the log density of every row (n or 1, m)."""
+        levels = np.zeros((1, len(self.known)))
+        if self.loads is not None:
+            levels = np.where(self.known.any(axis=1), self.loads.level, levels)
+        if self.sites is not None:
+            levels = np.repeat(levels, len(self.mean) // len(levels), axis=0)
+            for row, level in zip(self.sites.row, self.sites.level.T, strict=True):
+                levels[:, row] += level
+        return levels
 
     def white(self, residuals: FloatArray) -> list[FloatArray]:
         """White residuals (n, B, q) of every stack."""
@@ -322,7 +375,7 @@ class TableLaw:
     def log_density(self, readings: FloatArray) -> FloatArray:
         """Log density (n,) of readings (m, k); only those that the layout conditions on count."""
         total = np.broadcast_to(self.levels.sum(axis=1), len(self.mean)).copy()
-        for white, whitening in zip(self.white(readings - self.mean), self.whitenings, strict=True):
+        for white, whitening in zip(self.white(self.residuals(readings)), self.whitenings, strict=True):
             total -= 0.5 * (white**2).sum(axis=(1, 2)) + whitening.level + 0.5 * white[0].size * LOG_2_PI
         return total
 
@@ -355,7 +408,7 @@ class TableLaw:
         With a = K⁻¹(y − μ) and Q the block of K⁻¹ of a row, that is a normal law of covariance Q⁻¹ around
         y − Q⁻¹a (Bürkner, Gabry and Vehtari 2021, Computational Statistics 36, 1243).
         """
-        pull, Q = self.pulls(readings - self.mean), self.precisions
+        pull, Q = self.pulls(self.residuals(readings)), self.precisions
         _, log_det = np.linalg.slogdet(Q)
         square = (pull * np.linalg.solve(Q, pull[..., None])[..., 0]).sum(axis=2)
         counts = self.known.sum(axis=1)
@@ -363,10 +416,14 @@ class TableLaw:
 
     def scores(self, readings: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
-        pull, Q = self.pulls(readings - self.mean), self.precisions
+        pull, Q = self.pulls(self.residuals(readings)), self.precisions
         deviation = np.linalg.solve(Q, pull[..., None])[..., 0]
-        spread = np.sqrt(np.einsum("nmkk->nmk", np.linalg.inv(Q)))
-        return np.where(self.known, deviation / spread, np.nan)
+        variance = np.einsum("nmkk->nmk", np.linalg.inv(Q))
+        scores = deviation / np.sqrt(variance)
+        if self.sites is not None:
+            place = (slice(None), self.sites.row, self.sites.column)
+            scores[place] = self.sites.scores(self.sites.values - deviation[place], variance[place])
+        return np.where(self.known, scores, np.nan)
 
     def ahead(self, readings: FloatArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
         """Mean (n, t, k) and covariance (n, t, k, k) of readings of rows not conditioned on, given others.
@@ -378,7 +435,7 @@ class TableLaw:
         fields = self.layout.variance(self.sizes, np.zeros((*self.mean.shape, 0)))
         np.einsum("ntkk->ntk", covariance)[...] += (self.scale**2 + fields)[:, targets]
         channels = range(centre.shape[2])
-        residuals = self.white(readings - self.mean)
+        residuals = self.white(self.residuals(readings))
         for stack, whitening, white in zip(self.layout.stacks, self.whitenings, residuals, strict=True):
             told = np.stack([whitening.matrix @ self._between(stack, targets, c) for c in channels], axis=-1)
             centre += (white[..., None, None] * told).sum(axis=(1, 2))
@@ -417,8 +474,8 @@ class TableLaw:
         fields = [self._before(which, matrix, rng) for which, matrix in enumerate(across)]
         shifts = rng.standard_normal((*self.effects.shape[:2], self.effects.shape[3]))
         if readings is not None:
-            noise = self.scale * rng.standard_normal(self.scale.shape)
-            pull = self.pulls(readings - self.mean - sum(self._sums(fields, shifts)) - noise)
+            noise = self.noise * rng.standard_normal(self.scale.shape)
+            pull = self.pulls(self.residuals(readings) - sum(self._sums(fields, shifts)) - noise)
             for which, column in enumerate(columns):
                 told = pull[:, :, column] @ across[which][:, :m].T
                 fields[which] = fields[which] + self.sizes[:, [which]] ** 2 * told

@@ -8,12 +8,14 @@ modelled value. The likelihood takes that probability over δ, which goes over i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.likelihood.condition_errors import in_place_of
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
@@ -27,19 +29,23 @@ class Intervals:
     noise : of the channels.
     lower, upper : limits (m, k) at which readings end, −inf and +inf where they do not.
     readings : (m, k) as measured: one of the steps of what is rounded; NaN where there is none.
+    rounding : steps are intervals; else rounding is one more error of the noise.
     """
 
     noise: Sequence[Noise]
     lower: FloatArray
     upper: FloatArray
     readings: FloatArray
+    rounding: bool = True
 
     @classmethod
-    def of(cls, rows: Observations, noise: Sequence[Noise], readings: FloatArray) -> Intervals | None:
+    def of(
+        cls, rows: Observations, noise: Sequence[Noise], readings: FloatArray, *, rounding: bool
+    ) -> Intervals | None:
         """Those of some rows; None where every reading is a number to its last digit."""
-        if not rows.limits and not any(entry.resolution for entry in noise):
+        if not rows.limits and not (rounding and any(entry.resolution for entry in noise)):
             return None
-        return cls(noise, *cls.ends(rows, noise), readings)
+        return cls(noise, *cls.ends(rows, noise), readings, rounding)
 
     @staticmethod
     def ends(rows: Observations, noise: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
@@ -51,7 +57,7 @@ class Intervals:
     @cached_property
     def steps(self) -> FloatArray:
         """Steps (k,) of rounding, 0 for none."""
-        return np.array([entry.resolution for entry in self.noise])
+        return np.array([entry.resolution * self.rounding for entry in self.noise])
 
     def recorded(self, values: FloatArray) -> FloatArray:
         """Readings (..., m, k) that an instrument makes of values: rounded, then held at the limits."""
@@ -63,6 +69,10 @@ class Intervals:
     def limited(self, readings: FloatArray) -> BoolArray:
         """Readings (m, k) that are known by a limit only."""
         return np.asarray((readings <= self.lower) | (readings >= self.upper))
+
+    def sides(self, readings: FloatArray) -> FloatArray:
+        """1 for readings (m, k) known to lie above a limit, −1 for those below one, 0 for all others."""
+        return np.where(readings >= self.upper, 1.0, np.where(readings <= self.lower, -1.0, 0.0))
 
     def between(
         self, i: int, readings: FloatArray, predicted: FloatArray, scale: FloatArray
@@ -111,3 +121,38 @@ class Intervals:
             low, high = self.between(i, self.readings, predicted, scale)
             standard[:, rows, i] = self.noise[i].tails.middle(low[:, rows], high[:, rows])
         return standard
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Normal laws that stand for readings known by a limit only, given all other readings.
+
+    Attributes
+    ----------
+    row, column : places of these q readings.
+    low, high : ends (q,) between which they lie.
+    values, sd : readings in their place (n, q), and standard deviations of these beside noise.
+    level : what this leaves of the log probability (n, q).
+    """
+
+    row: IntArray
+    column: IntArray
+    low: FloatArray
+    high: FloatArray
+    values: FloatArray
+    sd: FloatArray
+    level: FloatArray
+
+    def given(self, others: FloatArray, variance: FloatArray) -> Sites:
+        """As all other readings tell these (n, q); ``variance`` holds what stands in their place, too."""
+        values, sd, level = in_place_of(others, np.sqrt(variance - self.sd**2), self.low, self.high)
+        return replace(self, values=values, sd=sd, level=level)
+
+    def scores(self, others: FloatArray, variance: FloatArray) -> FloatArray:
+        """Normal scores (n, q) of their middles, by probability."""
+        low, high = ((end - others) / np.sqrt(variance - self.sd**2) for end in (self.low, self.high))
+        return GAUSSIAN.middle(low, high)
+
+    def take(self, chosen: IntArray) -> Sites:
+        """Those of the sets, also repeatedly."""
+        return replace(self, values=self.values[chosen], sd=self.sd[chosen], level=self.level[chosen])

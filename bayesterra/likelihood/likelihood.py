@@ -171,9 +171,15 @@ class Likelihood:
     def intervals(self) -> Intervals | None:
         """What readings stand for that are rounded or known by a limit; None where all are numbers.
 
-        None also where rounding is taken for one more error of variance step²/12: see :meth:`Noise.scale`.
+        Rounding does not count where it is one more error of variance step²/12: see :meth:`Noise.scale`.
         """
-        return None if self.together else Intervals.of(self.observations, self.noise, self.measured)
+        rows, readings = self.observations, self.measured
+        return Intervals.of(rows, self.noise, readings, rounding=not self.together)
+
+    @property
+    def widened(self) -> bool:
+        """Whether rounding is an error like noise, not an interval."""
+        return self.together or self.intervals is None
 
     def predicted(self, outcomes: Outcomes) -> FloatArray:
         """Modelled values of the measured channels, (n, m, channels)."""
@@ -199,7 +205,7 @@ class Likelihood:
         That of a rounded reading is the log probability of what is rounded to it, less that of its step.
         """
         predicted = self.predicted(outcomes)
-        scale = self.scales(predicted, noise_values, rounded=self.intervals is None)
+        scale = self.scales(predicted, noise_values, rounded=self.widened)
         return self.log_readings(self.measured, predicted, scale)
 
     def log_readings(self, readings: FloatArray, predicted: FloatArray, scale: FloatArray) -> FloatArray:
@@ -292,21 +298,24 @@ class LatentLoad(Likelihood):
         return out
 
     @cached_property
-    def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Readings (m, k), fractions (m, k) and codes of the laws (k,) of the outcomes."""
+    def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Readings, sides of limits and fractions (m, k), codes of the laws (k,) and what lies beyond."""
         outcomes = self.forward.outcomes
         shape = (len(self.observations), lv.CHANNELS)
         readings, fraction, dof = np.full(shape, np.nan), np.zeros(shape), np.full(lv.CHANNELS, np.inf)
-        for noise in self.noise:
+        sides, beyond = np.zeros(shape), np.zeros((lv.CHANNELS, lv.STEPS))
+        for column, noise in enumerate(self.noise):
             i, own = outcomes.index(noise.channel), self._given_sd[noise.channel]
             readings[:, i] = self.observations.values[noise.channel]
             fraction[:, i] = np.where(np.isnan(own), noise.fraction or 0.0, 0.0)
-            dof[i] = noise.tails.code
-        return readings, fraction, dof
+            dof[i], beyond[i] = noise.tails.code, noise.tails.log_cdf(lv.PLACES_BEYOND)
+            if self.intervals is not None:
+                sides[:, i] = self.intervals.sides(self.measured)[:, column]
+        return readings, sides, fraction, dof, beyond
 
     def _data(self, soil: FloatArray, noise_values: FloatArray) -> Data:
         """Readings and laws as the compiled loop takes them."""
-        readings, fraction, dof = self._fixed
+        readings, sides, fraction, dof, beyond = self._fixed
         estimated = iter(noise_values.T)
         sets = len(soil) if noise_values.shape[1] else 1
         floor = np.ones((sets, *readings.shape, 2))
@@ -316,26 +325,28 @@ class LatentLoad(Likelihood):
             floor[:, :, i, 0] = noise.widened(np.where(np.isnan(own), values, own))
             floor[:, :, i, 1] = noise.tails.log_peak - np.log(floor[:, :, i, 0])
         shift = np.ascontiguousarray(offset_of(soil)[:, 0])
-        return readings, floor, fraction, dof, shift, np.log(self.load_range)
+        return readings, sides, floor, fraction, dof, beyond, shift, np.log(self.load_range)
 
 
 def _chosen(data: Data, rows: BoolArray) -> Data:
     """The data of some rows."""
     if rows.all():
         return data
-    readings, floor, fraction, dof, shift, loads = data
-    return readings[rows], np.ascontiguousarray(floor[:, rows]), fraction[rows], dof, shift, loads
+    readings, sides, floor, fraction, dof, beyond, shift, loads = data
+    own = np.ascontiguousarray(floor[:, rows])
+    return readings[rows], sides[rows], own, fraction[rows], dof, beyond, shift, loads
 
 
 _SIGMAS = 7.0  # half-width of the first panel, in standard deviations of a reading
 _UNSURE = 0.2  # of the guess at the log z that carries a load
 _NARROWEST, _WIDEST = 0.02, 2.0
 
-Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+Data = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """Readings and their laws, channels in the order of the outcomes: readings (m, k), NaN where there is none;
+sides (m, k) of what is known by a limit, −1 below and 1 above, else 0;
 smallest scale of the noise, and log density there at its centre, (n, m, k, 2) or (1, m, k, 2); the scale as a
-fraction (m, k) of the modelled value; codes of the laws (k,); zero error (n,) of the sinkage; log of the
-range (2,) of the load."""
+fraction (m, k) of the modelled value; codes of the laws (k,), and logs of their probabilities below
+``PLACES_BEYOND``; zero error (n,) of the sinkage; log of the range (2,) of the load."""
 
 
 @compiled
@@ -345,7 +356,10 @@ def likelihoods(
     """Fill `out` (n, m, 2): log likelihood of every row, and a drawn load in place of a uniform number."""
     at.screen(theta, rows, plan, status)
     workspace = np.zeros(lv.DESK_SIZE)
-    loads = data[5]
+    loads = data[7]
+    for channel in range(lv.CHANNELS):
+        for k in range(lv.STEPS):
+            workspace[lv.BEYOND + channel * lv.STEPS + k] = data[5][channel, k]
     width = loads[1] + np.log1p(-np.exp(loads[0] - loads[1]))
     for i in range(status.shape[0]):
         for j in range(status.shape[1]):
@@ -367,11 +381,12 @@ def likelihoods(
 @compiled
 def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
     """Put the readings of a row and their laws onto the desk."""
-    readings, floor, fraction, dof, shift, loads = data
+    readings, sides, floor, fraction, dof, _, shift, loads = data
     own = i if floor.shape[0] > 1 else 0
     for channel in range(lv.CHANNELS):
         first = lv.SPEC + channel * lv.COLUMNS
         workspace[first + lv.READING] = readings[j, channel]
+        workspace[first + lv.SIDE] = sides[j, channel]
         workspace[first + lv.FLOOR] = floor[own, j, channel, 0]
         workspace[first + lv.PEAK] = floor[own, j, channel, 1]
         workspace[first + lv.FRACTION] = fraction[j, channel]
@@ -384,7 +399,7 @@ def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
 @compiled
 def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
     """Guess the ends of the weight in log z from what sinkage and force say; the search corrects it."""
-    force, around = lv.spec(workspace, lv.NORMAL, lv.READING), _SIGMAS * _scale(workspace, lv.NORMAL)
+    force, around = _number(workspace, lv.NORMAL), _SIGMAS * _scale(workspace, lv.NORMAL)
     low, high = np.exp(loads[0]), np.exp(loads[1])
     least, most = max(low, force - around), min(high, force + around)
     if not least < most:  # not read, or far outside the range
@@ -392,7 +407,7 @@ def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
     middle, slope = at.guess(workspace, np.sqrt(least * most))
     half = 0.5 * np.log(most / least) / slope + _UNSURE
     left, right = middle - half, middle + half
-    depth = lv.spec(workspace, lv.SINKAGE, lv.READING) - lv.spec(workspace, lv.SINKAGE, lv.SHIFT)
+    depth = _number(workspace, lv.SINKAGE) - lv.spec(workspace, lv.SINKAGE, lv.SHIFT)
     around = _SIGMAS * _scale(workspace, lv.SINKAGE)
     shallow = np.log(depth - around) if depth > around else left
     deep = np.log(depth + around) if depth > -around else right
@@ -400,6 +415,13 @@ def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
         left, right = max(left, shallow), min(right, deep)
     right = min(right, workspace[lv.TOP])
     return max(min(left, right - _NARROWEST), right - _WIDEST), right
+
+
+@inlined
+def _number(workspace: Lanes, channel: int) -> float:
+    """Reading of a channel; NaN where there is none or a limit only."""
+    side, reading = lv.spec(workspace, channel, lv.SIDE), lv.spec(workspace, channel, lv.READING)
+    return reading if side == 0.0 else np.nan
 
 
 @inlined

@@ -21,9 +21,9 @@ PLACES = 1024
 
 # A desk is one flat array, so that LLVM can prove that nothing overlaps. Behind the model's lanes and curve
 # stand: the row's specification, channel by channel: reading, scale = max(fraction |value|, floor), degrees
-# of freedom, highest log density there is, zero error
-READING, FLOOR, FRACTION, DOF, PEAK, SHIFT = range(6)
-COLUMNS = 6
+# of freedom, highest log density there is, zero error, and −1 or 1 where the reading is a limit
+READING, FLOOR, FRACTION, DOF, PEAK, SHIFT, SIDE = range(7)
+COLUMNS = 7
 SPEC = at.FREE
 
 # what the search knows; the curve that the drawn load lies on; places on the curve at hand, and
@@ -36,7 +36,11 @@ MODELLED = LEVEL + PLACES + 1
 STACK = MODELLED + PLACES + 1
 PANELS, PARTS = 128, 64
 PART = STACK + 2 * PANELS
-DESK_SIZE = PART + 4 * PARTS
+FINE, FAR, STEPS = 16.0, 40.0, 1281
+"""Law of what lies beyond a limit, as a table: steps in a standard deviation, where it begins, how many."""
+PLACES_BEYOND = np.arange(STEPS) / FINE - FAR
+BEYOND = PART + 4 * PARTS
+DESK_SIZE = BEYOND + CHANNELS * STEPS
 
 NOTHING = -1e300
 _FLAT = 1e-12
@@ -114,16 +118,40 @@ def log_law(workspace: Lanes, channel: int, modelled: float) -> float:
         return 0.0
     centre = modelled + spec(workspace, channel, SHIFT)
     scale = max(spec(workspace, channel, FRACTION) * abs(centre), spec(workspace, channel, FLOOR))
-    r = (spec(workspace, channel, READING) - centre) / scale
+    r, side = (spec(workspace, channel, READING) - centre) / scale, spec(workspace, channel, SIDE)
+    if side != 0.0:
+        return beyond(workspace, channel, -side * r)
     dof = spec(workspace, channel, DOF)
     shape = -0.5 * r * r if np.isinf(dof) else -0.5 * (dof + 1.0) * np.log1p(r * r / dof)
     return float(spec(workspace, channel, PEAK) - np.log(scale / spec(workspace, channel, FLOOR)) + shape)
 
 
 @compiled
+def beyond(workspace: Lanes, channel: int, r: float) -> float:
+    """Log probability of a channel's standardised residuals below ``r``, by cubics through its table.
+
+    Farther out it falls as a Gaussian law does, or as a power of ``r``.
+    """
+    place, first = (r + FAR) * FINE, BEYOND + channel * STEPS
+    if place >= STEPS - 2.0:
+        return float(workspace[first + STEPS - 1])
+    if place < 1.0 and np.isinf(spec(workspace, channel, DOF)):
+        return float(np.log1p(-1.0 / (r * r)) - 0.5 * r * r - np.log(-r) - 0.5 * np.log(2.0 * np.pi))
+    if place < 1.0:
+        growth = (workspace[first + 1] - workspace[first]) * FINE * FAR
+        return float(workspace[first] - growth * np.log(-r / FAR))
+    k = first + int(place)
+    t = place - int(place)
+    a, b, c, d = workspace[k - 1], workspace[k], workspace[k + 1], workspace[k + 2]
+    bend = t * (t - 1.0) / 6.0 * ((2.0 - t) * a + (t + 1.0) * d)
+    return float(bend + 0.5 * (t + 1.0) * (t - 2.0) * ((t - 1.0) * b - t * c))
+
+
+@compiled
 def log_law_peak(workspace: Lanes, channel: int) -> float:
-    """Highest log density that a channel's reading can have."""
-    return float(spec(workspace, channel, PEAK)) if is_read(workspace, channel) else 0.0
+    """Highest log density that a channel's reading can have, or log probability of a limit."""
+    number = is_read(workspace, channel) and spec(workspace, channel, SIDE) == 0.0
+    return float(spec(workspace, channel, PEAK)) if number else 0.0
 
 
 @compiled
@@ -161,7 +189,13 @@ def _add_law(workspace: Lanes, channel: int, count: int) -> None:
     """Add the log density of a reading, given what it should read."""
     per, fraction = 1.0 / spec(workspace, channel, FLOOR), spec(workspace, channel, FRACTION)
     reading, peak = spec(workspace, channel, READING), spec(workspace, channel, PEAK)
-    dof = spec(workspace, channel, DOF)
+    dof, side = spec(workspace, channel, DOF), spec(workspace, channel, SIDE)
+    if side != 0.0:
+        for k in range(count):
+            workspace[LEVEL + k] += log_law(
+                workspace, channel, workspace[MODELLED + k] - spec(workspace, channel, SHIFT)
+            )
+        return
     if fraction == 0.0:
         for k in range(count):
             workspace[MODELLED + k] = (reading - workspace[MODELLED + k]) * per
@@ -469,7 +503,9 @@ def _bound(workspace: Lanes, end: float) -> float:
     for channel in range(CHANNELS):
         if channel in (SINKAGE, NORMAL):
             modelled = value(workspace, channel, end)
-            ahead = spec(workspace, channel, READING) - spec(workspace, channel, SHIFT) - modelled
+            ahead = spec(workspace, channel, SIDE)
+            if ahead == 0.0:
+                ahead = spec(workspace, channel, READING) - spec(workspace, channel, SHIFT) - modelled
             if ahead * end < 0.0:
                 total += log_law(workspace, channel, modelled)
                 continue

@@ -209,7 +209,7 @@ def _gradient(posterior: Posterior, x: FloatArray, scaled: Scaled) -> FloatArray
     """Gradient of the log likelihood (n, d) where every reading is apart."""
     likelihood, values = posterior.likelihood, scaled.local.values
     read, intervals = ~np.isnan(likelihood.measured), likelihood.intervals
-    if intervals is not None:  # whose law is that of readings before they are rounded
+    if not likelihood.widened:  # the law is that of readings before they are rounded
         scale = likelihood.scales(values, posterior.noise_values(np.atleast_2d(x)), rounded=False)
         scaled = replace(scaled, scale=scale, spread=scaled.bare_spread)
     standard = np.where(read, (likelihood.measured - values) / scaled.scale, 0.0)
@@ -287,7 +287,7 @@ def _jointly_weighted(
     law = likelihood.law_where(read, soil, values, noise, by_load) if good.size else None
     if law is None:
         return gradient, whole
-    residuals, white = law.white(likelihood.measured - values), []
+    residuals, white = law.white(law.residuals(likelihood.measured)), []
     for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
         slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
         white.append(slopes.reshape(len(good), -1, x.shape[1]))

@@ -307,6 +307,8 @@ def load_range(
     force = used.values.get("normal_force", np.full(len(used), np.nan))
     if "normal_force" not in noise or np.isnan(force).all():
         raise StudyError(f"the drive '{drive}' needs 'load_range' or readings of 'normal_force'")
+    if used.limited("normal_force").any():
+        raise StudyError(f"the drive '{drive}' needs 'load_range' where a normal force is known by a limit")
     margin = LOAD_MARGIN * reading_sd(noise["normal_force"], force, used.given_sd["normal_force"])
     low = max(float(np.nanmin(force - margin)), 0.01 * float(np.nanmax(force)))
     high = float(np.nanmax(force + margin))
@@ -378,11 +380,11 @@ def errors_of_outcomes(
 
 
 def check_limits(
-    rows: Observations, noise: Mapping[str, Noise], errors: ModelErrors, drive: Drive
+    rows: Observations, noise: Mapping[str, Noise], drive: Drive
 ) -> tuple[Observations, list[str]]:
     """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
 
-    StudyError where such a reading is conditioned on, its load is latent, or its rows hang together.
+    StudyError where such a reading is conditioned on.
     """
     notes = []
     for name in rows.limits:
@@ -393,12 +395,6 @@ def check_limits(
         if name not in noise and name in (*drive.conditioned(rows), "normal_force"):
             raise StudyError(
                 f"'{name}' must be a number where the drive conditions on it (a limit in {where})"
-            )
-        if drive.latent_load:
-            raise StudyError(f"'{name}' known by a limit takes the drives 'load' and 'sinkage' ({where})")
-        if errors and name in noise:
-            raise StudyError(
-                f"'{name}' known by a limit takes no discrepancy, ripple or slip error ({where})"
             )
         if name in noise:
             notes.append(f"{name} is known to lie below or above a limit only in {where}")

@@ -30,6 +30,7 @@ def log_integrand(
         rows,
         values={name: np.repeat(column, k) for name, column in rows.values.items()},
         given_sd={name: np.repeat(column, k) for name, column in rows.given_sd.items()},
+        limits={name: np.repeat(ends, k, axis=0) for name, ends in rows.limits.items()},
     )
     density = Likelihood(held, rows, whole.noise).pointwise(outcomes, noise)
     return np.where(np.isfinite(outcomes["sinkage"][0]), density[0].sum(axis=1), -np.inf)

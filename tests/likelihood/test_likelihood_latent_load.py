@@ -33,6 +33,14 @@ TABLE = pd.DataFrame(
 """Readings of several kinds of rows: complete, without force, without sinkage, without pull or moment."""
 
 NOISE = {"normal_force": 1.2, "sinkage": 6e-4, "drawbar_pull": 0.34, "resistance_moment": 0.05}
+_CELLS: Mapping[str, list[object]] = {
+    "normal_force [N]": [24.0, 25.0, 23.0, NONE, 27.0, ">21"],
+    "sinkage [mm]": ["<9", 12.0, NONE, ">20", 24.0, 30.0],
+    "drawbar_pull [N]": [1.0, ">3", "<4", NONE, ">9", 5.0],
+    "resistance_moment [N m]": [0.3, "<0.5", NONE, 0.7, "<0.5", NONE],
+}
+LIMITS = TABLE.assign(**{name: pd.Series(cells, dtype=object) for name, cells in _CELLS.items()})
+"""The same with readings of which only a limit is known, some of them contradicted by the others."""
 LOOSE = {"normal_force": 30.0, "sinkage": 0.05, "drawbar_pull": 10.0, "resistance_moment": 5.0}
 CASES: Mapping[str, Mapping[str, Any]] = {
     "M1": {},
@@ -56,6 +64,23 @@ CASES: Mapping[str, Mapping[str, Any]] = {
             "drawbar_pull": {"fraction": 0.1, "floor": 0.1},
         },
         "load_range": (5.0, 60.0),
+    },
+    "limits": {"data": LIMITS, "load_range": (5.0, 60.0)},
+    "limits, M2, much noise": {"data": LIMITS, "load_range": (1.0, 100.0), "noise": LOOSE, "model": "M2"},
+    "limits, heavy tails": {
+        "data": LIMITS,
+        "load_range": (5.0, 60.0),
+        "model": "M2",
+        "noise": {name: {"sd": sd, "dof": 2} for name, sd in NOISE.items()},
+    },
+    "limits, fractions": {
+        "data": LIMITS,
+        "load_range": (5.0, 60.0),
+        "model": "M3",
+        "noise": {
+            "sinkage": {"fraction": 0.1, "floor": 5e-4},
+            "drawbar_pull": {"fraction": 0.1, "floor": 0.1},
+        },
     },
     "c3": {"priors": {"c3": {"dist": "uniform", "lower": -0.5, "upper": 0.3}}},
     "c3, falling forces": {

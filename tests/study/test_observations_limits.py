@@ -69,12 +69,8 @@ def test_a_limit_from_the_tip_of_the_lugs_is_moved_to_the_rim(
             r"'sinkage' must be a number where the drive conditions on it \(a limit in row 1\)",
         ),
         (
-            SINKAGE, ["<9"], {"drive": "both"},
-            r"'sinkage' known by a limit takes the drives 'load' and 'sinkage' \(row 1\)",
-        ),
-        (
-            PULL, ["<9", "<9"], {"discrepancy": {"sinkage": {"sd": "1 mm", "length": 0.2}}},
-            r"'drawbar_pull' known by a limit takes no discrepancy, ripple or slip error \(rows 1, 2, 6\)",
+            "normal_force [N]", [">79"], {"drive": "both"},
+            "the drive 'both' needs 'load_range' where a normal force is known by a limit",
         ),
     ],
 )  # fmt: skip
@@ -87,9 +83,9 @@ def test_a_limit_where_none_can_stand_is_refused(
     table: pd.DataFrame,
 ) -> None:
     """With the row and what would do."""
-    texts = [*cells, *map(str, table[column][len(cells) :])]
     if options.get("drive") == "both":
         table = table.assign(**{PULL: 5.0, "normal_force [N]": 80.0})
+    texts = [*cells, *map(str, table[column][len(cells) :])]
     with pytest.raises(StudyError, match=message):
         make_study(data=table.assign(**{column: texts}), free=FREE, **options)
 

@@ -41,8 +41,7 @@ FACTORS: Mapping[str, Sequence[str]] = {
 """What studies differ in."""
 LAWLESS = {
     ("noise", "student", "errors", "discrepancy"), ("noise", "student", "errors", "ripple"),
-    ("noise", "student", "errors", "slip"), ("readings", "limits", "errors", "discrepancy"),
-    ("readings", "limits", "errors", "ripple"), ("readings", "limits", "errors", "slip"),
+    ("noise", "student", "errors", "slip"),
 }  # fmt: skip
 """Pairs without a law that can be computed; each has a study of its own."""
 
