@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from bayesterra.arrays import FloatArray
 from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.follow.updates import BAND_NAMES, column_of
-from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter
+from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter, whole_and_part
 from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.figures import figure_of, label, new_figure, styled
 from bayesterra.report.numbers import estimate
@@ -39,7 +39,8 @@ def bands_over_rows(updates: pd.DataFrame, truth: Mapping[str, float] | None = N
     updates : a table as ``updates.csv``; a column ``soil`` counts the soils of a stream that began anew.
     truth : SI values by parameter.
     """
-    names = [name for name in PARAMETERS if column_of(PARAMETERS[name], "q50") in updates.columns]
+    stems = [str(column).split("_q50")[0] for column in updates.columns if "_q50" in str(column)]
+    names = [name for name in stems if whole_and_part(name)[0] in PARAMETERS]
     alarms = updates["alarm"].dropna().tolist() if "alarm" in updates.columns else []
     lines = -(-len(names) // COLUMNS)
     figure = new_figure(8.0, 1.75 * lines + 0.35)

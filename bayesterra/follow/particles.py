@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,13 @@ from scipy.special import logsumexp
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError
 from bayesterra.follow.rows import Rows
+from bayesterra.likelihood.joint import Whole, whole_posterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.stats.transport import Proposal, fit_proposal
 from bayesterra.stats.weights import effective_number, largest_power, relative, systematic, weighted_quantiles
+from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
 
 
@@ -189,22 +191,26 @@ class Levels:
     Attributes
     ----------
     posterior : posterior of all rows, the newest one too.
-    earlier : likelihood of the rows before it, None where there are none.
-    newest : likelihood of the newest row; of all rows where they hang together.
+    earlier : posteriors of the rows before it, by group.
+    newest : posterior of the newest row; where rows hang together of all rows of its group.
+    group : the newest row's.
     """
 
-    posterior: Posterior
-    earlier: Likelihood | None
-    newest: Likelihood
+    posterior: Whole
+    earlier: Mapping[str, Posterior]
+    newest: Posterior
+    group: str
 
     @classmethod
     def of(cls, study: Study, rows: Rows) -> Levels:
         """Levels of all rows, of which the last is the newest."""
         last = len(rows) - 1
-        earlier = likelihood_of(study, rows.first(last)) if last else None
-        whole = likelihood_of(study, rows.first())
-        newest = likelihood_of(study, rows.between(last, last + 1)) if whole.rows_apart else whole
-        return cls(Posterior(study.prior, whole), earlier, newest)
+        newest, whole = rows.between(last, last + 1), whole_of(study, rows.first())
+        earlier = whole_of(study, rows.first(last)).groups if last else {}
+        group = group_of(study, newest)
+        own = whole.groups[group]
+        apart = Posterior(study.prior, likelihood_of(study, newest)) if own.likelihood.rows_apart else own
+        return cls(whole, earlier, apart, group)
 
     @property
     def coordinates(self) -> Coordinates:
@@ -216,15 +222,34 @@ class Levels:
         prior = self.posterior.log_prior(x)
         earlier, newest = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
         inside = np.flatnonzero(prior > -np.inf)
-        newest[inside] = log_likelihoods(self.posterior, self.newest, x[inside])
+        newest[inside] = self._of_group(self.group, self.newest, x[inside])
         inside = np.flatnonzero(newest > -np.inf)
-        if self.earlier is not None:
-            earlier[inside] = log_likelihoods(self.posterior, self.earlier, x[inside])
-        else:
-            earlier[inside] = 0.0
-        if not self.newest.rows_apart:
-            newest[inside] -= earlier[inside]
+        earlier[inside] = 0.0
+        for group, own in self.earlier.items():
+            level = self._of_group(group, own, x[inside])
+            earlier[inside] += level
+            if group == self.group and not own.likelihood.rows_apart:
+                newest[inside] -= level
         return prior, earlier, newest
+
+    def _of_group(self, group: str, own: Posterior, x: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of rows of a group."""
+        return log_likelihoods(own, own.likelihood, values_of(self.posterior, group, x))
+
+
+def whole_of(study: Study, rows: Observations) -> Whole:
+    """Posterior of some rows of a study."""
+    return whole_posterior(study.with_rows(rows), fewest=1)
+
+
+def group_of(study: Study, row: Observations) -> str:
+    """Group of a row; empty where a study has none."""
+    return row.label(study.pooling.by)[0] if study.pooling else ""
+
+
+def values_of(posterior: Whole, group: str, x: FloatArray) -> FloatArray:
+    """Parameter sets (n, d) of a group among sets (n, all)."""
+    return posterior.values_of_groups(x)[list(posterior.groups).index(group)]
 
 
 def log_likelihoods(posterior: Posterior, likelihood: Likelihood, x: FloatArray) -> FloatArray:

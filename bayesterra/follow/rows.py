@@ -13,11 +13,13 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, did_you_mean
 from bayesterra.parameters import CHANNELS
 from bayesterra.study import assembly
-from bayesterra.study.observations import SD_SUFFIX, Observations, observations
+from bayesterra.study.observations import LABELS, SD_SUFFIX, Observations, observations
 from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 
 FIRST_CAPACITY = 64
+SIDES = {"": 0.0, "<": -1.0, ">": 1.0}
+"""Side of its limit on which a reading lies that is known by one only."""
 
 
 def table_of(values: Mapping[str, object]) -> pd.DataFrame:
@@ -31,8 +33,13 @@ def table_of(values: Mapping[str, object]) -> pd.DataFrame:
     """
     cells: dict[str, object] = {}
     for name, value in values.items():
-        if "[" in name or name in ("wheel", "use"):
+        if "[" in name or name in ("wheel", "use", *LABELS):
             cells[name] = value
+        elif isinstance(value, str) and value.strip()[:1] in ("<", ">"):
+            mark, limit = value.strip()[0], table_of({name: value.strip()[1:]})
+            cells |= {
+                header: f"{mark}{cell}" for header, cell in zip(limit.columns, limit.iloc[0], strict=True)
+            }
         elif value is not None and not (isinstance(value, float) and np.isnan(value)):
             channel = CHANNELS.get(name.removesuffix(SD_SUFFIX))
             if channel is None:
@@ -88,31 +95,33 @@ class Rows:
     ----------
     wheels : names of the study's wheels.
     channels : measured channels that are kept, besides slip and load.
+    by : a column of labels that is kept, too, as it says which group a row belongs to; else empty.
     """
 
     wheels: tuple[str, ...]
     channels: tuple[str, ...]
+    by: str = ""
     _cells: FloatArray = field(init=False)
     _wheel: IntArray = field(init=False)
+    _label: list[str] = field(default_factory=list, init=False)
     _length: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self._cells = np.empty((FIRST_CAPACITY, 2 + 2 * len(self.channels)))
+        self._cells = np.empty((FIRST_CAPACITY, 2 + 3 * len(self.channels)))
         self._wheel = np.empty(FIRST_CAPACITY, dtype=np.int64)
 
     @classmethod
     def of(cls, study: Study) -> Rows:
         """An empty store for the rows of a study."""
-        return cls(tuple(study.wheels), (*(("sinkage",) if study.drive.by_sinkage else ()), *study.noise))
+        by = study.pooling.by if study.pooling else ""
+        channels = (*(("sinkage",) if study.drive.by_sinkage else ()), *study.noise)
+        return cls(tuple(study.wheels), channels, by if by in LABELS else "")
 
     def __len__(self) -> int:
         return self._length
 
     def append(self, rows: Observations) -> None:
         """Add one or more rows at the end."""
-        for name in rows.limits:
-            if rows.limited(name).any():
-                raise StudyError(f"'{name}' must be a number in a stream, not a limit (got '< …' or '> …')")
         end = self._length + len(rows)
         while end > len(self._cells):
             self._cells = np.concatenate([self._cells, np.empty_like(self._cells)])
@@ -120,7 +129,9 @@ class Rows:
         none = np.full(len(rows), np.nan)
         values = [rows.values.get(name, none) for name in self.channels]
         sd = [rows.given_sd.get(name, none) for name in self.channels]
-        self._cells[self._length : end] = np.column_stack([rows.slip, rows.load, *values, *sd])
+        sides = [[SIDES[mark] for mark in rows.marks(name)] for name in self.channels]
+        self._cells[self._length : end] = np.column_stack([rows.slip, rows.load, *values, *sd, *sides])
+        self._label[self._length :] = rows.label(self.by) if self.by else ()
         self._wheel[self._length : end] = [self.wheels.index(name) for name in rows.wheel]
         self._length = end
 
@@ -128,7 +139,10 @@ class Rows:
     def digest(self) -> str:
         """SHA-256 of all rows."""
         cells, wheel = self._cells[: self._length], self._wheel[: self._length]
-        return sha256(np.where(np.isnan(cells), np.nan, cells).tobytes() + wheel.tobytes()).hexdigest()
+        cells, sides = np.split(cells, [2 + 2 * len(self.channels)], axis=1)
+        content = np.where(np.isnan(cells), np.nan, cells).tobytes() + wheel.tobytes()
+        more = (sides.tobytes() if sides.any() else b"") + "\n".join(self._label[: self._length]).encode()
+        return sha256(content + more).hexdigest()
 
     def cut(self, number: int) -> None:
         """Forget all rows after the first ``number``."""
@@ -143,6 +157,12 @@ class Rows:
         cells = self._cells[start:end].view()
         cells.flags.writeable = False
         k = len(self.channels)
+        limits = {}
+        for i, name in enumerate(self.channels):
+            value, side = cells[:, 2 + i], cells[:, 2 + 2 * k + i]
+            if side.any():
+                ends = np.where(side < 0, value, -np.inf), np.where(side > 0, value, np.inf)
+                limits[name] = np.column_stack(ends)
         return Observations(
             wheel=tuple(self.wheels[code] for code in self._wheel[start:end]),
             slip=cells[:, 0],
@@ -151,4 +171,6 @@ class Rows:
             given_sd={name: cells[:, 2 + k + i] for i, name in enumerate(self.channels)},
             use=np.ones(end - start, dtype=np.bool_),
             rows=tuple(range(start + 1, end + 1)),
+            labels={self.by: tuple(self._label[start:end])} if self.by else {},
+            limits=limits,
         )

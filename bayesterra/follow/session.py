@@ -87,7 +87,9 @@ class FollowedStream(AnalysisResult):
                 raise
             self.left_out += 1
             return RowOutcome(number, problem=str(error))
-        self.table.append({"soil": self.soil, **cells(update, row)})
+        by = stream.rows.by
+        label = {by: row.label(by)[0]} if by else {}
+        self.table.append({"soil": self.soil, **label, **cells(update, row)})
         anew = None
         if update.alarm:
             self.alarms.append(update.alarm)

@@ -17,9 +17,19 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
-from bayesterra.follow.particles import Levels, Particles, learn, log_likelihoods, settled
+from bayesterra.follow.particles import (
+    Levels,
+    Particles,
+    group_of,
+    learn,
+    log_likelihoods,
+    settled,
+    values_of,
+    whole_of,
+)
 from bayesterra.follow.rows import Rows, read_row, table_of
 from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
+from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack
 from bayesterra.runtime.folders import make_folder
@@ -52,7 +62,7 @@ class Stream(AnalysisResult):
     seed : same seed, same rows: same particles on one machine.
     particles : number of parameter sets that stand for the posterior.
     false_alarms : of a change of soil, per row, at most, on average over the prior; None does not look for
-        changes. With the drive ``both`` none are looked for.
+        changes. With the drive ``both``, errors of the model or the slips, or groups none are looked for.
     slip_reference, sinkage_reference : of the rows that are added; see :class:`bayesterra.study.study.Study`.
 
     Raises
@@ -82,11 +92,6 @@ class Stream(AnalysisResult):
         check_kind("bt.Stream", known, Study, Result)
         check_seed(seed)
         study = known.study if isinstance(known, Result) else known
-        if study.pooling is not None:
-            raise StudyError(
-                "following row by row takes the rows of one soil: leave [pooling] out, or follow one group by"
-                " a study of its own, with what a run of all found as its prior ([[priors.from]])"
-            )
         if study.errors.ripple:
             raise StudyError("following row by row knows no sweeps, along which [ripple] runs: leave it out")
         if not study.prior.names:
@@ -96,7 +101,8 @@ class Stream(AnalysisResult):
         if false_alarms is not None and not 0 < false_alarms < 1:
             raise StudyError(f"'false_alarms' must lie between 0 and 1 (got {false_alarms:g})")
         self.study, self.seed, self.particles = study, seed, particles
-        self.false_alarms = None if study.drive.latent_load or study.errors else false_alarms
+        unwatched = study.drive.latent_load or study.errors or study.pooling
+        self.false_alarms = None if unwatched else false_alarms
         self.references = {"slip_reference": slip_reference, "sinkage_reference": sinkage_reference}
         self.offset = 0
         self.rows = Rows.of(study)
@@ -104,13 +110,14 @@ class Stream(AnalysisResult):
         self.log_evidence, self._variance = 0.0, 0.0
         self._before = np.empty((0, len(study.prior.names)))
         self._cloud: Particles | None = None
+        self._joint: JointPosterior | None = None
         if isinstance(known, Result):
             self._begin_from(known)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Free parameters, the columns of ``draws``."""
-        return self.study.prior.names
+        """Free parameters, the columns of ``draws``; a group has its own from its first row on."""
+        return self._joint.names if self._joint else self.study.prior.names
 
     @property
     def _settings(self) -> dict[str, Any]:
@@ -128,6 +135,8 @@ class Stream(AnalysisResult):
     @property
     def cloud(self) -> Particles:
         """The weighted particles; before the first row those of the stated prior."""
+        if self._cloud is None and self.study.pooling:
+            raise StudyError("a stream with groups has parameters from its first row on (it has no row yet)")
         if self._cloud is None:
             x = self.study.prior.sample(self.particles, self._rng(0))
             return Particles.even(x, np.zeros(len(x)))
@@ -233,6 +242,7 @@ class Stream(AnalysisResult):
         self._cloud, self._before = state.cloud, state.before
         self.log_evidence, self._variance = state.log_evidence, state.variance
         self.watch.go_on(state.candidates, state.basis, state.alarm)
+        self._take_groups(whole_of(self.study, rows))
 
     def learn(self, row: Observations) -> Update:
         """Learn from a row that is checked already; see :meth:`add`."""
@@ -241,21 +251,28 @@ class Stream(AnalysisResult):
 
     def _learned(self, row: Observations) -> Update:
         started, number = time.perf_counter(), self.offset + len(self) + 1
-        rng = self._rng(number)
+        rng, group = self._rng(number), group_of(self.study, row)
         newest = likelihood_of(self.study, row)
         posterior = Posterior(self.study.prior, newest)
-        if self._cloud is None:
-            self._begin(posterior, rng)
+        self._enter(group, posterior, rng)
         particles = self.cloud
+        values = particles.x if self._joint is None else values_of(self._joint, group, particles.x)
+        own = replace(particles, x=values)
         if newest.rows_apart:
-            expected = forecast(particles, posterior, newest, rng)
-            terms = log_likelihoods(posterior, newest, particles.x)
+            expected = forecast(own, posterior, newest, rng)
+            terms = log_likelihoods(posterior, newest, values)
         else:
-            earlier, unused = self.rows.first(), frozen(np.zeros(1), np.bool_)
+            earlier, unused = self._rows_of(group), frozen(np.zeros(1), np.bool_)
             ahead = likelihood_of(self.study, earlier.followed_by(replace(row, use=unused)))
-            expected = forecast(particles, posterior, ahead, rng)
-            whole = likelihood_of(self.study, earlier.followed_by(row))
-            terms = log_likelihoods(posterior, whole, particles.x) - particles.log_likelihood
+            expected = forecast(own, posterior, ahead, rng)
+            whole, before = likelihood_of(self.study, earlier.followed_by(row)), particles.log_likelihood
+            if self._joint is not None:  # of this group alone
+                before = np.zeros(len(values))
+                if len(earlier):
+                    before = log_likelihoods(posterior, likelihood_of(self.study, earlier), values)
+            terms = log_likelihoods(posterior, whole, values) - before
+        if self._joint is not None:  # a group's first values may lie outside the physical ranges
+            terms = np.where(posterior.log_prior(values) > -np.inf, terms, -np.inf)
         self.rows.append(row)
         try:
             learned = learn(particles, lambda: Levels.of(self.study, self.rows), terms, self._before, rng)
@@ -263,7 +280,8 @@ class Stream(AnalysisResult):
             raise SupportError(f"row {number}: {error}") from error
         # the watch asks what the readings say, not that there is an answer: candidates do not pay for it
         said = learned.log_predictive - particles.log_share(terms > -np.inf)
-        alarm = self.watch.see(number, len(self), particles, newest, said)
+        limited = any(row.limited(name).any() for name in row.limits)  # of which a filter knows nothing
+        alarm = None if limited else self.watch.see(number, len(self), particles, newest, said)
         self._cloud = learned.particles
         self.log_evidence += learned.log_predictive
         self._variance += learned.variance
@@ -319,7 +337,34 @@ class Stream(AnalysisResult):
         """Random numbers of a row, the same however the stream came to it."""
         return default_rng(SeedSequence(self.seed, spawn_key=(number,)))
 
-    def _begin(self, posterior: Posterior, rng: Generator) -> None:
+    def _rows_of(self, group: str) -> Observations:
+        """Rows of a group so far."""
+        rows, pooling = self.rows.first(), self.study.pooling
+        return rows.take(np.array(rows.label(pooling.by), dtype=object) == group) if pooling else rows
+
+    def _take_groups(self, posterior: Whole) -> None:
+        """Know the groups of a posterior; its rows do not matter."""
+        self._joint = posterior if posterior.grouped else None
+
+    def _enter(self, group: str, posterior: Posterior, rng: Generator) -> None:
+        """Draw particles at the first row, and the own values of a group at its first one.
+
+        ``posterior`` is of that row. Values of a group come from the populations and priors.
+        """
+        known = {} if self._joint is None else self._joint.groups
+        if self._cloud is not None and (self.study.pooling is None or group in known):
+            return
+        groups = {**known, group: posterior}
+        whole = JointPosterior(self.study.pooling, groups) if self.study.pooling else posterior
+        if self._cloud is None:
+            self._begin(whole, rng)
+        elif whole.grouped:
+            sets = self._before, self._cloud.x
+            before, x = (np.hstack([x, whole.draw_group(whole.shared_of(x), rng)]) for x in sets)
+            self._before, self._cloud = before, replace(self._cloud, x=x)
+        self._take_groups(whole)
+
+    def _begin(self, posterior: Whole, rng: Generator) -> None:
         """Draw particles from the prior, cut to where the first row has an answer."""
         drawn = draw_cut_prior(posterior, self.particles, rng)
         share = drawn.shares[REASONS[INSIDE]]
@@ -335,9 +380,11 @@ class Stream(AnalysisResult):
         draws, prior = result.values(), result.values("prior")
         enough = len(draws) >= self.particles
         chosen = rng.choice(len(draws), size=self.particles, replace=not enough)
-        posterior = Posterior(self.study.prior, likelihood_of(self.study, rows))
-        x = draws[chosen]
-        self._cloud = Particles.even(x, log_likelihoods(posterior, posterior.likelihood, x))
+        posterior, x = whole_of(self.study, rows), draws[chosen]
+        groups = zip(posterior.groups.values(), posterior.values_of_groups(x), strict=True)
+        levels = [log_likelihoods(own, own.likelihood, values) for own, values in groups]
+        self._cloud = Particles.even(x, np.sum(levels, axis=0))
+        self._take_groups(posterior)
         self._before = prior[:BEFORE]
         evidence: Mapping[str, Any] = result.record.get("evidence") or {}
         self.log_evidence = float(evidence.get("log_z", np.nan))

@@ -29,7 +29,7 @@ class Forecast:
     Attributes
     ----------
     channels : measured outcomes.
-    observed : readings (k,), SI; NaN where not measured.
+    observed : readings (k,), SI; NaN where not measured, or known by a limit only.
     quantiles : (3, k) 5, 50 and 95 % of the predicted readings, SI; NaN where the model has no answer.
     pit : (k,) probability that the reading would be lower than it is; uniform over rows where all is right.
     no_answer : share of the particles for which the model has no answer at the row's conditions.
@@ -75,6 +75,8 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
         readings = (predicted + scale * rng.standard_normal(scale.shape))[:, 0]
     answered = np.isfinite(readings).all(axis=1)
     observed, weights, k = newest.measured[-1], particles.weights, len(newest.channels)
+    if newest.intervals is not None:
+        observed = np.where(newest.intervals.sides(newest.measured)[-1] == 0, observed, np.nan)
     if not answered.any() or weights[answered].sum() <= 0:
         return Forecast(newest.channels, observed, np.full((3, k), np.nan), np.full(k, np.nan), 1.0)
     standard = (observed - predicted[answered]) / scale[answered]

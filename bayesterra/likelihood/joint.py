@@ -206,6 +206,10 @@ class JointPosterior:
         names = self.first.names
         return [names.index(n) for n in self.shared], [names.index(n) for n in self.local]
 
+    def shared_of(self, x: FloatArray) -> FloatArray:
+        """Shared values (n, k) of parameter sets, which may be of some of the groups only."""
+        return x[:, : len(self.shared_and_hyper)]
+
     def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Shared values (n, k) and locals (groups, n, d) of parameter sets (n, all)."""
         k = len(self.shared_and_hyper)
@@ -284,6 +288,18 @@ class JointPosterior:
         """
         prior, likelihood = self.log_prior_and_likelihood(x)
         return prior + np.where(np.isfinite(prior), likelihood, 0.0)
+
+    def log_prior(self, x: FloatArray) -> FloatArray:
+        """Log density (n,) of the stated prior, −inf outside the ranges and physical ranges of any group."""
+        finite = np.asarray(np.isfinite(x).all(axis=1))
+        D, L = self.split(np.where(finite[:, None], x, 0.0))
+        prior = np.where(finite, self.log_prior_of_shared(D), -np.inf)
+        for alone, own in zip(self.groups.values(), L, strict=True):
+            alive = np.flatnonzero(np.isfinite(prior))
+            prior[alive] += self.log_prior_of_group(D[alive], own[alive])
+            alive = alive[np.isfinite(prior[alive])]
+            prior[alive[np.isneginf(alone.log_prior(self.of_group(D[alive], own[alive])))]] = -np.inf
+        return np.where(np.isfinite(prior), prior, -np.inf)
 
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
@@ -416,13 +432,11 @@ def joint_posterior(study: Study, fewest: int = 2) -> JointPosterior:
     """Joint posterior of a study; StudyError without [pooling], or with rows in use of fewer groups."""
     if study.pooling is None:
         raise StudyError("the study needs a [pooling] table")
-    used = study.observations.used()
-    labels = np.array(used.label(study.pooling.by), dtype=object)
+    used, by = study.observations.used(), study.pooling.by
+    labels = np.array(used.label(by), dtype=object)
     names = list(dict.fromkeys(labels))
     if len(names) < fewest:
-        raise StudyError(
-            f"[pooling] needs rows in use of at least two groups in '{study.pooling.by}' (got one)"
-        )
+        raise StudyError(f"[pooling] needs rows in use of at least two groups in '{by}' (got one)")
     groups = {n: Posterior(study.prior, likelihood_of(study, used.take(labels == n))) for n in names}
     return JointPosterior(study.pooling, groups)
 

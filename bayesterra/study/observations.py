@@ -127,6 +127,13 @@ class Observations:
             lost = np.full(len(self), np.nan), np.full(n, np.nan)
             return frozen(np.concatenate([own.get(name, lost[0]), other.get(name, lost[1])]))
 
+        nowhere = np.array([-np.inf, np.inf])
+        limits = {
+            name: np.concatenate(
+                [part.limits.get(name, np.tile(nowhere, (len(part), 1))) for part in (self, rows)]
+            )
+            for name in {**self.limits, **rows.limits}
+        }
         return Observations(
             wheel=self.wheel + rows.wheel,
             slip=frozen(np.concatenate([self.slip, rows.slip])),
@@ -136,6 +143,7 @@ class Observations:
             use=frozen(np.concatenate([self.use, rows.use]), np.bool_),
             rows=self.rows + rows.rows,
             labels={name: own + rows.labels.get(name, empty) for name, own in self.labels.items()},
+            limits=limits,
         )
 
     def take(self, keep: BoolArray) -> Observations:

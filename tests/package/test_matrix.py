@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.matrix import COMMANDS, FACTORS, Kind, cells, kinds, lawless, quick, refused_kinds, title
 
-PERMITTED = {"follow": ("takes the rows of one soil", "knows no sweeps, along which")}
+PERMITTED = {"follow": ("knows no sweeps, along which",)}
 """What a command may be refused with, where it has a law."""
 NO_LAW = "needs Gaussian noise"
 """Why a study is refused whose pair of levels has none."""
