@@ -31,9 +31,10 @@ from bayesterra.least_squares.settings import (
     readings,
     weighted_target,
 )
-from bayesterra.least_squares.solver import MARGIN, Clip, clip
+from bayesterra.least_squares.solver import Clip, clip
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1
+from bayesterra.models.decoupled import MARGIN
 from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, SOIL_PARAMETERS
 from bayesterra.study.study import Study
 

@@ -1,35 +1,32 @@
 """IM1, IM2 and IM3: parameter groups fitted in turn (Ding et al. 2015, Section 5).
 
-The right-hand sides of (29)-(41) hold the measured F_N and M_DR; every formula takes complex parameters.
+The equations of IM2 and IM3 stand in :mod:`bayesterra.models.decoupled`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, counted
 from bayesterra.least_squares.results import FORCES, error_figure
 from bayesterra.least_squares.settings import GROUPS, Readings, Settings
-from bayesterra.least_squares.solver import (
-    MARGIN,
-    Box,
-    ClippedModel,
-    Curve,
-    Formula,
-    Minimum,
-    leaving,
-    minimise,
-    ratio,
-)
+from bayesterra.least_squares.solver import Box, ClippedModel, Curve, Formula, Minimum, minimise
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel
-from bayesterra.models.geometry import entrance_angle, shear_start_radius
+from bayesterra.models.decoupled import (
+    Complex,
+    Contact,
+    drawbar_pull_2,
+    drawbar_pull_3,
+    normal_force_2,
+    normal_force_3,
+    resistance_moment_2,
+    resistance_moment_3,
+)
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.study.drive import Drive
 
@@ -249,140 +246,6 @@ def _change(difference: FloatArray, plan: Plan, settings: Settings) -> float:
     return float(np.max(np.abs(difference[columns] / width[columns]), initial=0.0))
 
 
-Complex = NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Measured and known values of every row, (m,) each, SI.
-
-    Attributes
-    ----------
-    entrance : θ1 (6).
-    shear_start : θ1' (12).
-    normal, moment : measured F_N and M_DR, NaN where not measured.
-    """
-
-    slip: FloatArray
-    radius: FloatArray
-    width: FloatArray
-    shearing_radius: FloatArray
-    entrance: FloatArray
-    shear_start: FloatArray
-    normal: FloatArray
-    moment: FloatArray
-
-
-def contact(readings: Readings, model: WheelSoilModel) -> Contact:
-    """Contact of every row, with the transition slips and the shear start of ``model``."""
-    rows = readings.conditions
-    start_radius = shear_start_radius(
-        rows.radius,
-        rows.lug_height,
-        rows.slip,
-        transition_slips=model.transition_slips,
-        shear_start=model.shear_start,
-    )
-    return Contact(
-        rows.slip,
-        rows.radius,
-        rows.width,
-        rows.shearing_radius,
-        np.asarray(entrance_angle(readings.sinkage, rows.radius)),
-        np.arccos((rows.radius - readings.sinkage) / start_radius),
-        readings.forces["normal_force"],
-        readings.forces["resistance_moment"],
-    )
-
-
-class Shape(NamedTuple):
-    """Angles and their combinations A, B, C below (24), (m,) each."""
-
-    leaving: Complex
-    middle: Complex
-    A: Complex
-    B: Complex
-    C: Complex
-
-
-def shape(theta: Complex, at: Contact) -> Shape:
-    """Shape of the contact for parameters (p,), with θm/θ1 clipped into (θ2/θ1, 1)."""
-    back = leaving(theta, at.slip)
-    t1, t2 = at.entrance, back * at.entrance
-    tm = _inside(ratio(theta, at.slip), back) * t1
-    front, rear = t1 - tm, tm - t2
-    A = (np.cos(tm) - np.cos(t2)) / rear + (np.cos(tm) - np.cos(t1)) / front
-    B = (np.sin(tm) - np.sin(t2)) / rear + (np.sin(tm) - np.sin(t1)) / front
-    return Shape(t2, tm, A, B, (t1 - t2) / 2)
-
-
-def _inside(middle: Complex, back: Complex) -> Complex:
-    low, high = back + MARGIN, 1 - MARGIN
-    return np.where(middle.real < low.real, low, np.where(middle.real > high, high, middle))
-
-
-def largest_stress(theta: Complex, middle: Complex, at: Contact) -> Complex:
-    """σ_m (18), Pa."""
-    Ks, n0, n1, *_ = theta
-    half_sum, half_difference = (at.entrance + middle) / 2, (at.entrance - middle) / 2
-    depth = 2 * at.radius * np.sin(half_sum) * np.sin(half_difference)
-    stress: Complex = Ks * np.exp((n0 + n1 * at.slip) * np.log(depth))
-    return stress
-
-
-def mobilised(theta: Complex, middle: Complex, at: Contact) -> Complex:
-    """E of (19): the share of the shear strength that is mobilised at θm."""
-    K = theta[5]
-    path = (at.shear_start - middle) - (1 - at.slip) * (np.sin(at.shear_start) - np.sin(middle))
-    share: Complex = -np.expm1(-at.shearing_radius * path / K)
-    return share
-
-
-def drawbar_pull_2(theta: Complex, at: Contact) -> Complex:
-    """F_DP of M2, (29), N."""
-    _, _, A, B, C = shape(theta, at)
-    return (A**2 + B**2) / (A * C) * at.moment / at.shearing_radius - B / A * at.normal
-
-
-def normal_force_2(theta: Complex, at: Contact) -> Complex:
-    """F_N of M2, (38), N."""
-    _, middle, A, B, C = shape(theta, at)
-    stress = largest_stress(theta, middle, at)
-    return at.radius * at.width * A * stress + B * at.moment / (at.shearing_radius * C)
-
-
-def resistance_moment_2(theta: Complex, at: Contact) -> Complex:
-    """M_DR of M2, (40), N m."""
-    _, middle, A, B, C = shape(theta, at)
-    E, friction, r_s = mobilised(theta, middle, at), np.tan(theta[4]) / (at.radius * A), at.shearing_radius
-    strength = at.width * theta[3] + at.normal * friction
-    moment: Complex = r_s**2 * C * E * strength / (1 + r_s * B * E * friction)
-    return moment
-
-
-def drawbar_pull_3(theta: Complex, at: Contact) -> Complex:
-    """F_DP of M3, (36), N."""
-    leaving, middle, _, B, _ = shape(theta, at)
-    cos = np.cos(middle)
-    return at.moment * cos / at.shearing_radius - 2 * B * at.normal / ((at.entrance - leaving) * cos)
-
-
-def normal_force_3(theta: Complex, at: Contact) -> Complex:
-    """F_N of M3, (39), N."""
-    leaving, middle, *_ = shape(theta, at)
-    stress = largest_stress(theta, middle, at)
-    return at.radius * at.width * (at.entrance - leaving) * stress * np.cos(middle) / 2
-
-
-def resistance_moment_3(theta: Complex, at: Contact) -> Complex:
-    """M_DR of M3, (41), N m."""
-    leaving, middle, *_ = shape(theta, at)
-    cohesion = at.width * theta[3] * (at.entrance - leaving) / 2
-    friction = at.normal * np.tan(theta[4]) / (at.radius * np.cos(middle))
-    moment: Complex = mobilised(theta, middle, at) * at.shearing_radius**2 * (cohesion + friction)
-    return moment
-
-
 BOTH = ("normal_force", "resistance_moment")
 EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex], tuple[str, ...]], ...]] = {
     "IM2": (
@@ -401,7 +264,8 @@ EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex]
 
 def decoupled_steps(method: str, readings: Readings, model: WheelSoilModel) -> list[Step]:
     """The three fits of IM2 or IM3."""
-    at = contact(readings, model)
+    forces = readings.forces["normal_force"], readings.forces["resistance_moment"]
+    at = Contact.of(model, readings.conditions, readings.sinkage, *forces)
 
     def formula(equation: Callable[[Complex, Contact], Complex]) -> Formula:
         return Formula(lambda theta: equation(theta, at))

@@ -19,18 +19,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.least_squares.results import error_figure
 from bayesterra.least_squares.settings import Settings
-from bayesterra.least_squares.solver import (
-    MARGIN,
-    Box,
-    ClippedModel,
-    Minimum,
-    clip,
-    excess_jacobian,
-    leaving,
-    minimise,
-)
+from bayesterra.least_squares.solver import Box, ClippedModel, Minimum, clip, excess_jacobian, minimise
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
+from bayesterra.models.decoupled import MARGIN, leaving
 from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
 
 STARTS = 8

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,13 @@ from scipy.optimize import least_squares
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.forward import Forward, take
+from bayesterra.models.decoupled import MARGIN, leaving, ratio
 from bayesterra.parameters import SOIL_PARAMETERS
 
 TOLERANCE = 1e-14
 MAX_EVALUATIONS = 1000
 COMPLEX_STEP = 1e-60
+_N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
 
 
 class Curve(Protocol):
@@ -143,26 +145,6 @@ def _widths(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Width of the bounds; the size of the value (or 1) where they are open."""
     width = upper - lower
     return np.where(np.isfinite(width) & (width > 0), width, np.where(x == 0, 1.0, np.abs(x)))
-
-
-MARGIN = 1e-6
-"""Distance of θm/θ1 from c3 and 1, and of N from 0, at which rows are clipped."""
-
-_N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
-
-
-Angles = TypeVar("Angles", FloatArray, NDArray[np.complex128])
-
-
-def ratio(theta: Angles, slip: FloatArray) -> Angles:
-    """Ratios θm/θ1 (m,), (8), of soil parameters (p,)."""
-    ratios: Angles = theta[_C1] + theta[_C2] * slip
-    return ratios
-
-
-def leaving(theta: Angles, slip: FloatArray) -> Angles:
-    """Ratios θ2/θ1 (m,), (7), of soil parameters (p,): one at all slips."""
-    return np.repeat(theta[_C3], len(slip))
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.least_squares.groupwise import contact, decoupled_steps
+from bayesterra.least_squares.groupwise import decoupled_steps
 from bayesterra.least_squares.settings import readings
-from bayesterra.least_squares.solver import MARGIN
 from bayesterra.models import MODELS, Soil
+from bayesterra.models.decoupled import MARGIN, Contact
 from bayesterra.study.study import Study
 
 
@@ -91,6 +91,7 @@ def test_contact_of_several_wheels(
         priors={"set": "paper-box"},
     )
     rows = readings(study)
-    assert contact(rows, study.model).radius == pytest.approx([0.135, 0.135, 0.15735, 0.15735])
+    at = Contact.of(study.model, rows.conditions, rows.sinkage, rows.sinkage, rows.sinkage)
+    assert at.radius == pytest.approx([0.135, 0.135, 0.15735, 0.15735])
     for step in decoupled_steps("IM2", rows, study.model):
         assert step.curve.values(soil.as_array()) == pytest.approx(step.measured, rel=1e-9)

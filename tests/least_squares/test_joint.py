@@ -15,9 +15,10 @@ from bayesterra.least_squares.fit import fit
 from bayesterra.least_squares.joint import WeightedMisfit
 from bayesterra.least_squares.results import Fit
 from bayesterra.least_squares.settings import Overrides, joint_settings
-from bayesterra.least_squares.solver import MARGIN, ClippedModel, clip
+from bayesterra.least_squares.solver import ClippedModel, clip
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Soil
+from bayesterra.models.decoupled import MARGIN
 from bayesterra.parameters import soil_array
 from bayesterra.study.study import Study
 
