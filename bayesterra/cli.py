@@ -50,6 +50,15 @@ def quieting(text: str) -> Any:
     return typer.Option("--quiet", callback=hushed, help=text)
 
 
+def hushed(context: typer.Context, quiet: bool) -> bool:
+    """Value of --quiet, which keeps back the notes of the package, too, until the command has ended."""
+    if quiet:
+        notes = logging.getLogger("bayesterra")
+        context.call_on_close(partial(notes.setLevel, notes.level))
+        notes.setLevel(logging.ERROR)
+    return quiet
+
+
 StudyPath = Annotated[Path, argument("STUDY", "A study file, or a folder that holds study.toml.")]
 Workers = Annotated[
     int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
@@ -59,10 +68,16 @@ Scheduler = Annotated[
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
+Texts = list[str] | None
 Wheels = Annotated[
-    list[str] | None,
-    option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel"),
+    Texts, option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel")
 ]
+Group = Annotated[
+    str | None, option("NAME", "Group of a joint posterior; by default the wheel's, else one not tested.")
+]
+Resume = Annotated[bool, flag("--resume", "Go on with what was interrupted or killed.")]
+Overwrite = Annotated[bool, flag("--overwrite", "Replace an older folder of that name, once all is done.")]
+Quiet = Annotated[bool, quieting("No progress, only the result.")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -80,15 +95,6 @@ def _options(
     ] = False,
 ) -> None:
     """Options that need no command."""
-
-
-def hushed(context: typer.Context, quiet: bool) -> bool:
-    """Value of --quiet, which keeps back the notes of the package, too, until the command has ended."""
-    if quiet:
-        notes = logging.getLogger("bayesterra")
-        context.call_on_close(partial(notes.setLevel, notes.level))
-        notes.setLevel(logging.ERROR)
-    return quiet
 
 
 def show(result: AnalysisResult, folder: Path | None) -> None:
@@ -109,17 +115,15 @@ def run(
     study: StudyPath,
     out: Annotated[Path | None, option("DIR", "Result folder; by default <study folder>-result.")] = None,
     seed: Seed = 1,
-    resume: Annotated[bool, flag("--resume", "Go on with a run that was interrupted or killed.")] = False,
-    overwrite: Annotated[
-        bool, flag("--overwrite", "Replace a result folder, once the new one is complete.")
-    ] = False,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
     prior_only: Annotated[
         bool, flag("--prior-only", "Report on the prior alone; needs no readings.")
     ] = False,
     crosscheck: Annotated[
         bool, flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty).")
     ] = False,
-    quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
     from bayesterra.study.study import load_study
@@ -152,7 +156,7 @@ def check(study: StudyPath) -> None:
 def fit(
     study: StudyPath,
     method: Annotated[
-        list[str] | None, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
+        Texts, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
     ] = None,
 ) -> None:
     """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly; each group alone."""
@@ -176,7 +180,7 @@ def simulate(
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-simulated.")] = None,
     seed: Seed = 1,
     set_: Annotated[
-        list[str] | None, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")
+        Texts, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")
     ] = None,
 ) -> None:
     """Make measurements with known parameters, under the conditions and noise of a study."""
@@ -213,28 +217,22 @@ def _assignment(text: str) -> tuple[str, str]:
 @app.command(short_help="Predict forces for new slips, loads and wheels, or a rover.")
 def predict(
     result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
-    slip: Annotated[
-        list[str] | None, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")
-    ] = None,
+    slip: Annotated[Texts, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")] = None,
     load: Annotated[
-        list[str] | None, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')
+        Texts, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')
     ] = None,
     wheel: Wheels = None,
-    group: Annotated[
-        str | None, option("NAME", "Group of a joint posterior; by default the wheel's, else one not tested.")
-    ] = None,
+    group: Group = None,
     slip_reference: Annotated[
         str, option("RADIUS", "Radius behind the slips: rim, tip or shearing.")
     ] = "shearing",
     rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
-    slope: Annotated[
-        list[str] | None, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")
-    ] = None,
+    slope: Annotated[Texts, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")] = None,
     tow: Annotated[
-        list[str] | None, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.')
+        Texts, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.')
     ] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-prediction.")] = None,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older prediction of that name.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
@@ -278,7 +276,7 @@ def compare(
     wheel: Annotated[
         str | None, option("NAME|FILE", "Wheel that all drive; by default each its own.")
     ] = None,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older comparison of that name.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Set results side by side: two models, two priors, two drives."""
     from bayesterra.analysis.comparison import compare_folders
@@ -294,13 +292,9 @@ def calibrate(
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    resume: Annotated[
-        bool, flag("--resume", "Go on with what an interrupted calibration left in DIR.part.")
-    ] = False,
-    overwrite: Annotated[
-        bool, flag("--overwrite", "Replace an older calibration of that name, and begin anew.")
-    ] = False,
-    quiet: Annotated[bool, quieting("No progress, only the verdict.")] = False,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Simulate a study many times over and check that its posterior is right."""
     from bayesterra.study.study import load_study
@@ -327,8 +321,8 @@ def identify(
     prior_only: Annotated[
         bool, flag("--prior-only", "What the design could determine; needs no readings.")
     ] = False,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older analysis of that name.")] = False,
-    quiet: Annotated[bool, quieting("No progress, only the verdicts.")] = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Say what these data determine, what is coupled, and what only repeats its prior."""
     from bayesterra.study.study import load_study
@@ -362,37 +356,30 @@ def design(
         Path, argument("STUDY|DIR", "A result folder, whose posterior is built on, or a study.")
     ],
     about: Annotated[
-        list[str] | None, option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free.")
+        Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free.")
     ] = None,
     slip: Annotated[
-        list[str] | None, option("S,S", "Candidate slips; by default the driven range and some beyond.")
+        Texts, option("S,S", "Candidate slips; by default the driven range and some beyond.")
     ] = None,
     load: Annotated[
-        list[str] | None,
-        option("W", 'Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.'),
+        Texts, option("W", 'Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.')
     ] = None,
     wheel: Wheels = None,
     channel: Annotated[
-        list[str] | None, option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".')
+        Texts, option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".')
     ] = None,
     number: Annotated[int, option("N", "Drives to choose together.", "-n", "--number")] = 1,
     by: Annotated[
         str, option("WHAT", "information (about all of them together) or sd (of each).")
     ] = "information",
-    group: Annotated[
-        str | None, option("NAME", "Group of a joint posterior that drives next; by default one not tested.")
-    ] = None,
+    group: Group = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-design.")] = None,
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    resume: Annotated[
-        bool, flag("--resume", "Go on with what an interrupted design left in FOLDER.part.")
-    ] = False,
-    overwrite: Annotated[
-        bool, flag("--overwrite", "Replace an older design of that name, and begin anew.")
-    ] = False,
-    quiet: Annotated[bool, quieting("No progress, only the ranking.")] = False,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.analysis.run import opened_for_design
@@ -429,8 +416,8 @@ def holdout(
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older check of that name.")] = False,
-    quiet: Annotated[bool, quieting("No progress, only the scores.")] = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Predict rows that the fit has not seen, level by level, and score that beside regressions."""
     from bayesterra.checking.holdout import leave_out_into
@@ -449,8 +436,8 @@ def soiltest(
     file: Annotated[Path, argument("FILE", "A soil-test file, or a folder that holds soiltest.toml.")],
     out: Annotated[Path | None, option("DIR", "New folder; by default <name>-result.")] = None,
     seed: Seed = 1,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older result of that name.")] = False,
-    quiet: Annotated[bool, quieting("No progress, only the result.")] = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
     from bayesterra.soiltests.analysis import soil_test_into
@@ -488,7 +475,7 @@ def follow(
     sinkage_reference: Annotated[
         str | None, option("PART", "Zero of the sinkages: rim or tip; else the study's.")
     ] = None,
-    overwrite: Annotated[bool, flag("--overwrite", "Replace an older stream of that name.")] = False,
+    overwrite: Overwrite = False,
     quiet: Annotated[bool, quieting("No line per row, only alarms and the end.")] = False,
 ) -> None:
     """Update a posterior row by row as a rover drives, and say when the soil has changed."""

@@ -24,7 +24,8 @@ from bayesterra.parameters import (
 )
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import Observations
-from bayesterra.study.priors import PAPER_BOX, Entry
+from bayesterra.study.prior_sets import prior_set
+from bayesterra.study.priors import Entry
 from bayesterra.study.study import Study
 
 START: Mapping[str, float] = {
@@ -145,7 +146,7 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     asked = overrides.over(study)
     hold = {**HELD, **(asked.hold or {})}
     box = {
-        name: entry.range if isinstance(entry, Law) else (entry, entry) for name, entry in PAPER_BOX.items()
+        n: e.range if isinstance(e, Law) else (HELD[n], HELD[n]) for n, e in prior_set("paper-box").items()
     }
     low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
     high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}

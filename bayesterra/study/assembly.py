@@ -28,7 +28,8 @@ from bayesterra.study.drive import Drive
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, sifted
-from bayesterra.study.priors import LOAD_EFFECT_SETS, PRIOR_SETS, Entry, Prior, Tie
+from bayesterra.study.prior_sets import prior_set
+from bayesterra.study.priors import Entry, Prior, Tie
 from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
 
 if TYPE_CHECKING:
@@ -103,9 +104,9 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
     if missing and stated.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
     chosen = stated.chosen or (DEFAULT_PRIOR_SET if missing else None)
-    prior_set: SoilPrior = {**PRIOR_SETS[chosen], **LOAD_EFFECT_SETS[chosen]} if chosen else {}
-    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, prior_set, chosen)
-    from_set = {name: entry for name, entry in prior_set.items() if name in needed}
+    taken: SoilPrior = {**prior_set(chosen), **prior_set(chosen, load_effect=True)} if chosen else {}
+    _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, taken, chosen)
+    from_set = {name: entry for name, entry in taken.items() if name in needed}
     return StatedSoil({**HELD, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
 
 

@@ -42,7 +42,8 @@ from bayesterra.study import entries
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
 from bayesterra.study.noise import Noise
-from bayesterra.study.priors import PRIOR_SETS, Entry, Source
+from bayesterra.study.prior_sets import stated_sets
+from bayesterra.study.priors import Entry, Source
 from bayesterra.study.units import quantity
 
 T = TypeVar("T")
@@ -90,8 +91,8 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
     sources, correlation = content.pop("from", ()), content.pop("correlation", {})
     mixtures = content.pop("mixture", {})
     name = content.pop("set", None)
-    if name is not None and str(name) not in PRIOR_SETS:
-        raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), PRIOR_SETS)}")
+    if name is not None and str(name) not in stated_sets():
+        raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), stated_sets())}")
     return StatedPriors(
         {key: entries.prior_entry(key, item, bare=bare_numbers(info)) for key, item in content.items()},
         None if name is None else str(name),

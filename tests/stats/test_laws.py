@@ -13,7 +13,8 @@ from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
 from bayesterra.sampling.coordinates import NormalScore
 from bayesterra.stats.laws import SLOW, Law
-from bayesterra.study.priors import PAPER_BOX, Prior
+from bayesterra.study.prior_sets import prior_set
+from bayesterra.study.priors import Prior
 
 LAWS = {
     "uniform": Law("uniform", lower=-1.0, upper=3.0),
@@ -228,13 +229,13 @@ def test_unknown_and_missing_names_are_refused() -> None:
 
 def test_paper_box_is_flat_between_the_bounds_of_im1() -> None:
     """The set is flat on Table 17's bounds with c3 held at 0."""
-    bounds = {n: law.range for n, law in PAPER_BOX.items() if isinstance(law, Law)}
+    bounds = {n: law.range for n, law in prior_set("paper-box").items() if isinstance(law, Law)}
     assert bounds["Ks"] == (0.1e6, 10e6)
     assert bounds["c"] == (0.0, 5000.0)
     np.testing.assert_allclose(np.degrees(bounds["phi"]), [0.0, 50.0])
     assert bounds["K"] == (0.002, 0.05)
     assert [bounds[n] for n in ("n0", "n1", "c1", "c2")] == [(0, 2), (0, 2), (-1, 1), (-1, 1)]
-    assert PAPER_BOX["c3"] == 0.0
+    assert prior_set("paper-box")["c3"] == 0.0
 
 
 POLES = {
@@ -276,7 +277,7 @@ def test_a_law_that_numbers_do_not_resolve_is_named() -> None:
         StudyError, match=r"beta with a=0.001, b=0.001, loc=1 has 9\d% of its probability nearer to an"
     ):
         Law("beta", {"a": 0.001, "b": 0.001, "loc": 1.0})
-    entries = {**PAPER_BOX, "phi": POLES["beta, mild"]}
+    entries = {**prior_set("paper-box"), "phi": POLES["beta, mild"]}
     with pytest.raises(
         StudyError, match=r"correlation of 'c, phi': 'phi' must not have 0\.013 of its probability"
     ):

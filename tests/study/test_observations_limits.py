@@ -1,5 +1,6 @@
 """Cells such as ``<1.5``, and readings with a resolution, in tables and study files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -155,8 +156,16 @@ def test_least_squares_has_no_residual_of_a_limit(make_study: MakeStudy, table: 
     assert limited == without
 
 
-def test_a_stream_takes_numbers(make_study: MakeStudy, table: pd.DataFrame) -> None:
-    """And says so."""
-    study = make_study(data=table, free=FREE)
-    with pytest.raises(StudyError, match="'drawbar_pull' must be a number in a stream, not a limit"):
-        Rows.of(study).append(study.observations)
+def test_rows_one_by_one_keep_their_limits(make_study: MakeStudy, table: pd.DataFrame) -> None:
+    """In the store of a stream, whose digest knows them, and where rows follow others."""
+    whole = make_study(data=table, free=FREE).observations
+    store, plain = (Rows(("Wh32",), ("sinkage", "drawbar_pull")) for _ in range(2))
+    store.append(whole)
+    plain.append(replace(whole, limits={}))
+    halves = whole.take(np.arange(6) < 3), whole.take(np.arange(6) >= 3)
+    numbers = replace(halves[1], limits={})
+    for rows in (store.first(), halves[0].followed_by(halves[1])):
+        np.testing.assert_array_equal(rows.limited("drawbar_pull"), whole.limited("drawbar_pull"))
+        assert rows.marks("drawbar_pull") == whole.marks("drawbar_pull")
+    assert halves[0].followed_by(numbers).limited("drawbar_pull").tolist() == [True, *[False] * 5]
+    assert store.digest != plain.digest

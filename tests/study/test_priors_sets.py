@@ -11,12 +11,12 @@ from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
-from bayesterra.study.priors import NO_SOURCE, PAPER_BOX, PLANETARY
+from bayesterra.study.prior_sets import NO_SOURCE, prior_set
 from bayesterra.study.study import load_study
 from tests.support.folder import Write
 
 INFORMED = ('set = "paper-box"', 'set = "planetary"')
-LAWS = {name: entry for name, entry in PLANETARY.items() if isinstance(entry, Law)}
+LAWS = {name: entry for name, entry in prior_set("planetary").items() if isinstance(entry, Law)}
 
 
 def between(name: str, low: float, high: float) -> float:
@@ -27,20 +27,20 @@ def between(name: str, low: float, high: float) -> float:
 
 def test_the_planetary_set_is_complete_and_sourced() -> None:
     """All soil parameters have an entry, and every law a source that is not empty."""
-    assert tuple(PLANETARY) == SOIL_PARAMETERS
+    assert tuple(prior_set("planetary")) == SOIL_PARAMETERS
     assert all(law.source for law in LAWS.values())
 
 
 def test_laws_without_an_independent_source_are_as_wide_as_the_box() -> None:
     """What nothing speaks for has the flat law of the paper's box."""
     unsourced = {name: law for name, law in LAWS.items() if law.source.startswith(NO_SOURCE)}
-    assert unsourced == {"n1": PAPER_BOX["n1"]}
+    assert unsourced == {"n1": prior_set("paper-box")["n1"]}
 
 
 @pytest.mark.parametrize("name", sorted(set(LAWS) - {"n1"}))
 def test_informative_laws_say_more_than_the_box(name: str) -> None:
     """The central 90 % of a sourced law are narrower than those of the box."""
-    box = PAPER_BOX[name]
+    box = prior_set("paper-box")[name]
     assert isinstance(box, Law)
     widths = [np.diff(law.quantile(np.array([0.05, 0.95])))[0] for law in (LAWS[name], box)]
     assert 0 < widths[0] < widths[1]

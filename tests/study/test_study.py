@@ -13,7 +13,7 @@ from bayesterra.models import M1, M2, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
-from bayesterra.study.priors import PAPER_BOX
+from bayesterra.study.prior_sets import prior_set
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study, load_study
 from tests.support.folder import TABLE, Write
@@ -47,7 +47,7 @@ def test_the_shipped_study_is_read() -> None:
         "drawbar_pull": 1.5,
         "resistance_moment": 0.3,
     }
-    assert study.prior.entries == PAPER_BOX
+    assert study.prior.entries == prior_set("paper-box")
     assert study.published is not None
     assert study.published.values["c2"] == -0.017
     assert study.published.values["phi"] == pytest.approx(np.radians(29.3))
@@ -66,7 +66,9 @@ def test_files_and_python_make_the_same_study(write: Write) -> None:
     table = {"slip": [0.1, 0.2, 0.4], "load [N]": [80.0] * 3, "sinkage [mm]": [5.0, 7.5, 14.0]}
     table["drawbar_pull [N]"] = [14.0, 20.0, np.nan]
     study = made(
-        table, noise={"sinkage": 0.001, "drawbar_pull": Noise("drawbar_pull", sd=1.5)}, priors=PAPER_BOX
+        table,
+        noise={"sinkage": 0.001, "drawbar_pull": Noise("drawbar_pull", sd=1.5)},
+        priors=prior_set("paper-box"),
     )
     assert study.fingerprint == load_study(write()).fingerprint
 
@@ -105,7 +107,7 @@ def test_shape_arguments_of_laws_have_no_unit() -> None:
 def test_a_missing_prior_set_is_taken_and_noted() -> None:
     """Without a set the paper's box fills in what has no entry, and says so; with all entries it does not."""
     assert "prior set 'paper-box' taken for Ks, n0" in made(priors={}).notes[0]
-    assert not any("prior set" in note for note in made(priors=PAPER_BOX).notes)
+    assert not any("prior set" in note for note in made(priors=prior_set("paper-box")).notes)
 
 
 def test_a_constant_exponent_holds_n1() -> None:
@@ -248,7 +250,10 @@ def test_other_data_in_the_same_study() -> None:
             {"priors": {"set": "paper-box", "phi": "60 deg"}},
             r"'phi' must be fixed inside .* 0 deg to 50 deg \(got 60",
         ),
-        ({"priors": {**PAPER_BOX, "K": -0.01}}, r"\[priors\] 'K' must be positive \(got -0\.01\)"),
+        (
+            {"priors": {**prior_set("paper-box"), "K": -0.01}},
+            r"\[priors\] 'K' must be positive \(got -0\.01\)",
+        ),
         (
             {"priors": {"phi": {"dist": "nrm"}}},
             r"\[priors\] 'phi': 'dist' must be a continuous.*'nrm' \(did you mean",
