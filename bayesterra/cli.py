@@ -236,13 +236,13 @@ def predict(
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
-    from bayesterra.prediction import forecast, outlook
+    from bayesterra.prediction import outlook, prediction
 
     check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
     loaded, name = load_result(result), result.resolve().name.removesuffix("-result")
     if rover is None:
-        slips, loads, wheels = forecast.slips_of(slip or ()), load or (), wheel or ()
-        made: AnalysisResult = forecast.forecast(
+        slips, loads, wheels = prediction.slips_of(slip or ()), load or (), wheel or ()
+        made: AnalysisResult = prediction.forecast(
             loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group
         )
     else:
@@ -384,7 +384,7 @@ def design(
     """Rank the drives that could come next by what they are expected to tell."""
     from bayesterra.analysis.run import opened_for_design
     from bayesterra.design.recommendation import design_into
-    from bayesterra.prediction.forecast import slips_of
+    from bayesterra.prediction.prediction import slips_of
     from bayesterra.runtime.engines import chosen
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]

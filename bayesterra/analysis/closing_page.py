@@ -14,6 +14,7 @@ from bayesterra.checking.validation import complete, estimates, spread_draws
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
+from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import (
     NOTHING,
     estimate,
@@ -27,7 +28,6 @@ from bayesterra.report.numbers import (
     with_error,
 )
 from bayesterra.report.sections import Section, in_a_line, origin_rows
-from bayesterra.report.style import MARKS
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
 from bayesterra.stats.diagnostics import divergence, hdi

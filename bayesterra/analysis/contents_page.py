@@ -20,9 +20,8 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.prediction.page import bands
 from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
-from bayesterra.report.figures import Axis, density, label, literal, own_axes, styled
+from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, signed, with_error
-from bayesterra.report.style import DATA, INK
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, with_unit
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows

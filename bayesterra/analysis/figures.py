@@ -13,8 +13,20 @@ from scipy.stats import rankdata
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.checking.validation import estimates, spread_draws
 from bayesterra.parameters import PARAMETERS, field_values
-from bayesterra.report.figures import label, mark_key, name_cells, one_of, own_axes, styled
-from bayesterra.report.style import DATA, INK, MARKS, POSTERIOR, PRIOR, PROBABILITIES
+from bayesterra.report.figures import (
+    DATA,
+    INK,
+    MARKS,
+    POSTERIOR,
+    PRIOR,
+    PROBABILITIES,
+    label,
+    mark_key,
+    name_cells,
+    one_of,
+    own_axes,
+    styled,
+)
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 

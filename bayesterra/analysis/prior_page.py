@@ -17,10 +17,9 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import fan, label, own_axes, styled
+from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, origin_rows
-from bayesterra.report.style import INK, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 

@@ -16,7 +16,7 @@ from bayesterra.likelihood.posterior import REASONS, draw_cut_prior, likelihood_
 from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, whole_and_part
 from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.tables import csv_text
-from bayesterra.stats.populations import draw_population
+from bayesterra.stats.laws import draw_population
 from bayesterra.study.canonical import simulated_toml
 from bayesterra.study.entries import parameter_value
 from bayesterra.study.groups import values_of_group

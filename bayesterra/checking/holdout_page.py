@@ -18,10 +18,9 @@ from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import label, literal, new_figure, styled
+from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
-from bayesterra.report.style import DATA, GRID, INK, POSTERIOR
 from bayesterra.report.symbols import listed, symbol, with_unit
 from bayesterra.study.observations import Observations
 

@@ -74,12 +74,17 @@ class ShortRuns:
     def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
         """Sample the posterior of a study."""
         first, second = seed.spawn(2)
-        target = posterior(study)
-        samples = sample(target, self.short, first, adaptation=self.adaptation)
+        samples = self.sampled(study, self.short, first, self.adaptation)
         if enough(samples.diagnosis):
             return _fitted(samples, converged=True)
-        samples = sample(target, self.long, second, adaptation=self.long_adaptation)
+        samples = self.sampled(study, self.long, second, self.long_adaptation)
         return _fitted(samples, converged=samples.diagnosis.converged)
+
+    def sampled(
+        self, study: Study, options: SamplingOptions, seed: SeedSequence, plan: AdaptationOptions
+    ) -> Samples | JointSamples:
+        """Samples of the posterior of a study."""
+        return sample(posterior(study), options, seed, adaptation=plan)
 
 
 @dataclass(frozen=True)
@@ -97,16 +102,12 @@ class ShortGroupRuns(ShortRuns):
     )
     warm_ups: tuple[int, ...] = (15, 30, 60)
 
-    def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
-        """Sample the joint posterior of a study with groups, of which one may be left."""
-        first, second = seed.spawn(2)
-        target = joint_posterior(study, fewest=1)
-        small = PoolingOptions(self.warm_ups, self.adaptation)
-        samples = sample_joint(target, self.short, first, plan=small)
-        if enough(samples.diagnosis):
-            return _fitted(samples, converged=True)
-        samples = sample_joint(target, self.long, second, plan=PoolingOptions(lone=self.long_adaptation))
-        return _fitted(samples, converged=samples.diagnosis.converged)
+    def sampled(
+        self, study: Study, options: SamplingOptions, seed: SeedSequence, plan: AdaptationOptions
+    ) -> Samples | JointSamples:
+        """Samples of the joint posterior of a study with groups, of which one may be left."""
+        small = PoolingOptions(self.warm_ups, plan) if options is self.short else PoolingOptions(lone=plan)
+        return sample_joint(joint_posterior(study, fewest=1), options, seed, plan=small)
 
 
 def short_runs(study: Study) -> ShortRuns:

@@ -22,7 +22,7 @@ from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import fan, label, one_of, own_axes, styled
+from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, one_of, own_axes, styled
 from bayesterra.report.numbers import (
     NOTHING,
     interval,
@@ -34,7 +34,6 @@ from bayesterra.report.numbers import (
     share,
 )
 from bayesterra.report.sections import Section
-from bayesterra.report.style import DATA, INK, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
 from bayesterra.stats.weights import pareto_limit

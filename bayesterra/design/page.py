@@ -15,10 +15,9 @@ from bayesterra.design.choosing import BIT, UNANSWERED, Design
 from bayesterra.design.gain import Estimate
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import figure_of, literal, own_axes, styled
+from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
 from bayesterra.report.sections import Section, Verdict, VerdictPage
-from bayesterra.report.style import DATA, GRID
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
 
 SHOWN = 15

@@ -16,9 +16,8 @@ from bayesterra.follow.session import FollowedStream, RowOutcome
 from bayesterra.follow.updates import BAND_NAMES, column_of
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter, whole_and_part
 from bayesterra.report.blocks import Overview, Table, Text
-from bayesterra.report.figures import figure_of, label, new_figure, styled
+from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled
 from bayesterra.report.numbers import estimate
-from bayesterra.report.style import DATA, GRID, POSTERIOR
 from bayesterra.report.terminal import PlainConsole, note
 
 ALARM = "#D55E00"

@@ -26,10 +26,9 @@ from bayesterra.identifiability.verdicts import (
 )
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text, drawing, records
-from bayesterra.report.figures import label, name_cells, own_axes, styled
+from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain, signed
 from bayesterra.report.sections import origin_rows
-from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
 from bayesterra.study.result import COUPLED, Result, identifiability_rows
 

@@ -33,10 +33,9 @@ from bayesterra.identifiability.verdicts import (
 )
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
-from bayesterra.report.figures import label, new_figure, styled
+from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
 from bayesterra.report.sections import Section, Verdict, VerdictPage
-from bayesterra.report.style import GRID, INK, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
 from bayesterra.study.result import COUPLED, shown
 

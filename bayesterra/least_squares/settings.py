@@ -23,8 +23,8 @@ from bayesterra.parameters import (
     SOIL_PARAMETERS,
 )
 from bayesterra.stats.laws import Law
+from bayesterra.study.entries import prior_set
 from bayesterra.study.observations import Observations
-from bayesterra.study.prior_sets import prior_set
 from bayesterra.study.priors import Entry
 from bayesterra.study.study import Study
 

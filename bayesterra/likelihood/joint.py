@@ -21,8 +21,7 @@ from bayesterra.likelihood.posterior import (
     posterior,
 )
 from bayesterra.stats.dependence import MixtureCopula, Split
-from bayesterra.stats.laws import Law
-from bayesterra.stats.populations import draw_population, log_population, population_score, population_value
+from bayesterra.stats.laws import Law, draw_population, log_population, population_score, population_value
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 

@@ -24,7 +24,7 @@ from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.sampling.coordinates import Coordinates
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional, restricted
 from bayesterra.sampling.moves import Laws
-from bayesterra.stats.populations import log_population, population_score, population_value
+from bayesterra.stats.laws import log_population, population_score, population_value
 from bayesterra.stats.transport import Proposal, fit_proposal
 
 LEAST, GREATEST = 0.1, 0.9

@@ -17,10 +17,9 @@ from bayesterra.parameters import PARAMETERS, whole_and_part
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import label, literal, new_figure, styled
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
-from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling

@@ -18,9 +18,21 @@ from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cann
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
 from bayesterra.report.blocks import Cell, Overview, Table, Text, records
-from bayesterra.report.figures import fan, figure_of, label, literal, new_figure, own_axes, styled
+from bayesterra.report.figures import (
+    DATA,
+    GRID,
+    INK,
+    POSTERIOR,
+    PRIOR,
+    fan,
+    figure_of,
+    label,
+    literal,
+    new_figure,
+    own_axes,
+    styled,
+)
 from bayesterra.report.numbers import estimate, interval, resolution, rounded
-from bayesterra.report.style import DATA, GRID, INK, POSTERIOR, PRIOR
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""

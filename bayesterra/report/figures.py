@@ -1,11 +1,12 @@
-"""Figure style, and densities of draws along the axis of a parameter."""
+"""Figure style: colours and marks; densities of draws along the axis of a parameter."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import cache, wraps
 from io import BytesIO
+from pathlib import Path
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import matplotlib as mpl
@@ -18,7 +19,39 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Channel, Parameter, whole_and_part
-from bayesterra.report.style import MARKS, SETTINGS
+
+POSTERIOR = "#0072B2"
+PRIOR = "#8A8A8A"
+DATA = "#111111"
+INK = "#333333"
+GRID = "#D9D9D9"
+"""Okabe–Ito colours for what is inferred, greys for what is given."""
+
+PROBABILITIES = (0.5, 0.9)
+"""Masses of bands and contours."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Mark of a point estimate, the same in all figures."""
+
+    label: str
+    colour: str
+    marker: str
+    dashes: tuple[float, ...] = ()
+    hollow: bool = False
+
+
+MARKS = {
+    "IM1": Mark("IM1", "#D55E00", "^", (6.0, 2.0)),
+    "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
+    "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),
+    "joint": Mark("joint", "#E69F00", "X", (3.0, 2.0)),
+    "regression": Mark("lines", "#D55E00", "^", (6.0, 2.0)),
+    "nonlinear": Mark("one fit", "#E69F00", "X", (3.0, 2.0)),
+    "published": Mark("published", DATA, "o", hollow=True),
+    "truth": Mark("truth", DATA, "o", hollow=True),
+}
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -39,6 +72,13 @@ def mark_key(method: str) -> Line2D:
     )
 
 
+@cache
+def settings() -> dict[Any, Any]:
+    """Settings of matplotlib that all figures share."""
+    style = Path(__file__).parent / "templates" / "figures.mplstyle"
+    return dict(mpl.rc_params_from_file(style, use_default_template=False))
+
+
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Draw with the shared settings, whatever the reader's own are, and leave those untouched."""
 
@@ -46,7 +86,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         with mpl.rc_context():
             mpl.rcdefaults()
-            mpl.rcParams.update(SETTINGS)
+            mpl.rcParams.update(settings())
             return draw(*args, **kwargs)
 
     return wrapped

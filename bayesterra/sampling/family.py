@@ -13,9 +13,8 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.sampling.coordinates import LEAVING, Block, Coordinates, Logarithm, NormalScore, coordinates
-from bayesterra.stats.laws import Law
+from bayesterra.stats.laws import Law, log_population
 from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive_component
-from bayesterra.stats.populations import log_population
 from bayesterra.stats.transport import TransportMap, fit_transport_map
 from bayesterra.study.priors import Entry, Prior
 

@@ -166,7 +166,7 @@ class Clock:
 
 
 def sample(
-    posterior: Posterior,
+    posterior: Posterior | Target,
     options: SamplingOptions,
     seed: SeedSequence,
     report: Callable[[Progress], None] = lambda progress: None,
@@ -180,7 +180,7 @@ def sample(
 
     Parameters
     ----------
-    posterior : what to sample.
+    posterior : what to sample; a target brings coordinates of its own.
     options : effective draws asked for, number of ensembles and walkers, most steps.
     seed : root of all random streams of this call.
     report : called with a :class:`Progress` after each stage and round.
@@ -193,22 +193,9 @@ def sample(
     StudyError : every parameter is fixed.
     ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
-    if not posterior.names:
+    target = posterior if isinstance(posterior, Target) else Target(posterior, coordinates(posterior))
+    if not target.posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
-    return sample_target(
-        Target(posterior, coordinates(posterior)), options, seed, report, adaptation, checkpoint_store
-    )
-
-
-def sample_target(
-    target: Target,
-    options: SamplingOptions,
-    seed: SeedSequence,
-    report: Callable[[Progress], None] = lambda progress: None,
-    adaptation: AdaptationOptions | None = None,
-    checkpoint_store: CheckpointStore | None = None,
-) -> Samples:
-    """Sample any density in coordinates of its own; see :func:`sample`."""
     plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
     task = _Task(target, options, plan, store, clock, Steps(report))
     streams = seed.spawn(options.ensembles)

@@ -34,7 +34,7 @@ from bayesterra.sampling.sampler import (
     Target,
     ThinnedDraws,
     progress_bar,
-    sample_target,
+    sample,
     thin,
 )
 from bayesterra.sampling.summary import parameter_rows, summary_row
@@ -123,7 +123,7 @@ def analyse(
     sampling, drawing, weighing, predicting, leaving = SeedSequence(seed).spawn(5)
     prior = draw_cut_prior(posterior, PRIOR_DRAWS, default_rng(drawing))
     target = Target(posterior, coordinates(posterior))
-    samples = sample_target(target, test.sampling, sampling, report, adaptation=plan)
+    samples = sample(target, test.sampling, sampling, report, adaptation=plan)
     kept = thin(samples.chains)
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     left_out = failures.attempt(

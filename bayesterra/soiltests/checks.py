@@ -28,7 +28,7 @@ from scipy.stats import chi2, kstest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.sampler import Target, sample_target
+from bayesterra.sampling.sampler import Target, sample
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, marginal_sd
 from bayesterra.soiltests.schema import COLUMNS, KINDS, LEVELS, QUANTITIES
 from bayesterra.soiltests.study import Readings
@@ -217,7 +217,7 @@ def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatA
     """Draws (n, d) of the posterior of all other tests."""
     others = np.arange(len(posterior.readings.tests)) != number
     reduced = TestPosterior(posterior.prior, posterior.readings.only(others))
-    samples = sample_target(Target(reduced, coordinates(reduced)), ANEW, stream, adaptation=PLAN)
+    samples = sample(Target(reduced, coordinates(reduced)), ANEW, stream, adaptation=PLAN)
     flat = samples.chains.reshape(-1, samples.chains.shape[-1])
     return flat[:: max(1, len(flat) // DRAWS)]
 

@@ -30,10 +30,23 @@ from bayesterra.report.blocks import (
     records,
 )
 from bayesterra.report.failures import failed
-from bayesterra.report.figures import TAIL, Axis, fan, figure_of, label, new_figure, own_axes, styled
+from bayesterra.report.figures import (
+    DATA,
+    GRID,
+    MARKS,
+    POSTERIOR,
+    PRIOR,
+    TAIL,
+    Axis,
+    fan,
+    figure_of,
+    label,
+    new_figure,
+    own_axes,
+    styled,
+)
 from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
 from bayesterra.report.sections import Draft, Verdict, VerdictPage, in_a_line, origin_rows, unknown_verdict
-from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
 from bayesterra.soiltests.analysis import SoilTestResult

@@ -25,10 +25,10 @@ from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
+from bayesterra.study.entries import prior_set
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, sifted
-from bayesterra.study.prior_sets import prior_set
 from bayesterra.study.priors import Entry, Prior, Tie
 from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
 

@@ -1,9 +1,15 @@
-"""Single entries of a study: parameter values, prior laws and noise, as tables of text or as objects."""
+"""Single entries of a study: parameter values, prior laws and noise, as tables of text or as objects.
+
+Named sets of priors stand in ``prior_sets.toml``, in the words of a study file.
+"""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +24,8 @@ from bayesterra.errors import (
     known,
     suggestion,
 )
-from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import CHANNELS, HELD, LOAD_EFFECT, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
@@ -262,3 +269,23 @@ def _estimate(channel: str, value: object, *, bare: bool) -> Law:
         scale = quantity(entry["scale"], dimension, f"{channel}.estimate.scale", bare=bare)
         entry["lower"] = f"{scale / 10!r} {dimension}"
     return law(f"{channel}.estimate", entry, dimension, bare=bare)
+
+
+NO_SOURCE = "no independent source"
+"""Beginning of the source of a law for which nothing but its limits speaks."""
+_OF_LOADS = "load_effect"
+
+
+@cache
+def stated_sets() -> Mapping[str, Mapping[str, Any]]:
+    """Tables of all named sets of priors, as they are written."""
+    return tomllib.loads(read_text(Path(__file__).with_name("prior_sets.toml"), MEGABYTE))
+
+
+@cache
+def prior_set(name: str, *, load_effect: bool = False) -> Mapping[str, Entry]:
+    """Priors of the soil parameters in a set, or of the coefficients of the load effect; SI."""
+    stated = dict(stated_sets()[name])
+    of_loads = stated.pop(_OF_LOADS)
+    stated = dict.fromkeys(LOAD_EFFECT, of_loads) if load_effect else {**stated, **HELD}
+    return {key: prior_entry(key, value, bare=False) for key, value in stated.items()}

@@ -11,10 +11,9 @@ from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Parameter
-from bayesterra.report.figures import TAIL, Axis, density
+from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Verdict
-from bayesterra.report.style import MARKS, POSTERIOR, PRIOR
 from bayesterra.report.symbols import amount, angles, letters, listed, raised
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw

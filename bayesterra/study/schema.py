@@ -39,10 +39,10 @@ from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS, whole_and_part
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.study import entries
+from bayesterra.study.entries import stated_sets
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
 from bayesterra.study.noise import Noise
-from bayesterra.study.prior_sets import stated_sets
 from bayesterra.study.priors import Entry, Source
 from bayesterra.study.units import quantity
 

@@ -20,8 +20,7 @@ import bayesterra as bt
 from bayesterra.models import M1
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.run import PooledResult, run_pooled
-from bayesterra.report.figures import label, new_figure, styled
-from bayesterra.report.style import DATA, MARKS, POSTERIOR, PRIOR
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.sampling.sampler import Progress
 
 HERE = Path(__file__).parent

@@ -11,8 +11,7 @@ from readme import markdown
 from rover_drives import MODELS, drive
 
 from bayesterra.prediction.rover import Rover
-from bayesterra.report.figures import new_figure, styled
-from bayesterra.report.style import MARKS, POSTERIOR
+from bayesterra.report.figures import MARKS, POSTERIOR, new_figure, styled
 
 
 @styled

@@ -31,7 +31,7 @@ from bayesterra.identifiability.verdicts import identifiability
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
 from bayesterra.report.figures import white_png
-from bayesterra.sampling.sampler import Target, sample, sample_target, thin
+from bayesterra.sampling.sampler import Target, sample, thin
 from bayesterra.soiltests import page
 from bayesterra.soiltests.analysis import SoilTestResult, analyse
 from bayesterra.soiltests.checks import PLAN
@@ -87,9 +87,7 @@ def simulated(radii: tuple[float, ...], seed: int, truth: Mapping[str, float] = 
 def verdicts_of(test: SoilTest, seed: int) -> tuple[pd.DataFrame, np.ndarray, bool]:
     """Verdicts on the parameters of a soil test, kept draws, and whether the sampling converged."""
     posterior = TestPosterior.of(test)
-    samples = sample_target(
-        Target(posterior, coordinates(posterior)), SHORT, SeedSequence(seed), adaptation=PLAN
-    )
+    samples = sample(Target(posterior, coordinates(posterior)), SHORT, SeedSequence(seed), adaptation=PLAN)
     prior, draws = draw_cut_prior(posterior, 4000, default_rng(seed)).x, thin(samples.chains).flat
     seen = np.ones(len(posterior.names), dtype=bool)
     seen[:3] = structural(test.readings, posterior.soil(prior[:300]), np.ones(3, dtype=bool))

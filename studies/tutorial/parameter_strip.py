@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation import estimates, held
 from bayesterra.parameters import PARAMETERS, field_values
-from bayesterra.report.figures import density, label, mark_key, new_figure, styled
-from bayesterra.report.style import MARKS, POSTERIOR, PRIOR
+from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, density, label, mark_key, new_figure, styled
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 

@@ -12,8 +12,8 @@ from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import Table, Text
+from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import interval, resolution, rounded
-from bayesterra.report.style import MARKS
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.stats.quantile_law import QuantileLaw

@@ -28,9 +28,9 @@ from bayesterra.identifiability.identify import identify
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.pooling.run import run_pooled
-from bayesterra.prediction.forecast import forecast
 from bayesterra.prediction.outlook import predict_rover
 from bayesterra.prediction.page import predictions, rover_outlook
+from bayesterra.prediction.prediction import forecast
 from bayesterra.report.figures import white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.joint import PoolingOptions

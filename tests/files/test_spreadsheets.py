@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bayesterra.analysis.comparison import compare
 from bayesterra.errors import StudyError
-from bayesterra.prediction.forecast import forecast
+from bayesterra.prediction.prediction import forecast
 from bayesterra.runtime.tables import csv_text, read_cells, read_csv, shielded, unshielded
 from bayesterra.study.canonical import write_study
 from bayesterra.study.result import Result

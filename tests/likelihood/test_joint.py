@@ -17,7 +17,7 @@ from bayesterra.pooling.evidence import weigh_joint
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint, starting_points
 from bayesterra.sampling.moves import Walkers
-from bayesterra.stats.populations import draw_population, log_population
+from bayesterra.stats.laws import draw_population, log_population
 from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]

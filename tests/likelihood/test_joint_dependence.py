@@ -20,7 +20,7 @@ from bayesterra.pooling.page import joined_laws
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import PoolingOptions, sample_joint
 from bayesterra.sampling.moves import Walkers
-from bayesterra.stats.populations import log_population, population_score, population_value
+from bayesterra.stats.laws import log_population, population_score, population_value
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
 from tests.support.two_wheels import COHESION, FREE, FRICTION, SHEAR

@@ -13,7 +13,7 @@ import bayesterra as bt
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.run import PooledResult, _dataset
-from bayesterra.prediction import forecast
+from bayesterra.prediction import prediction
 from bayesterra.prediction.outlook import RoverOutlook
 from bayesterra.stats.laws import Law
 from bayesterra.study.study import Study
@@ -129,7 +129,7 @@ def test_a_wheel_in_a_file_is_predicted_by_the_population(
     assert not any("need not hold for another" in note for note in found.notes)
     named = bt.predict(untested, [0.2, 0.4], wheel=bt.Wheel(0.14, 0.16, 0.005, 24))
     np.testing.assert_array_equal(found.modelled, named.modelled)
-    made = forecast.forecast(result, slips=[0.2], wheels=[str(file)])
+    made = prediction.forecast(result, slips=[0.2], wheels=[str(file)])
     made.save(tmp_path / "out")
     assert "drawn from the population" in (tmp_path / "out" / "prediction.json").read_text(encoding="utf-8")
 

@@ -14,8 +14,7 @@ from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
-from bayesterra.prediction.forecast import forecast, slips_of
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, forecast, slips_of
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import read_wheel

@@ -14,7 +14,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.sampling.family import fit_conditional
 from bayesterra.sampling.joint import refitted, warmed_up
 from bayesterra.stats.diagnostics import diagnose
-from bayesterra.stats.populations import log_population
+from bayesterra.stats.laws import log_population
 
 FREE = (-np.inf, np.inf)
 

@@ -13,7 +13,7 @@ from bayesterra.errors import StudyError
 from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
 from bayesterra.sampling.coordinates import NormalScore
 from bayesterra.stats.laws import SLOW, Law
-from bayesterra.study.prior_sets import prior_set
+from bayesterra.study.entries import prior_set
 from bayesterra.study.priors import Prior
 
 LAWS = {

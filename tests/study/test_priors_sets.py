@@ -11,7 +11,7 @@ from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
-from bayesterra.study.prior_sets import NO_SOURCE, prior_set
+from bayesterra.study.entries import NO_SOURCE, prior_set
 from bayesterra.study.study import load_study
 from tests.support.folder import Write
 

@@ -12,8 +12,8 @@ from bayesterra.errors import StudyError
 from bayesterra.models import M1, M2, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.stats.laws import Law
+from bayesterra.study.entries import prior_set
 from bayesterra.study.noise import Noise
-from bayesterra.study.prior_sets import prior_set
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study, load_study
 from tests.support.folder import TABLE, Write

@@ -7,8 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from paper_data import NAMES, printed
 
-from bayesterra.report.figures import new_figure, styled
-from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
+from bayesterra.report.figures import DATA, GRID, MARKS, POSTERIOR, PRIOR, new_figure, styled
 
 LABELS = {
     "Ks": r"$K_\mathrm{s}$ [kPa/m$^N$]", "n0": r"$n_0$", "n1": r"$n_1$", "c": r"$c$ [kPa]",

@@ -21,8 +21,7 @@ import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, LoadEffectSoil, Soil, Wheel
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.figures import new_figure, png, styled
-from bayesterra.report.style import DATA, MARKS, POSTERIOR
+from bayesterra.report.figures import DATA, MARKS, POSTERIOR, new_figure, png, styled
 from bayesterra.runtime.engines import completed, local_pool
 
 HERE = Path(__file__).parent

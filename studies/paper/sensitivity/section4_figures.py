@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayesterra.arrays import FloatArray
-from bayesterra.report.figures import new_figure, styled
-from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR, PRIOR
+from bayesterra.report.figures import DATA, GRID, MARKS, POSTERIOR, PRIOR, new_figure, styled
 
 OUTCOMES = {"sinkage": "$z$", "drawbar_pull": r"$F_\mathrm{DP}$", "resistance_moment": r"$M_\mathrm{DR}$"}
 GROUPS = {"P_I": r"$P_\mathrm{I}$", "P_II": r"$P_\mathrm{II}$", "P_III": r"$P_\mathrm{III}$"}

@@ -7,8 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from var_fits import CONSTANT, REFERENCE
 
-from bayesterra.report.figures import new_figure, styled
-from bayesterra.report.style import DATA, GRID, MARKS, POSTERIOR
+from bayesterra.report.figures import DATA, GRID, MARKS, POSTERIOR, new_figure, styled
 
 SHOWN = {"Wh11": "Wh11, simulated", "HIT": "Wh32, HIT, digitised"}
 LINES = {

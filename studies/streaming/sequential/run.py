@@ -17,8 +17,7 @@ import pandas as pd
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.figures import label, new_figure, png, styled
-from bayesterra.report.style import MARKS, POSTERIOR, PRIOR
+from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, label, new_figure, png, styled
 from bayesterra.study.canonical import write_study
 
 HERE = Path(__file__).parent
