@@ -94,35 +94,70 @@ _OF_STATUS[Status.OK] = Outcome.HELD
 _OF_STATUS[[Status.LOAD, Status.SINKAGE]] = Outcome.SINKS
 
 
-class Rover(Protocol):
-    """Two axles of two wheels each, left and right alike; see :class:`bayesterra.prediction.rover.Rover`."""
+@dataclass(frozen=True, kw_only=True)
+class Rover:
+    """A rover with two axles of two wheels each; left and right are alike. SI units.
+
+    Attributes
+    ----------
+    weight : G, N, of body and wheels.
+    gravity : under which it weighs that, m/s²; None where it is not known.
+    wheelbase : distance L of the axles, m.
+    centre_height : of the centre of gravity above the ground on which the rims stand, m.
+    centre_ahead : the same, ahead of the rear axle, m.
+    tow_height : where the tow force pulls, above that ground, m.
+    wheels : front and rear, shearing radius known.
+    front_to_rear_speed : r_s ω of the front wheels over that of the rear wheels, as commanded; with 1, the
+        default, all wheels slip alike.
+
+    Raises
+    ------
+    ValueError : a value that no rover has.
+    """
+
+    weight: float
+    wheelbase: float
+    centre_height: float
+    centre_ahead: float
+    tow_height: float
+    wheels: tuple[Wheel, Wheel]
+    gravity: float | None = None
+    front_to_rear_speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        base, ahead, speed = self.wheelbase, self.centre_ahead, self.front_to_rear_speed
+        least = sum(wheel.radius for wheel in self.wheels)
+        between = f"must lie between the axles, 0 to {base:g} m"
+        for key, value, good, rule in (
+            ("weight", self.weight, self.weight > 0, "must be above 0 N"),
+            ("gravity", self.gravity, self.gravity is None or self.gravity > 0, "must be above 0 m/s²"),
+            ("wheelbase", base, base > least, f"must exceed the radii of both wheels, {least:g} m"),
+            ("centre_of_gravity.height", self.centre_height, self.centre_height > 0, "must be above 0 m"),
+            ("centre_of_gravity.ahead_of_rear_axle", ahead, 0 < ahead < base, between),
+            ("tow_height", self.tow_height, self.tow_height >= 0, "must not be below 0 m"),
+            ("front_to_rear_speed", speed, 0.5 <= speed <= 2, "must lie between 0.5 and 2"),
+        ):
+            if not good:
+                raise ValueError(f"'{key}' {rule} (got {value:g})")
 
     @property
-    def weight(self) -> float:
-        """G, N."""
+    def mean_load(self) -> float:
+        """A quarter of the weight, N."""
+        return self.weight / 4
 
     @property
-    def wheelbase(self) -> float:
-        """L, m."""
-
-    @property
-    def centre_height(self) -> float:
-        """Height of the centre of gravity above the ground on which the rims stand, m."""
-
-    @property
-    def centre_ahead(self) -> float:
-        """The same, ahead of the rear axle, m."""
-
-    @property
-    def tow_height(self) -> float:
-        """Height at which the tow force pulls, m."""
-
-    @property
-    def wheels(self) -> tuple[Wheel, Wheel]:
-        """Front and rear."""
+    def equal_slip(self) -> bool:
+        """True where all wheels are commanded the same speed on their shearing radius."""
+        return self.front_to_rear_speed == 1
 
     def slips(self, slowest: FloatArray) -> FloatArray:
-        """Slip of front and rear wheels (p, 2) where the slower axle slips by ``slowest`` (p,)."""
+        """Slip of front and rear wheels (n, 2) where the slower axle slips by `slowest` (n,).
+
+        All move at one speed v, and 1 − s = v/(r_s ω) by eq. (3), so that (1 − s_f) q = 1 − s_r for the ratio
+        q of their commanded speeds r_s ω.
+        """
+        speeds = np.array([self.front_to_rear_speed, 1.0])
+        return np.asarray(1 - (1 - slowest[:, None]) * speeds.min() / speeds)
 
 
 class Ground(Protocol):

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass as table
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
 from bayesterra.likelihood.forward import model_columns, soil_at
-from bayesterra.models import Wheel, WheelSoilModel
-from bayesterra.models.statics import SoftGround
+from bayesterra.models import Wheel, WheelSoilModel, statics
 from bayesterra.study.schema import (
     Acceleration,
     Force,
@@ -55,23 +53,14 @@ class Assumption:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rover:
-    """A rover with two axles of two wheels each; left and right are alike. SI units.
+class Rover(statics.Rover):
+    """A rover with the names of its wheels, and what of its numbers nobody measured.
 
     Attributes
     ----------
     name : what it is called.
-    weight : G, N, of body and wheels.
-    gravity : under which it weighs that, m/s²; None where it is not known.
-    wheelbase : distance of the axles, m.
-    centre_height : of the centre of gravity above the ground on which the rims stand, m.
-    centre_ahead : the same, ahead of the rear axle, m.
-    tow_height : where the tow force pulls, above that ground, m.
-    wheels : front and rear, shearing radius known.
-    wheel_names : of these.
-    front_to_rear_speed : r_s ω of the front wheels over that of the rear wheels, as commanded; with 1, the
-        default and an assumption, all wheels slip alike.
-    assumptions : which of these numbers are assumptions.
+    wheel_names : of the front and the rear wheels.
+    assumptions : which numbers are assumptions; that all wheels slip alike is one where no speeds are given.
 
     Raises
     ------
@@ -79,56 +68,19 @@ class Rover:
     """
 
     name: str
-    weight: float
-    wheelbase: float
-    centre_height: float
-    centre_ahead: float
-    tow_height: float
-    wheels: tuple[Wheel, Wheel]
     wheel_names: tuple[str, str] = AXLES
-    gravity: float | None = None
-    front_to_rear_speed: float = 1.0
     assumptions: tuple[Assumption, ...] = ()
 
     def __post_init__(self) -> None:
-        base, ahead, speed = self.wheelbase, self.centre_ahead, self.front_to_rear_speed
-        least = sum(wheel.radius for wheel in self.wheels)
-        between = f"must lie between the axles, 0 to {base:g} m"
-        for key, value, good, rule in (
-            ("weight", self.weight, self.weight > 0, "must be above 0 N"),
-            ("gravity", self.gravity, self.gravity is None or self.gravity > 0, "must be above 0 m/s²"),
-            ("wheelbase", base, base > least, f"must exceed the radii of both wheels, {least:g} m"),
-            ("centre_of_gravity.height", self.centre_height, self.centre_height > 0, "must be above 0 m"),
-            ("centre_of_gravity.ahead_of_rear_axle", ahead, 0 < ahead < base, between),
-            ("tow_height", self.tow_height, self.tow_height >= 0, "must not be below 0 m"),
-            ("front_to_rear_speed", speed, 0.5 <= speed <= 2, "must lie between 0.5 and 2"),
-        ):
-            if not good:
-                raise StudyError(f"'{key}' {rule} (got {value:g})")
+        try:
+            super().__post_init__()
+        except ValueError as error:
+            raise StudyError(str(error)) from error
 
-    @property
-    def mean_load(self) -> float:
-        """A quarter of the weight, N."""
-        return self.weight / 4
-
-    @property
-    def equal_slip(self) -> bool:
-        """True where all wheels are commanded the same speed on their shearing radius."""
-        return self.front_to_rear_speed == 1
-
-    def slips(self, slowest: FloatArray) -> FloatArray:
-        """Slip of front and rear wheels (n, 2) where the slower axle slips by ``slowest`` (n,).
-
-        All move at one speed v, and 1 − s = v/(r_s ω) by eq. (3), so that (1 − s_f) q = 1 − s_r for the ratio
-        q of their commanded speeds r_s ω.
-        """
-        speeds = np.array([self.front_to_rear_speed, 1.0])
-        return np.asarray(1 - (1 - slowest[:, None]) * speeds.min() / speeds)
-
-    def on(self, soil: FloatArray, model: WheelSoilModel) -> SoftGround:
+    def on(self, soil: FloatArray, model: WheelSoilModel) -> statics.SoftGround:
         """Soils, soil arrays (n, p), under its wheels through a model."""
         front, rear = (model_columns(soil_at(soil, wheel.width), model) for wheel in self.wheels)
-        return SoftGround(model, self.wheels, (front, rear))
+        return statics.SoftGround(model, self.wheels, (front, rear))
 
 
 @table(frozen=True, kw_only=True, config=_CONFIG)
