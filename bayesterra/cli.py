@@ -117,9 +117,7 @@ def run(
     seed: Seed = 1,
     resume: Resume = False,
     overwrite: Overwrite = False,
-    prior_only: Annotated[
-        bool, flag("--prior-only", "Report on the prior alone; needs no readings.")
-    ] = False,
+    prior_only: Annotated[bool, flag("--prior-only", "Report on the prior; needs no readings.")] = False,
     crosscheck: Annotated[
         bool, flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty).")
     ] = False,
@@ -155,9 +153,7 @@ def check(study: StudyPath) -> None:
 @app.command(short_help="Identify the soil by least squares: IM1, IM2, IM3, joint.")
 def fit(
     study: StudyPath,
-    method: Annotated[
-        Texts, typer.Option(help="IM1, IM2, IM3 or joint; may be repeated. By default all.")
-    ] = None,
+    method: Annotated[Texts, typer.Option(help="IM1, IM2, IM3, joint; may be repeated; else all.")] = None,
 ) -> None:
     """Identify the soil by least squares: IM1, IM2, IM3 and all channels jointly; each group alone."""
     from bayesterra.least_squares.fit import fit as fit_study
@@ -228,9 +224,7 @@ def predict(
     ] = "shearing",
     rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
     slope: Annotated[Texts, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")] = None,
-    tow: Annotated[
-        Texts, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; by default none.')
-    ] = None,
+    tow: Annotated[Texts, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; else none.')] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-prediction.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -273,9 +267,7 @@ def compare(
     results: Annotated[list[Path], argument("DIR DIR...", "Two to six result folders.")],
     out: Annotated[Path, option("FOLDER", "New folder for the page and its tables.")] = Path("comparison"),
     load: Annotated[str | None, option("W", "Load that all predict; by default the first result's.")] = None,
-    wheel: Annotated[
-        str | None, option("NAME|FILE", "Wheel that all drive; by default each its own.")
-    ] = None,
+    wheel: Annotated[str | None, option("NAME|FILE", "Wheel that all drive; else each its own.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Set results side by side: two models, two priors, two drives."""
@@ -319,7 +311,7 @@ def identify(
     workers: Workers = None,
     scheduler: Scheduler = None,
     prior_only: Annotated[
-        bool, flag("--prior-only", "What the design could determine; needs no readings.")
+        bool, flag("--prior-only", "What the design could determine; no readings.")
     ] = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -353,25 +345,17 @@ def identify(
 @app.command(short_help="Rank drives that could come next by what they would tell.")
 def design(
     study_or_result: Annotated[
-        Path, argument("STUDY|DIR", "A result folder, whose posterior is built on, or a study.")
+        Path, argument("STUDY|DIR", "A result, whose posterior is built on, or a study.")
     ],
-    about: Annotated[
-        Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all that are free.")
-    ] = None,
-    slip: Annotated[
-        Texts, option("S,S", "Candidate slips; by default the driven range and some beyond.")
-    ] = None,
+    about: Annotated[Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all free.")] = None,
+    slip: Annotated[Texts, option("S,S", "Candidate slips; by default the driven range and beyond.")] = None,
     load: Annotated[
         Texts, option("W", 'Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.')
     ] = None,
     wheel: Wheels = None,
-    channel: Annotated[
-        Texts, option("NAME=SD", 'A sensor to add, e.g. "resistance_moment=0.15 N m".')
-    ] = None,
+    channel: Annotated[Texts, option("NAME=SD", 'A sensor to add: "resistance_moment=0.15 N m".')] = None,
     number: Annotated[int, option("N", "Drives to choose together.", "-n", "--number")] = 1,
-    by: Annotated[
-        str, option("WHAT", "information (about all of them together) or sd (of each).")
-    ] = "information",
+    by: Annotated[str, option("WHAT", "information (all of them together) or sd (of each).")] = "information",
     group: Group = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-design.")] = None,
     seed: Seed = 1,
@@ -408,9 +392,7 @@ def design(
 @app.command(short_help="Predict rows that the fit has not seen, level by level.")
 def holdout(
     what: Annotated[Path, argument("STUDY|DIR", "A study, or a result folder with its study.")],
-    by: Annotated[
-        str, option("WHAT", "What is left out at a time: a level of slip, a wheel, a row.")
-    ] = "slip",
+    by: Annotated[str, option("WHAT", "What is left out at a time: slip, wheel or row.")] = "slip",
     tolerance: Annotated[float, option("D", "Slips nearer than this are one level.")] = 0.03,
     out: Annotated[Path | None, option("DIR", "New folder; by default <study folder>-holdout.")] = None,
     seed: Seed = 1,

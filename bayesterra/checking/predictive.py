@@ -231,7 +231,7 @@ class Modelled:
     def log_likelihood(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings (m, channels), NaN where there is none, but for a constant."""
         if self.joint is not None:
-            return self.joint.log_density(readings)
+            return likelihood.reading(self.joint, readings).log_density(readings)
         if self.bare is not None:
             return np.asarray(likelihood.log_readings(readings, self.mean, self.bare).sum(axis=(1, 2)))
         numbers, mean, scale = self._numbers(readings), self.mean, self.scale
@@ -260,10 +260,11 @@ class Modelled:
         curvature, pull = told_loads(numbers - self.mean, slope, self.scale)
         return np.maximum(curvature, LEAST_TOLD), pull
 
-    def explaining(self, readings: FloatArray, rng: Generator) -> Modelled:
+    def explaining(self, likelihood: Likelihood, readings: FloatArray, rng: Generator) -> Modelled:
         """The same with every latent quantity drawn as these readings (m, channels) tell it."""
         if self.joint is not None:
-            return replace(self, mean=self.joint.mean + self.joint.draw(readings, rng).at_rows)
+            told = likelihood.reading(self.joint, readings).draw(readings, rng)
+            return replace(self, mean=self.joint.mean + told.at_rows)
         if self.slope is None:
             return self
         curvature, pull = self._told(self._numbers(readings), self.slope)
@@ -374,5 +375,5 @@ def _settled(
         local_weights = local.weights(likelihood, readings)
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
-    draws = pool.modelled.take(systematic(weights, options.draws, rng)).explaining(readings, rng)
+    draws = pool.modelled.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
     return Replicate(readings, draws, effective_number(weights))

@@ -290,10 +290,7 @@ class CorrelatedLikelihood(Likelihood):
         if whitenings is None:
             whitenings = tuple(stack.whitening(scale, sizes, effect) for stack in self.layout.stacks)
         law = TableLaw(self.layout, mean, scale, sizes, effect, whitenings)
-        if self.intervals is None:
-            return law
-        side = np.where(self.known, self.intervals.sides(self.measured), 0.0)
-        return law.limited(side, self.measured) if side.any() else law
+        return self.reading(law, self.measured)
 
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""

@@ -307,6 +307,8 @@ class TableLaw:
         all others (Minka 2001; for normal laws Cunningham, Hennig and Lacoste-Julien 2013, arXiv:1111.6832).
         """
         row, column = side.nonzero()
+        if not row.size:
+            return self if self.sites is None else self._with(None)
         end, above = readings[row, column], side[row, column] > 0
         low, high = np.where(above, end, -np.inf), np.where(above, np.inf, end)
         variance = self.scale**2 + self.layout.variance(self.sizes, self.effects)
@@ -320,7 +322,7 @@ class TableLaw:
             law = self._with(sites)
         return law
 
-    def _with(self, sites: Sites) -> TableLaw:
+    def _with(self, sites: Sites | None) -> TableLaw:
         """The same with laws in place of limits."""
         law = replace(self, sites=sites)
         parts = (stack.whitening(law.noise, self.sizes, self.effects) for stack in self.layout.stacks)

@@ -112,6 +112,12 @@ class Likelihood:
         """
         return None
 
+    def reading(self, law: TableLaw, readings: FloatArray) -> TableLaw:
+        """A law of the table for other readings (m, k), of which others may be known by a limit only."""
+        if self.intervals is None:
+            return law
+        return law.limited(np.where(law.known, self.intervals.sides(readings), 0.0), readings)
+
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
         z = self.standardised(self.predicted(self.forward(soil)), noise_values)

@@ -71,6 +71,30 @@ def test_latent_loads_are_linear_enough(latent: Posterior) -> None:
     assert np.abs(difference - np.median(difference)).max() < 0.1
 
 
+def test_limits_under_latent_loads_are_linear_enough(latent: Posterior) -> None:
+    """Readings known by a limit only, one of them the only one of its row that tells the load."""
+    rows, x = latent.likelihood.observations, _likely(latent, 200)
+    pull, force = rows.values["drawbar_pull"], rows.values["normal_force"]
+    nowhere = np.tile([-np.inf, np.inf], (len(rows), 1))
+    ends = {"drawbar_pull": nowhere.copy(), "normal_force": nowhere.copy()}
+    ends["drawbar_pull"][0], ends["normal_force"][1] = (-np.inf, pull[0] - 0.5), (force[1] + 1.0, np.inf)
+    clipped = {name: np.clip(rows.values[name], *ends[name].T) for name in ends}
+    limited = replace(rows, values={**rows.values, **clipped}, limits=ends)
+    density = replace(latent, likelihood=replace(latent.likelihood, observations=limited))
+    modelled = Modelled.of(density, x, density.explained(x, default_rng(1)))
+    readings = density.likelihood.draw(
+        density.explained(x[:1], default_rng(3)), np.empty((1, 0)), default_rng(4)
+    )
+    other = readings[0]
+    other[0, density.likelihood.channels.index("drawbar_pull")] = pull[0] - 0.5
+    other[1, density.likelihood.channels.index("normal_force")] = force[1] + 1.0
+    exact = with_readings(density, other).log_terms(x).sum(axis=(1, 2))
+    difference = modelled.log_likelihood(density.likelihood, other) - exact
+    assert exact.std() > 0.5
+    assert np.abs(difference - np.median(difference)).max() < 0.1
+    assert np.ptp(replace(modelled, limits=None).log_likelihood(latent.likelihood, other) - exact) > 0.3
+
+
 def test_latent_loads_are_drawn_as_the_readings_tell(latent: Posterior) -> None:
     """Explaining readings that all lie at a shifted load moves the modelled ones there."""
     x = np.repeat(_likely(latent, 1), 4000, axis=0)
@@ -78,7 +102,7 @@ def test_latent_loads_are_drawn_as_the_readings_tell(latent: Posterior) -> None:
     assert modelled.slope is not None
     centre = modelled.mean.mean(axis=0)
     shifted = centre + 2.0 * modelled.slope.mean(axis=0)
-    moved = modelled.explaining(shifted, default_rng(1)).mean
+    moved = modelled.explaining(latent.likelihood, shifted, default_rng(1)).mean
     np.testing.assert_allclose(moved.mean(axis=0) - shifted, 0.0, atol=0.05 * np.abs(shifted - centre).max())
     precision = ((modelled.slope / modelled.scale) ** 2).sum(axis=2).mean(axis=0)
     force = latent.likelihood.channels.index("normal_force")

@@ -164,3 +164,25 @@ def test_beside_latent_loads_it_is_the_integral_over_the_reading(limit: str) -> 
         levels.append(posterior(study).log_prior_and_likelihood(x)[1] + np.log(0.5 * width * scale * weight))
     assert np.ptp(found) > 1
     assert_allclose(found, logsumexp(levels, axis=0), atol=0.03)
+
+
+def test_another_table_has_limits_of_its_own(case: Case) -> None:
+    """A replicate in which one limit is a number and none of the others is one, as an instrument shows it."""
+    study, density = case
+    x, side = sets(density, 3), sides(density)
+    likelihood = density.likelihood
+    assert likelihood.intervals is not None
+    law = likelihood.joint_law(density.prior.soil_values(x), density.noise_values(x))
+    assert law is not None
+    readings = likelihood.measured.copy()
+    row, column = np.argwhere(side.reshape(readings.shape) > 0)[0]
+    readings[row, column] -= 0.7
+    assert not likelihood.intervals.limited(readings)[row, column]
+    found = likelihood.reading(law, readings).log_density(readings)
+    other = side.copy()
+    other[row * readings.shape[1] + column] = 0
+    for i, each in enumerate(x):
+        of = written(study, density, each)
+        of.readings[: readings.size] = readings.ravel()
+        assert found[i] == pytest.approx(exact(of, other, of.known), abs=0.01)
+    assert not np.allclose(found, law.log_density(readings), atol=0.05)

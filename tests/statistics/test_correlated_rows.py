@@ -106,7 +106,7 @@ def test_replicated_tables_have_the_likelihood_of_real_ones(name: str) -> None:
     expected = replace(density, likelihood=other).log_prior_and_likelihood(x)[1]
     assert_allclose(modelled.log_likelihood(likelihood, table), expected, rtol=1e-9)
     one = modelled.take(np.zeros(4000, dtype=np.int64))
-    moved = one.explaining(table, default_rng(2)).mean.mean(axis=0)
+    moved = one.explaining(likelihood, table, default_rng(2)).mean.mean(axis=0)
     soil, noise = density.prior.soil_values(x[:1]), density.noise_values(x[:1])
     soil, noise = np.repeat(soil, 4000, axis=0), np.repeat(noise, 4000, axis=0)
     direct = other.predicted(other.explained(soil, noise, default_rng(3))).mean(axis=0)
