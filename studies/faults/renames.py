@@ -18,7 +18,7 @@ from io import StringIO
 from pathlib import Path
 
 from points import KINDS, arm, counted
-from short_runs import quick_study
+from short_runs import put, quick_study
 from trials import RIGHT, Process, Table, command, content, emptied, everything, rng_of, sums_hold
 
 from bayesterra.runtime import folders
@@ -114,7 +114,7 @@ class Scene:
 
 
 def _die_at_the_end() -> None:
-    vars(folders)["_close"] = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)
+    put(folders, _close=lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
 
 
 def _holds(path: Path, text: str) -> bool:
@@ -148,7 +148,7 @@ def late(
 def untidy(scene: Scene, place: Path, notes: Path) -> None:
     """Put a result of seed 1 into a place, with its checkpoint still in it."""
     shutil.copytree(scene.made / "ended-1" / "out.part", place / "out.part")
-    keep = partial(vars(folders).__setitem__, "tidy", lambda place: None)
+    keep = partial(put, folders, tidy=lambda place: None)
     assert Process.begun(scene.run(place, 1, "--resume"), notes, keep).code() == 3
     assert (place / "out" / WORK / "lock").exists()
 

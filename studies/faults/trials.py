@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 from shipped import FILES
-from short_runs import HELD, PAGE, make_runs_quick, quick_study
+from short_runs import HELD, PAGE, make_runs_quick, put, quick_study
 
 from bayesterra.__main__ import main
 from bayesterra.checking import calibration_page
@@ -76,7 +76,7 @@ def make_results(made: Path) -> None:
 def make_quick() -> None:
     """Quick runs, calibrations of one parameter on a grid, and everything compiled."""
     make_runs_quick()
-    vars(calibration_page)["calibration_page"] = lambda _: PAGE
+    put(calibration_page, calibration_page=lambda _: PAGE)
     type.__setattr__(ShortRuns, "__call__", lambda self, study, seed: on_a_grid(study, seed))
     warm_up()
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 from shipped import FILES
 
@@ -44,8 +45,15 @@ def make_runs_quick() -> None:
     """Short rounds, a small adaptation, few draws, and little but files after the sampling."""
     small = partial(AdaptationOptions, particles=128, sweeps=1, components=2, refinements=(2,))
     prior = partial(draw_cut_prior, batch=256)
-    vars(sampler).update(WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
-    vars(inference).update(PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
-    vars(inference).update(fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
+    put(sampler, WARM_UP_STEPS=10, ROUND_STEPS=6, AdaptationOptions=small, draw_cut_prior=prior)
+    put(inference, PRIOR_DRAWS=500, CURVE_DRAWS=50, MODE_DRAWS=200, draw_cut_prior=prior)
+    put(inference, fit_all=lambda _: ({}, ()), validate=lambda *_: SimpleNamespace(record=dict))
     type.__setattr__(RunRecord, "check", lambda content, name: None)  # which now lacks the checks
-    vars(analysis_pages)["page"] = lambda _: PAGE
+    put(analysis_pages, run_page=lambda _: PAGE)
+
+
+def put(module: ModuleType, **names: Any) -> None:
+    """Put other things in the place of names of a module, all of which must be there."""
+    gone = [name for name in names if name not in vars(module)]
+    assert not gone, f"{module.__name__} has no {', '.join(gone)}"
+    vars(module).update(names)
