@@ -32,6 +32,7 @@ from bayesterra.report.numbers import (
     with_error,
 )
 from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
+from bayesterra.study.page import crosscheck
 from bayesterra.study.result import Result, summary_rows
 
 RANKS = (
@@ -71,7 +72,7 @@ def sampling_section(result: Result) -> Blocks:
     return (
         _checks(result),
         Text(_evidence(result.record)),
-        *_crosscheck(result.record),
+        *crosscheck(result.record),
         _chains(result),
         Gallery("tiny", ranks, RANKS),
         Gallery("tiny", traces, TRACES),
@@ -101,19 +102,6 @@ def _doubt(evidence: Mapping[str, Any]) -> str:
     if evidence["k_hat"] is not None and evidence["k_hat"] <= evidence["limit"]:
         return f"The ensembles’ own values lie {evidence['spread']:.2g} off (root mean square)"
     return "The weights have a heavy tail"
-
-
-def _crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
-    """Verdict of nested sampling at two settings, if it was asked for."""
-    crosscheck = record.get("crosscheck")
-    if crosscheck is None:
-        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
-    text = Markup(
-        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
-        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
-        "sign, so a disagreement does not say who is wrong."
-    ).format(crosscheck["verdict"], crosscheck["worst"], crosscheck["threshold"])
-    return (Text(text),)
 
 
 def _checks(result: Result) -> Table:

@@ -38,7 +38,7 @@ from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, unk
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.page import StripRow, keys, sampling_verdict, unconverged
+from bayesterra.study.page import StripRow, crosscheck_line, keys, sampling_verdict, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
@@ -215,9 +215,7 @@ def run_overview(result: Result) -> Overview:
         misfits = (f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks))
         words = f"{'; '.join(misfits)} (overall p {probability(checks.overall)})"
         lines.append(Text(misfit_text(words), "poor"))
-    if crosscheck := result.record.get("crosscheck"):
-        verdict = f"{crosscheck['verdict']} ({crosscheck['worst']})"
-        lines.append(Text(f"Cross-check by nested sampling: {verdict}."))
+    lines += crosscheck_line(result.record)
     return (_parameters(result), *lines, *failure_lines(result.record))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from bayesterra.analysis import inference
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import PriorResult, is_pooled, is_prior, read_pooled, read_result
-from bayesterra.errors import BayesterraError, ResultError, StudyError, check_kind, check_seed, checked_path
+from bayesterra.errors import BayesterraError, ResultError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
 from bayesterra.runtime.folders import check_free, clear_up, part_of, whole_folder
@@ -39,14 +39,15 @@ def run(
 
     Raises
     ------
-    StudyError : no study is given, or a cross-check is asked of one with groups.
+    StudyError : no study is given.
     """
     check_kind("bt.run", study, Study)
     check_seed(seed)
-    if study.pooling is not None:
-        _no_crosscheck(crosscheck)
-        return run_pooled(study, seed=seed, report=progress)
-    return inference.run(study, seed=seed, report=progress, crosscheck=crosscheck)
+    return _sampled(study, seed=seed, report=progress, crosscheck=crosscheck)
+
+
+def _sampled(study: Study, **how: Any) -> Result:
+    return inference.run(study, **how) if study.pooling is None else run_pooled(study, **how)
 
 
 def load_result(folder: str | Path) -> Result:
@@ -85,8 +86,6 @@ def run_study(
     """
     from bayesterra.report.terminal import note
 
-    if study.pooling is not None:
-        _no_crosscheck(crosscheck)
     if resume and not overwrite and (done := _finished(study, out, seed)):
         return done
     check_free(out, overwrite=overwrite)
@@ -99,10 +98,7 @@ def run_study(
             update(Progress("drawing from the prior", 0.0))
             how: dict[str, Any] = {"seed": seed, "report": update, "checkpoint_store": checkpoints}
             with _from_segments(part) if resumed else nullcontext():
-                if study.pooling is None:
-                    result: Result = inference.run(study, crosscheck=crosscheck, **how)
-                else:
-                    result = run_pooled(study, **how)
+                result = _sampled(study, crosscheck=crosscheck, **how)
             update(Progress("writing the report", 1.0))
             result = result.write(part)
     return result
@@ -120,14 +116,6 @@ def _from_segments(part: Path) -> Iterator[None]:
             f"'{part}' holds segments that this run cannot go on from ({reason(error)}): add --overwrite in"
             " place of --resume to begin anew"
         ) from error
-
-
-def _no_crosscheck(asked: bool) -> None:
-    if asked:
-        raise StudyError(
-            "--crosscheck takes studies without a [pooling] table: on the narrow neck of a population nested"
-            " sampling does not agree with itself"
-        )
 
 
 def _finished(study: Study, out: Path, seed: int) -> Result | None:

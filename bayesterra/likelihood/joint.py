@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.random import Generator
+from scipy.special import ndtri
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, SupportError
@@ -21,7 +22,7 @@ from bayesterra.likelihood.posterior import (
     posterior,
 )
 from bayesterra.stats.dependence import MixtureCopula, Split
-from bayesterra.stats.laws import Law, draw_population, log_population, population_score, population_value
+from bayesterra.stats.laws import Law, log_population, population_score, population_value
 from bayesterra.study.groups import Pooling
 from bayesterra.study.study import Study
 
@@ -328,32 +329,34 @@ class JointPosterior:
 
     def draw_shared(self, n: int, rng: Generator) -> FloatArray:
         """Shared parameters, means and spreads (n, k) from their stated laws."""
-        tied = np.empty((n, 0)) if self.copula is None else self.copula.draw_shared(n, rng)
-        scores = dict(zip(self.tied_shared, tied.T, strict=True))
-        laws = ((self.laws[name], scores.get(name)) for name in self.shared)
-        columns = [law.sample(n, rng) if z is None else law.at_score(z) for law, z in laws]
-        columns += [law.sample(n, rng) for pair in self.hyper.values() for law in pair]
-        return np.column_stack(columns)
+        return self.shared_values(rng.standard_normal((n, len(self.shared_and_hyper))))
+
+    def shared_values(self, normal: FloatArray) -> FloatArray:
+        """Shared parameters, means and spreads (n, k) at independent normal scores (n, k)."""
+        z, tied = normal.copy(), [self.shared.index(name) for name in self.tied_shared]
+        if self.copula is not None:
+            z[:, tied] = self.copula.first(z[:, tied])
+        named = zip(self.shared_and_hyper, z.T, strict=True)
+        columns = [self.prior.laws[name].at_score(score) for name, score in named]
+        return np.column_stack([np.empty((len(z), 0)), *columns])
 
     def draw_group(self, shared: FloatArray, rng: Generator) -> FloatArray:
         """Locals (n, d) of one group for each row of shared values, before the physical cut."""
-        scores: dict[str, FloatArray] = {}
-        if self.copula is not None and self.tied_local:
-            tied = self.copula.draw_own(self._shared_scores(shared), rng)
-            scores = dict(zip(self.tied_local, tied.T, strict=True))
-        columns = []
-        for name in self.local:
-            law, z = self.laws[name], scores.get(name)
+        return self.own_values(shared, rng.standard_normal((len(shared), len(self.local))))
+
+    def own_values(self, shared: FloatArray, normal: FloatArray) -> FloatArray:
+        """Locals (n, d) of one group at independent normal scores (n, d), given shared values (n, k)."""
+        z, tied = normal.copy(), [self.local.index(name) for name in self.tied_local]
+        if self.copula is not None and tied:
+            z[:, tied] = self.copula.completed(self._shared_scores(shared), z[:, tied])
+        own = np.empty_like(z)
+        for i, name in enumerate(self.local):
+            law = self.laws[name]
             if name in self.populations:
-                mean, spread = self.population(name, shared)
-                columns.append(
-                    draw_population(mean, spread, law.range, rng)
-                    if z is None
-                    else population_value(z, mean, spread, law.range)
-                )
+                own[:, i] = population_value(z[:, i], *self.population(name, shared), law.range)
             else:
-                columns.append(law.sample(len(shared), rng) if z is None else law.at_score(z))
-        return np.column_stack(columns)
+                own[:, i] = law.at_score(z[:, i])
+        return own
 
     def draw_untested(self, shared: FloatArray, rng: Generator) -> FloatArray:
         """Locals (n, d) of a group that was not tested, in the physical ranges where the prior has any."""
@@ -381,9 +384,17 @@ class JointPrior:
 
     def sample(self, n: int, rng: Generator) -> FloatArray:
         """Draw parameter sets (n, all)."""
-        shared = self.joint.draw_shared(n, rng)
-        own = [self.joint.draw_group(shared, rng) for _ in self.joint.groups]
-        return self.joint.joined(shared, np.stack(own, axis=1))
+        return self.quantile(rng.random((n, len(self.joint.names))))
+
+    def quantile(self, q: FloatArray) -> FloatArray:
+        """Parameter sets (n, all) at probabilities ``q`` (n, all): independent uniform ones give draws.
+
+        A value within a population is the quantile of that one.
+        """
+        joint, z, k = self.joint, ndtri(q), len(self.joint.shared_and_hyper)
+        shared = joint.shared_values(z[:, :k])
+        groups = np.split(z[:, k:], len(joint.groups), axis=1)
+        return joint.joined(shared, np.stack([joint.own_values(shared, own) for own in groups], axis=1))
 
     def scores(self, x: FloatArray) -> FloatArray:
         """Normal scores (n, all) of parameter sets; of a value within a population, given mean and spread."""

@@ -23,7 +23,7 @@ from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, orig
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import law_text, unconverged
+from bayesterra.study.page import crosscheck, crosscheck_line, law_text, unconverged
 from bayesterra.study.study import Study
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
@@ -282,7 +282,7 @@ def _summary_section(result: PooledResult) -> Blocks:
         "prior mean",
         "sd",
     )
-    return (Table(caption, "ll" + "r" * 9, header, body),)
+    return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck(result.record))
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -426,4 +426,5 @@ def pooled_overview(result: PooledResult) -> Overview:
     if stated := pooling.get("sentence_as_stated"):
         lines.append(f"With the other parameters as this study has them: {stated}")
     header = ("pooling", "log evidence", "elpd of rows", "elpd of groups")
-    return (Table("", "lrrr", header, tuple(rows)), *map(Text, lines), *failure_lines(result.record))
+    said = (*map(Text, lines), *crosscheck_line(result.record), *failure_lines(result.record))
+    return (Table("", "lrrr", header, tuple(rows)), *said)

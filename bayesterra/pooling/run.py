@@ -44,6 +44,7 @@ from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
+from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import array_diagnosis, parameter_rows, summary_row
 from bayesterra.stats.diagnostics import hdi
@@ -187,6 +188,7 @@ def run_pooled(
     report: Callable[[Progress], None] = lambda progress: None,
     checkpoint_store: CheckpointStore | None = None,
     plan: PoolingOptions | None = None,
+    crosscheck: bool = False,
 ) -> PooledResult:
     """Sample the joint posterior of a study with groups, and judge how far its parameters are shared.
 
@@ -195,12 +197,14 @@ def run_pooled(
 
     Parameters
     ----------
-    seed, report, checkpoint_store : as for :func:`bayesterra.analysis.inference.run`.
+    seed, report, checkpoint_store, crosscheck : as for :func:`bayesterra.analysis.inference.run`.
     plan : size of the adaptation.
     """
+    if crosscheck:
+        check_installed()
     started = time.perf_counter()
-    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(5)
-    sampling, whole, weighing, prior_stream, comparing = family_streams
+    joint, family_streams = joint_posterior(study), SeedSequence(seed).spawn(6)
+    sampling, whole, weighing, prior_stream, comparing, nesting = family_streams
     samples = sample_joint(joint, study.sampling, sampling, report, plan, checkpoint_store)
     asked = replace(study.sampling, target_ess=min(study.sampling.target_ess, 4000))
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
@@ -243,6 +247,14 @@ def run_pooled(
         },
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
+    if crosscheck:
+
+        def against() -> dict[str, Any]:
+            ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], None)
+            told = against_nested(joint, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+            return {"crosscheck": told.record()}
+
+        findings |= failures.attempt("crosscheck", against, dict[str, Any])
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
         study=study,

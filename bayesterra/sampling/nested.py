@@ -18,7 +18,7 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.posterior import Posterior
+from bayesterra.likelihood.joint import Whole
 from bayesterra.sampling.importance import Evidence
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.weights import effective_number
@@ -166,7 +166,7 @@ def check_installed() -> None:
 
 
 def against_nested(
-    posterior: Posterior,
+    posterior: Whole,
     ours: Weighted,
     seed: SeedSequence,
     live: tuple[int, ...] = LIVE,
@@ -183,7 +183,7 @@ def against_nested(
     return compare(tuple(samplers), posterior.names)
 
 
-def nested(posterior: Posterior, live: int, seed: SeedSequence) -> Weighted:
+def nested(posterior: Whole, live: int, seed: SeedSequence) -> Weighted:
     """Static nested sampling from the unit cube of the stated prior, by dynesty."""
     check_installed()
     from dynesty import NestedSampler

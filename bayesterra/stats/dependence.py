@@ -159,14 +159,9 @@ class Split:
         slope = np.linalg.solve(R[np.ix_(others, others)], R[others, of])
         return np.asarray(slope), float(np.sqrt(1.0 - slope @ R[others, of]))
 
-    def draw_shared(self, n: int, rng: Generator) -> FloatArray:
-        """Shared scores (n, k)."""
-        return self._first.completed(np.empty((n, 0)), rng.standard_normal((n, self.shared)))
-
-    def draw_own(self, shared: FloatArray, rng: Generator) -> FloatArray:
-        """One group's scores (n, d), given the shared ones of each row."""
-        own = len(self.whole.correlation) - self.shared
-        return self.completed(shared, rng.standard_normal((len(shared), own)))
+    def first(self, normal: FloatArray) -> FloatArray:
+        """Shared scores (n, k) from independent ones (n, k)."""
+        return self._first.completed(np.empty((len(normal), 0)), normal)
 
     def completed(self, shared: FloatArray, normal: FloatArray) -> FloatArray:
         """One group's scores (n, d), given the shared ones of each row, from independent ones (n, d)."""

@@ -11,6 +11,8 @@ from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.report.blocks import Text
+from bayesterra.report.failures import failed
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
 from bayesterra.report.sections import UNSEEN, Verdict
@@ -255,3 +257,23 @@ def law_text(name: str, law: Law) -> Markup:
 
 def _end(value: float) -> str:
     return given(value) if abs(value) < float("inf") else "−∞" if value < 0 else "∞"
+
+
+def crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
+    """Verdict of nested sampling at two settings, if it was asked for."""
+    found = record.get("crosscheck")
+    if found is None:
+        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
+    text = Markup(
+        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
+        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
+        "sign, so a disagreement does not say who is wrong."
+    ).format(found["verdict"], found["worst"], found["threshold"])
+    return (Text(text),)
+
+
+def crosscheck_line(record: Mapping[str, Any]) -> tuple[Text, ...]:
+    """The same in a line of a terminal."""
+    found = record.get("crosscheck")
+    said = f"Cross-check by nested sampling: {found['verdict']} ({found['worst']})." if found else ""
+    return (Text(said),) if said else ()

@@ -56,6 +56,22 @@ def _priors(how: str, correlation: float) -> dict[str, Any]:
     return {**FREE, "K": SHEAR, "from": [{"result": _earlier(correlation)}]}
 
 
+@pytest.mark.parametrize("roles", ROLES)
+def test_a_cube_of_probabilities_is_the_prior(make: MakeStudy, roles: str) -> None:
+    """Uniform ones give draws with the scores, the dependence and the ranges of the stated prior."""
+    joint = joint_posterior(make(priors=_priors("by hand", 0.8), pooling=ROLES[roles]))
+    q = default_rng(4).random((100_000, len(joint.names)))
+    x = joint.prior.quantile(q)
+    assert np.isfinite(joint.log_prior(x)).mean() > 0.9  # but for the physical cut
+    scores = joint.prior.scores(x)
+    np.testing.assert_allclose(scores.mean(axis=0), 0.0, atol=0.03)
+    np.testing.assert_allclose(np.cov(scores.T), joint.prior.score_correlation, atol=0.04)
+    drawn = joint.prior.sample(100_000, default_rng(5))
+    levels = [0.05, 0.5, 0.95]
+    spread = drawn.std(axis=0)
+    assert (np.abs(np.quantile(x, levels, axis=0) - np.quantile(drawn, levels, axis=0)) < 0.04 * spread).all()
+
+
 def _pairs(joint: JointPosterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Values of c and φ (n,) in the first group."""
     columns = [joint.names.index(n if n in joint.names else f"{n}[Wh11]") for n in ("c", "phi")]

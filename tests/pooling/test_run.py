@@ -20,7 +20,7 @@ from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import read_result
 from bayesterra.analysis.run import load_result
 from bayesterra.cli import run as run_command
-from bayesterra.errors import ResultError, StudyError
+from bayesterra.errors import ResultError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.parameters import field_values
 from bayesterra.pooling import run as pooling_run
@@ -180,13 +180,21 @@ def test_groups_are_compared_as_results(
     assert "simulated data" in page
 
 
-def test_following_takes_one_soil(result: PooledResult, make: MakeStudy) -> None:
-    """A study with groups and its result are refused, with what to do instead."""
-    for several in (result, make()):
-        with pytest.raises(
-            StudyError, match=r"^following row by row takes the rows of one soil: leave \[pooling\]"
-        ):
-            bt.Stream(several)
+def test_following_goes_on_from_a_joint_posterior(result: PooledResult) -> None:
+    """Its draws are the posterior of its rows; a row more of one group, and one of a wheel of the study."""
+    stream = bt.Stream(result, particles=400)
+    assert stream.names == result.names
+    assert len(stream) == len(TABLE)
+    held = {tuple(x) for x in result.values()}
+    assert all(tuple(x) in held for x in stream.cloud.x)
+    joint = joint_posterior(result.study)
+    level = joint.log_prior_and_likelihood(stream.cloud.x)[1]
+    np.testing.assert_allclose(stream.cloud.log_likelihood, level, atol=1e-7)
+    update = stream.add(TABLE.iloc[1])
+    assert update.names == result.names
+    assert np.isfinite(update.log_predictive)
+    before, after = (np.std(x[:, result.names.index("K[Wh11]")]) for x in (result.values(), stream.cloud.x))
+    assert after < 1.1 * before
 
 
 def test_a_joint_posterior_is_identified_by_its_draws(
@@ -263,13 +271,15 @@ def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(
     assert note not in run_prior(make(pooling=None)).page().html()
 
 
-def test_no_crosscheck_of_groups(make: MakeStudy, tmp_path: Path) -> None:
-    """A cross-check is refused, before anything is written."""
-    with pytest.raises(StudyError, match=r"--crosscheck takes studies without a \[pooling\] table: on the"):
-        analysis_run.run(make(), crosscheck=True)
-    with pytest.raises(StudyError, match="nested sampling does not agree with itself"):
-        analysis_run.run_study(make(), out=tmp_path / "out", quiet=True, crosscheck=True)
-    assert not list(tmp_path.iterdir())
+def test_a_crosscheck_is_said_on_page_and_terminal(result: PooledResult) -> None:
+    """With its verdict; in place of one that failed stands why."""
+    found = {"verdict": "agree", "worst": "mean of K: 1.2 errors between a and b", "threshold": 4.0}
+    checked = replace(result, record={**result.record, "crosscheck": found})
+    assert "Cross-check by nested sampling at two settings: <b>agree</b>" in checked.page().html()
+    line = "Cross-check by nested sampling: agree (mean of K: 1.2 errors between a and b)."
+    assert line in str(checked.overview())
+    assert "Cross-check" not in result.page().html()
+    assert "Cross-check" not in str(result.overview())
 
 
 def test_command_writes_the_folder_and_says_what_it_found(

@@ -7,16 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.random import SeedSequence, default_rng
+from scipy.special import logsumexp
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.inference import run
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling import nested
 from bayesterra.sampling.nested import CrossCheck, Weighted, against_nested, compare
 from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.weights import normalised, weighted_quantiles
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -180,3 +183,19 @@ def test_the_report_states_the_verdict(small_result: Result) -> None:
     assert "two settings: <b>disagree</b>" in page
     assert found["worst"] in page
     assert "two settings" not in small_result.page().html()
+
+
+@pytest.mark.slow
+def test_groups_are_sampled_from_the_cube_of_their_prior(make: Callable[..., Study]) -> None:
+    """Evidence and quantiles of a joint posterior with a population, against weighted draws of its prior."""
+    joint = joint_posterior(make(noise={"drawbar_pull": 5.0, "resistance_moment": 1.5}))
+    x = joint.prior.sample(200_000, default_rng(1))
+    level = joint.log_prior_and_likelihood(x)[1]
+    weights = normalised(level)
+    assert 1 / (weights**2).sum() > 500
+    found = nested.nested(joint, 300, SeedSequence(2))
+    evidence = float(logsumexp(level) - np.log(len(x)))
+    assert found.log_z == pytest.approx(evidence, abs=4 * found.error + 0.1)
+    expected, quantiles = (weighted_quantiles(of, w, (0.05, 0.5, 0.95))
+                           for of, w in ((x, weights), (found.x, found.weights)))  # fmt: skip
+    assert (np.abs(quantiles - expected) < 0.15 * (expected[2] - expected[0])).all()

@@ -150,8 +150,9 @@ def test_sets_beside_each_other_split_as_any_dependence(order: Sequence[int], sh
     z = z[:, order]
     np.testing.assert_allclose(split.log_shared(z[:, :shared]) + split.log_own(z[:, :shared], z[:, shared:]),
                                expected, atol=1e-10)  # fmt: skip
-    common = split.draw_shared(20_000, default_rng(7))
-    drawn = np.concatenate([common, split.draw_own(common, default_rng(8))], axis=1)
+    common = split.first(default_rng(7).standard_normal((20_000, shared)))
+    normal = default_rng(8).standard_normal((20_000, len(order) - shared))
+    drawn = np.concatenate([common, split.completed(common, normal)], axis=1)
     for column in drawn.T:
         assert kstest(column, norm.cdf).pvalue > 1e-3
     np.testing.assert_allclose(np.corrcoef(drawn.T), moved.correlation, atol=0.03)
