@@ -53,7 +53,8 @@ def gone(bench: Bench, moment: float, span: float) -> list[object]:
     bench.fresh()
     process = bench.begun()
     time.sleep(moment)
-    shutil.rmtree(bench.place / "out.part", ignore_errors=True)
+    while (bench.place / "out.part").exists():  # a file that comes while it goes leaves a part of it
+        shutil.rmtree(bench.place / "out.part", ignore_errors=True)
     time.sleep(NOTED)
     return [*bench.judged(process, killed=False, removed=frozenset(process.saved))]
 
