@@ -172,3 +172,38 @@ def test_limits_are_given_as_text() -> None:
     assert stream.rows.first().limits["drawbar_pull"].tolist() == [[-np.inf, 18.0]]
     with pytest.raises(StudyError, match="'drawbar_pull' must be"):
         stream.add(**told, drawbar_pull=">much")
+
+
+def test_a_row_with_a_limit_is_not_watched() -> None:
+    """The filters of a change of soil know nothing of limits: no candidate begins there, and none is told."""
+    one = joined("phi", data=ROWS.assign(wheel="A"))
+    stream = bt.Stream(one, particles=400)
+    for index in (0, 1, 3, 0, 1, 3):
+        stream.add(ROWS.iloc[index].drop("site"))
+    before = stream.watch.candidates
+    assert len(before) > 0
+    told = ROWS.iloc[1].drop(["site", "drawbar_pull [N]"])
+    stream.add({**told, "drawbar_pull [N]": ">18"})
+    assert stream.watch.candidates is before
+    stream.add({**told, "drawbar_pull [N]": 20.5})
+    assert len(stream.watch.candidates) == len(before) + 1
+
+
+def test_values_that_no_soil_has_get_no_weight() -> None:
+    """Of a group that comes later, whose stated law reaches outside the physical range."""
+    laws = {"c": {"dist": "norm", "loc": 100.0, "scale": 300.0}, "phi": LAWS["phi"]}
+    held = {name: value for name, value in HELD.items() if name not in laws}
+    pooling = {"shared": ["phi"], "separate": ["c"]}
+    whole = joined(data=ROWS, noise=NOISE, pooling=pooling, priors={**held, **laws})
+    stream = bt.Stream(whole, particles=1000)
+    for index in (0, 1, 2):
+        stream.add(ROWS.iloc[index])
+    draws = stream.draws
+    outside = (draws[["c[A]", "c[B]"]] < 0).any(axis=1)
+    assert draws["weight"][outside].sum() == 0
+    joint = joint_posterior(whole)
+    x = draws[list(joint.names)].to_numpy()
+    assert np.isneginf(joint.log_prior(np.where(x == x[:, [1]], -1.0, x))).all()
+    inside = np.flatnonzero(~outside)
+    prior = joint.log_prior_and_likelihood(x[inside])[0]
+    np.testing.assert_allclose(joint.log_prior(x[inside]), prior, rtol=1e-12)
