@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import pandas as pd
@@ -26,8 +26,7 @@ STAGES = {
     "validation: prior checks": ("bayesterra.checking.validation", "prior_checks"),
     "validation: leave one out": ("bayesterra.checking.validation", "leave_one_out"),
     "summary": ("bayesterra.analysis.inference", "summary_table"),
-    "files": ("bayesterra.analysis.run", "write_result"),
-    "report and figures": ("bayesterra.report", "write"),
+    "files, report and figures": ("bayesterra.study.result:AnalysisResult", "write"),
 }
 
 
@@ -54,7 +53,7 @@ def divide(study: Path) -> pd.DataFrame:
     assert analysis_run
     spent = {"imports": [time.perf_counter() - started, time.process_time() - cpu]}
     for stage, (module, name) in STAGES.items():
-        home = importlib.import_module(module)
+        home = resolve_name(module)
         spent[stage] = [0.0, 0.0]
         setattr(home, name, clocked(getattr(home, name), spent[stage]))
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):

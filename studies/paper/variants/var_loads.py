@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from var_fits import CONSTANT, HIT, LOAD_DRIVEN, LOWEST, REFERENCE, WHEELS, im2, study_of
 
 from bayesterra.arrays import FloatArray
-from bayesterra.least_squares.groupwise import Contact, largest_stress, mobilised, shape
+from bayesterra.models.decoupled import Contact, largest_stress, mobilised, shape
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import entrance_angle, shear_start_radius
 
