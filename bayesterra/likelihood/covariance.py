@@ -213,7 +213,7 @@ def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
 
 
 LOG_2_PI = float(np.log(2 * np.pi))
-VAGUE, ROUNDS = 1e3, 10
+VAGUE, ROUNDS = 1e3, 5
 """Where laws in place of limits begin, in standard deviations, and how often each is told by the others."""
 NONE = frozen(np.empty(0))
 
