@@ -1,4 +1,4 @@
-"""What scripts and pages of the studies name of the package is there: a name that moved is seen without a run."""
+"""What scripts and pages of the studies name of the package is there: what moved is seen without a run."""
 
 import ast
 import re
@@ -45,11 +45,13 @@ def _is_there(module: str, name: str) -> bool:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: str(script.relative_to(ROOT / "studies")))
 def test_names_of_the_package_are_there(script: Path) -> None:
+    """Of every script, whether tests run it or not."""
     named = set(_named(ast.parse(script.read_text(encoding="utf-8"))))
     assert not [pair for pair in sorted(named) if not _is_there(*pair)]
 
 
 def test_a_name_that_moved_is_seen() -> None:
+    """Imported, written beside its module, or patched."""
     tree = ast.parse(
         "from bayesterra.arrays import FloatArray, gone\n"
         "STAGES = {'a': ('bayesterra.arrays', 'frozen'), 'b': ('bayesterra.moved', 'frozen')}\n"
@@ -66,6 +68,7 @@ def test_a_name_that_moved_is_seen() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_that_a_page_names_are_there(page: Path) -> None:
+    """Of every page that people read."""
     named = re.findall(
         r"\b(?:bayesterra|models|tests|studies)/[\w/-]+\.py\b", page.read_text(encoding="utf-8")
     )

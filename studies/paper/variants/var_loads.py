@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from var_fits import CONSTANT, HIT, LOAD_DRIVEN, LOWEST, REFERENCE, WHEELS, im2, study_of
 
 from bayesterra.arrays import FloatArray
-from bayesterra.models.decoupled import Contact, largest_stress, mobilised, shape
 from bayesterra.models import Wheel
+from bayesterra.models.decoupled import Contact, largest_stress, mobilised, shape
 from bayesterra.models.geometry import entrance_angle, shear_start_radius
 
 DEPTHS = np.geomspace(5e-4, 0.08, 400)
