@@ -150,10 +150,10 @@ def _note_ends(workspace: Lanes, left: float, right: float, low: float, high: fl
     workspace[lv.T], workspace[lv.T + 1] = low, high
     lv.fill_levels(workspace, 2)
     if left <= workspace[lv.LOW]:
-        open_end = lv.polynomial(workspace, at.LOG_NORMAL, -1.0) > workspace[lv.LOAD_LOW]
+        open_end = at.polynomial(workspace, at.LOG_NORMAL, -1.0) > workspace[lv.LOAD_LOW]
         workspace[lv.LEFT] = workspace[lv.LEVEL] if low == -1.0 and open_end else lv.NOTHING
     if right >= workspace[lv.HIGH]:
-        open_end = lv.polynomial(workspace, at.LOG_NORMAL, 1.0) < workspace[lv.LOAD_HIGH]
+        open_end = at.polynomial(workspace, at.LOG_NORMAL, 1.0) < workspace[lv.LOAD_HIGH]
         open_end = right < workspace[lv.TOP] and open_end
         workspace[lv.RIGHT] = workspace[lv.LEVEL + 1] if high == 1.0 and open_end else lv.NOTHING
 
@@ -312,4 +312,4 @@ def drawn_load(workspace: Lanes) -> float:
         k += 1
     share = min(aim / max(workspace[lv.LEVEL + k], 1e-300), 1.0)
     t = workspace[lv.T + k] + share * (workspace[lv.T + k + 1] - workspace[lv.T + k])
-    return float(np.exp(lv.polynomial(workspace, at.LOG_NORMAL, t)))
+    return float(np.exp(at.polynomial(workspace, at.LOG_NORMAL, t)))

@@ -43,7 +43,6 @@ BEYOND = PART + 4 * PARTS
 DESK_SIZE = BEYOND + CHANNELS * STEPS
 
 NOTHING = -1e300
-_FLAT = 1e-12
 
 
 @inlined
@@ -59,43 +58,6 @@ def is_read(workspace: Lanes, channel: int) -> bool:
     return reading == reading
 
 
-Powers = tuple[float, float, float, float, float, float, float, float]
-
-
-@inlined
-def powers(workspace: Lanes, first: int) -> Powers:
-    """Coefficients of a polynomial: in registers, so that loops over places become vector code."""
-    return (
-        workspace[first], workspace[first + 1], workspace[first + 2], workspace[first + 3],
-        workspace[first + 4], workspace[first + 5], workspace[first + 6], workspace[first + 7],
-    )  # fmt: skip
-
-
-@inlined
-def sum_powers(a: Powers, t: float) -> float:
-    """Value of a polynomial."""
-    return a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7]))))))
-
-
-@inlined
-def derive_powers(a: Powers, t: float) -> float:
-    """Derivative of a polynomial."""
-    tail = 4.0 * a[4] + t * (5.0 * a[5] + t * (6.0 * a[6] + t * 7.0 * a[7]))
-    return a[1] + t * (2.0 * a[2] + t * (3.0 * a[3] + t * tail))
-
-
-@inlined
-def polynomial(workspace: Lanes, first: int, t: float) -> float:
-    """Value of one of the curve's polynomials."""
-    return float(sum_powers(powers(workspace, first), t))
-
-
-@inlined
-def slope(workspace: Lanes, t: float) -> float:
-    """Derivative of log F_N by log z."""
-    return float(derive_powers(powers(workspace, at.LOG_NORMAL), t) / workspace[at.HALF])
-
-
 @inlined
 def curve_of(channel: int) -> int:
     """Place where the polynomial of a force begins."""
@@ -107,7 +69,7 @@ def value(workspace: Lanes, channel: int, t: float) -> float:
     """Reading that a channel should give, without zero error."""
     if channel == SINKAGE:
         return float(exp(workspace[at.MIDDLE] + workspace[at.HALF] * t))
-    curve = polynomial(workspace, curve_of(channel), t)
+    curve = at.polynomial(workspace, curve_of(channel), t)
     return float(exp(curve) if channel == NORMAL else curve)
 
 
@@ -157,10 +119,11 @@ def log_law_peak(workspace: Lanes, channel: int) -> float:
 @compiled
 def fill_levels(workspace: Lanes, count: int) -> None:
     """Fill the log integrand at the first ``count`` places."""
-    growth, half = powers(workspace, at.LOG_NORMAL), 1.0 / workspace[at.HALF]
+    growth, half = at.powers(workspace, at.LOG_NORMAL), 1.0 / workspace[at.HALF]
     for k in range(count):
-        rise = derive_powers(growth, workspace[T + k]) * half
-        workspace[LEVEL + k] = sum_powers(growth, workspace[T + k]) + log(rise if rise > _FLAT else _FLAT)
+        rise = at.derive_powers(growth, workspace[T + k]) * half
+        rise = rise if rise > at.FLAT else at.FLAT
+        workspace[LEVEL + k] = at.sum_powers(growth, workspace[T + k]) + log(rise)
     for channel in range(CHANNELS):
         if is_read(workspace, channel):
             _fill_modelled(workspace, channel, count)
@@ -176,9 +139,9 @@ def _fill_modelled(workspace: Lanes, channel: int, count: int) -> None:
         for k in range(count):
             workspace[MODELLED + k] = exp(middle + half * workspace[T + k]) + shift
         return
-    a = powers(workspace, curve_of(channel))
+    a = at.powers(workspace, curve_of(channel))
     for k in range(count):
-        workspace[MODELLED + k] = sum_powers(a, workspace[T + k])
+        workspace[MODELLED + k] = at.sum_powers(a, workspace[T + k])
     if channel == NORMAL:
         for k in range(count):
             workspace[MODELLED + k] = exp(workspace[MODELLED + k])
@@ -248,7 +211,7 @@ def add_up(workspace: Lanes, count: int, top: float) -> float:
 @compiled
 def doubt(workspace: Lanes, t: float) -> float:
     """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
-    growth, rise = tail(workspace, at.LOG_NORMAL), max(slope(workspace, t), _FLAT)
+    growth, rise = at.tail(workspace, at.LOG_NORMAL), max(at.slope(workspace, t), at.FLAT)
     total = 16.0 * growth / (workspace[at.HALF] * rise)
     for channel in range(CHANNELS):
         if not is_read(workspace, channel):
@@ -257,48 +220,9 @@ def doubt(workspace: Lanes, t: float) -> float:
         centre = modelled + spec(workspace, channel, SHIFT)
         scale = max(spec(workspace, channel, FRACTION) * abs(centre), spec(workspace, channel, FLOOR))
         error = modelled * growth if channel == NORMAL else modelled * growth / rise  # of an end of the range
-        error = error if channel < PULL else tail(workspace, curve_of(channel))
+        error = error if channel < PULL else at.tail(workspace, curve_of(channel))
         total += (1.0 + abs(spec(workspace, channel, READING) - centre) / scale) * error / scale
     return float(total)
-
-
-@compiled
-def tail(workspace: Lanes, first: int) -> float:
-    """Estimate what a polynomial leaves out, from how fast its Chebyshev coefficients decay."""
-    a7, a6 = workspace[first + 7] / 64.0, workspace[first + 6] / 32.0
-    a5, a4 = (workspace[first + 5] + 112.0 * a7) / 16.0, (workspace[first + 4] + 48.0 * a6) / 8.0
-    last, before = max(abs(a7), abs(a6)), max(abs(a5), abs(a4))
-    rate = np.sqrt(min(last / max(before, 1e-300), 0.8))
-    return float(2.0 * last * rate / (1.0 - rate))
-
-
-@compiled
-def place_of(workspace: Lanes, log_normal: float, low: float, high: float) -> float:
-    """Place between ``low`` and ``high`` where log F_N, which rises there, has a value; Newton, bracketed."""
-    t = 0.5 * (low + high)
-    for _ in range(60):
-        miss = polynomial(workspace, at.LOG_NORMAL, t) - log_normal
-        low, high = (t, high) if miss < 0.0 else (low, t)
-        move = miss / max(slope(workspace, t) * workspace[at.HALF], _FLAT)
-        if abs(move) < 1e-12:
-            break
-        t = t - move if low < t - move < high else 0.5 * (low + high)
-    return float(t)
-
-
-@compiled
-def crest_of(workspace: Lanes) -> float:
-    """Highest place up to which F_N rises: 1 if it rises all along, −1 if it falls from the start."""
-    low = -1.0
-    for k in range(1, 17):
-        high = -1.0 + k / 8.0
-        if slope(workspace, high) <= 0.0:
-            for _ in range(50):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if slope(workspace, middle) > 0.0 else (low, middle)
-            return low
-        low = high
-    return 1.0
 
 
 DEPTH = 16.0  # what lies deeper below the highest level, in logs, has no weight
@@ -356,7 +280,7 @@ def search(
     workspace[SCANNED] = cells
     if high > low:
         _note_weight(workspace, cells)
-    bottom, top = polynomial(workspace, at.LOG_NORMAL, -1.0), polynomial(workspace, at.LOG_NORMAL, 1.0)
+    bottom, top = at.polynomial(workspace, at.LOG_NORMAL, -1.0), at.polynomial(workspace, at.LOG_NORMAL, 1.0)
     bar = workspace[BEST] - DEPTH
     to_left = bottom > workspace[LOAD_LOW] and _bound(workspace, -1.0) > bar
     return to_left, top < workspace[LOAD_HIGH] and _bound(workspace, 1.0) > bar
@@ -437,27 +361,27 @@ def solve(
         at.trace(workspace, model, how[0])
     high = 1.0
     if how[1]:
-        high = crest_of(workspace)
+        high = at.crest_of(workspace)
         if high < 1.0:
             workspace[TOP] = min(workspace[TOP], workspace[at.MIDDLE] + workspace[at.HALF] * high)
     lowest, highest = workspace[LOAD_LOW], workspace[LOAD_HIGH]
-    if polynomial(workspace, at.LOG_NORMAL, -1.0) >= highest:
+    if at.polynomial(workspace, at.LOG_NORMAL, -1.0) >= highest:
         return 0.0, 0.0, ABOVE
-    if polynomial(workspace, at.LOG_NORMAL, high) <= lowest:
+    if at.polynomial(workspace, at.LOG_NORMAL, high) <= lowest:
         return 0.0, 0.0, BELOW
     cells = scan(workspace, -1.0, high)
     first, last, slack = weighty(workspace, highest_level(workspace, cells + 1) - DEPTH, cells)
     margin = 1 if slack > 1.0 else 0
     begin, end = workspace[T + max(first - margin, 0)], workspace[T + min(last + margin, cells)]
-    cut_low = polynomial(workspace, at.LOG_NORMAL, begin) < lowest
-    cut_high = polynomial(workspace, at.LOG_NORMAL, end) > highest
+    cut_low = at.polynomial(workspace, at.LOG_NORMAL, begin) < lowest
+    cut_high = at.polynomial(workspace, at.LOG_NORMAL, end) > highest
     if not (cut_low or cut_high):
         return -1.0, high, cells
     low = -1.0
-    if polynomial(workspace, at.LOG_NORMAL, low) < lowest:
-        low = place_of(workspace, lowest, low, high)
-    if polynomial(workspace, at.LOG_NORMAL, high) > highest:
-        high = place_of(workspace, highest, low, high)
+    if at.polynomial(workspace, at.LOG_NORMAL, low) < lowest:
+        low = at.place_of(workspace, lowest, low, high)
+    if at.polynomial(workspace, at.LOG_NORMAL, high) > highest:
+        high = at.place_of(workspace, highest, low, high)
     return low, high, scan(workspace, low, high)
 
 
@@ -499,7 +423,7 @@ def _shows_all(workspace: Lanes, cells: int) -> bool:
 @compiled
 def _bound(workspace: Lanes, end: float) -> float:
     """Upper bound of the log integrand beyond an end of the panel, −1 or 1, whatever pull and moment do."""
-    total = 2.0 + (workspace[LOAD_HIGH] if end > 0 else polynomial(workspace, at.LOG_NORMAL, end))
+    total = 2.0 + (workspace[LOAD_HIGH] if end > 0 else at.polynomial(workspace, at.LOG_NORMAL, end))
     for channel in range(CHANNELS):
         if channel in (SINKAGE, NORMAL):
             modelled = value(workspace, channel, end)

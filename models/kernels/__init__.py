@@ -1,6 +1,17 @@
 """Parts for compiled code of other layers: compiler, elementary functions, forces along the sinkage."""
 
 from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.curve import (
+    FLAT,
+    crest_of,
+    derive_powers,
+    place_of,
+    polynomial,
+    powers,
+    slope,
+    sum_powers,
+    tail,
+)
 from bayesterra.models.kernels.elementary import exp, log
 from bayesterra.models.kernels.grid_search import can_fall
 from bayesterra.models.kernels.pairs import Codes, Plan, screen
@@ -26,6 +37,7 @@ __all__ = [
     "CURVE",
     "CURVE_SIZE",
     "DEGREE",
+    "FLAT",
     "FREE",
     "HALF",
     "LOG_NORMAL",
@@ -39,12 +51,20 @@ __all__ = [
     "can_fall",
     "carrying_from",
     "compiled",
+    "crest_of",
+    "derive_powers",
     "exp",
     "guess",
     "highest",
     "inlined",
     "lay",
     "log",
+    "place_of",
+    "polynomial",
+    "powers",
     "screen",
+    "slope",
+    "sum_powers",
+    "tail",
     "trace",
 ]
