@@ -373,19 +373,18 @@ def design(
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
-    asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or ()}
+    asked: dict[str, Any] = {
+        "about": names,
+        "slips": slips_of(slip or ()),
+        "loads": load or (),
+        "group": group,
+    }
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
-    asked["group"] = group
     with chosen(workers, scheduler) as engine:
         recommendation = design_into(
-            opened_for_design(study_or_result),
-            folder,
-            engine=engine,
-            resume=resume,
-            overwrite=overwrite,
-            quiet=quiet,
-            **asked,
-        )
+            opened_for_design(study_or_result), folder, engine=engine, resume=resume, overwrite=overwrite,
+            quiet=quiet, **asked,
+        )  # fmt: skip
     show(recommendation, folder)
 
 
@@ -466,16 +465,8 @@ def follow(
     from bayesterra.follow.page import print_row
 
     stream = session.follow(
-        opened_for_stream(what),
-        sys.stdin if str(data) == "-" else data,
-        out=out,
-        restart=restart,
-        overwrite=overwrite,
-        show=lambda seen: print_row(seen, quiet=quiet),
-        seed=seed,
-        particles=particles,
-        false_alarms=false_alarms,
-        slip_reference=slip_reference,
-        sinkage_reference=sinkage_reference,
-    )
+        opened_for_stream(what), sys.stdin if str(data) == "-" else data, out=out, restart=restart,
+        overwrite=overwrite, show=lambda seen: print_row(seen, quiet=quiet), seed=seed, particles=particles,
+        false_alarms=false_alarms, slip_reference=slip_reference, sinkage_reference=sinkage_reference,
+    )  # fmt: skip
     show(stream, out)

@@ -286,19 +286,12 @@ class Stream(AnalysisResult):
         self.log_evidence += learned.log_predictive
         self._variance += learned.variance
         return Update(
-            row=number,
-            forecast=expected,
-            log_predictive=learned.log_predictive,
-            log_evidence=self.log_evidence,
-            log_evidence_error=self.log_evidence_error,
-            names=self.names,
-            quantiles=learned.particles.quantiles(BAND),
-            effective=learned.particles.effective,
-            rejuvenations=learned.rejuvenations,
-            log_statistic=self.watch.candidates.log_statistic,
-            alarm=alarm,
-            seconds=time.perf_counter() - started,
-        )
+            row=number, forecast=expected, log_predictive=learned.log_predictive,
+            log_evidence=self.log_evidence, log_evidence_error=self.log_evidence_error, names=self.names,
+            quantiles=learned.particles.quantiles(BAND), effective=learned.particles.effective,
+            rejuvenations=learned.rejuvenations, log_statistic=self.watch.candidates.log_statistic,
+            alarm=alarm, seconds=time.perf_counter() - started,
+        )  # fmt: skip
 
     @contextmanager
     def all_or_nothing(self) -> Iterator[None]:

@@ -155,7 +155,7 @@ class Traces:
         latent loads, whose likelihoods take long, each is a task of its own; else all are one, as together
         they take less time than a worker needs to start.
         """
-        columns, long = tuple(np.unique(self.column).tolist()), _long(self.target)
+        columns, long = tuple(np.unique(self.column).tolist()), self.target.latent  # each worth a task
         groups = tuple((column,) for column in columns) if long else (columns,)
         task = _Settling(self, points, starts, source)
         for group, solution in completed(task, groups, engine if long else in_process()):
@@ -167,11 +167,6 @@ class Traces:
         """The best point known (d,) and its value."""
         i = int(self.value.argmin())
         return self.y[i], float(self.value[i])
-
-
-def _long(target: Target) -> bool:
-    """True where descents take so long that each parameter is worth a task."""
-    return target.latent
 
 
 @dataclass(frozen=True)

@@ -312,7 +312,8 @@ def identifiability(
     correlation = np.atleast_2d(np.corrcoef(draws.T)) - np.eye(len(names))
     partners = np.abs(correlation).argmax(axis=1)
     contraction = 1.0 - (sd / prior_sd) ** 2
-    scores = Correlated(correlation + np.eye(len(names)), *(_scores_correlation(x) for x in (draws, prior)))
+    ranked = (np.atleast_2d(np.corrcoef([rank_scores(x) for x in drawn.T])) for drawn in (draws, prior))
+    scores = Correlated(correlation + np.eye(len(names)), *ranked)
     bounds = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
     table = pd.DataFrame(
         {
@@ -368,10 +369,6 @@ def bound(draws: FloatArray, low: float, high: float) -> str:
     typical = 0.9 / max(inner[1] - inner[0], 1e-300)
     leans = [0.05 / max(gap, 1e-300) >= 0.5 * typical for gap in (inner[0] - low, high - inner[1])]
     return BOUNDS[leans[0] + 2 * leans[1]]
-
-
-def _scores_correlation(draws: FloatArray) -> FloatArray:
-    return np.atleast_2d(np.corrcoef([rank_scores(column) for column in draws.T]))
 
 
 def eigen_directions(prior: FloatArray, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:

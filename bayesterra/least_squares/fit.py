@@ -127,20 +127,14 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
     theta = passes.path[-1] if passes.path else settings.start
     judged = {step.channel: step.error(theta) for step in todo.judged}
     return Fit(
-        method=method,
-        soil=settings.soil(theta),
-        errors={name: judged.get(name, np.nan) for name in FORCES},
-        converged=passes.converged,
-        passes=len(passes.path),
-        path=tuple(settings.soil(point) for point in passes.path),
-        held=settings.held,
-        at_bound=settings.at_bound(theta, todo.columns(settings)),
-        missing=todo.missing,
+        method=method, soil=settings.soil(theta), errors={name: judged.get(name, np.nan) for name in FORCES},
+        converged=passes.converged, passes=len(passes.path),
+        path=tuple(settings.soil(point) for point in passes.path), held=settings.held,
+        at_bound=settings.at_bound(theta, todo.columns(settings)), missing=todo.missing,
         clipped=_clipped(method, theta, rows.conditions.slip),
         notes=(*_notes(method, todo, passes, rows, theta), *_offset_note(study)),
-        seconds=perf_counter() - began,
-        noise={},
-    )
+        seconds=perf_counter() - began, noise={},
+    )  # fmt: skip
 
 
 def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
@@ -160,20 +154,14 @@ def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[st
     theta = joint_fit.best.theta
     drive = density.likelihood.forward
     return Fit(
-        method=method,
-        soil=settings.soil(theta),
+        method=method, soil=settings.soil(theta),
         errors={name: joint_fit.errors.get(name, np.nan) for name in OUTCOMES},
-        converged=joint_fit.best.converged,
-        passes=len(joint_fit.path),
-        path=tuple(settings.soil(point) for point in joint_fit.path),
-        held=settings.held,
-        at_bound=settings.at_bound(theta, settings.free(settings.names)),
-        missing=(),
-        clipped=_edge(theta, drive).any,
-        notes=(*_joint_notes(joint_fit, drive, theta), *_stand_ins(study)),
-        seconds=perf_counter() - began,
-        noise=joint_fit.sd,
-    )
+        converged=joint_fit.best.converged, passes=len(joint_fit.path),
+        path=tuple(settings.soil(point) for point in joint_fit.path), held=settings.held,
+        at_bound=settings.at_bound(theta, settings.free(settings.names)), missing=(),
+        clipped=_edge(theta, drive).any, notes=(*_joint_notes(joint_fit, drive, theta), *_stand_ins(study)),
+        seconds=perf_counter() - began, noise=joint_fit.sd,
+    )  # fmt: skip
 
 
 def _edge(theta: FloatArray, drive: Forward) -> Clip:

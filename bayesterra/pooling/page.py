@@ -145,16 +145,9 @@ def _sharing_section(result: PooledResult) -> Blocks:
         "the parameter is hierarchical."
     )
     header = (
-        "parameter",
-        "role in this study",
-        "against own values",
-        "against a population",
-        "lesser",
-        "verdict",
-        "lesser, as stated",
-        "verdict, as stated",
-        "spread / prior sd",
-    )
+        "parameter", "role in this study", "against own values", "against a population", "lesser", "verdict",
+        "lesser, as stated", "verdict, as stated", "spread / prior sd",
+    )  # fmt: skip
     sentence = Text(_sentence(result))
     return (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
 
@@ -270,18 +263,8 @@ def _summary_section(result: PooledResult) -> Blocks:
         "and sd, smallest effective size, R-hat; prior mean and sd after the cut."
     )
     header = (
-        "",
-        "unit",
-        "densest",
-        "median",
-        "90 % HDI",
-        "mean",
-        "sd",
-        "effective",
-        "R-hat",
-        "prior mean",
-        "sd",
-    )
+        "", "unit", "densest", "median", "90 % HDI", "mean", "sd", "effective", "R-hat", "prior mean", "sd",
+    )  # fmt: skip
     return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck(result.record))
 
 

@@ -364,21 +364,14 @@ def predict_rover(
     rows = study.observations.used().slip
     driven = (float(rows.min()), float(rows.max()))
     return RoverOutlook(
-        title=study.title,
-        model=study.model.name,
-        rover=rover,
-        asked=asked,
+        title=study.title, model=study.model.name, rover=rover, asked=asked,
         over_slope=states_at(rover, ground, sweeps[pulls[0]], np.linspace(0.0, steepest, CURVE)),
         over_tow=_over_tow(rover, ground, float(alphas[0]), pulls, pulled),
         slopes=greatest(rover, ground, sweeps[0.0]),
-        slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]),
-        tows=greatest(rover, ground, pulled),
-        tows_driven=greatest(rover, ground, pulled, driven[1]),
-        index=index,
-        driven=driven,
-        remarks=tuple(_remarks(study, rover, asked, known=bool(result.basis))),
-        basis=result.basis,
-    )
+        slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]), tows=greatest(rover, ground, pulled),
+        tows_driven=greatest(rover, ground, pulled, driven[1]), index=index, driven=driven,
+        remarks=tuple(_remarks(study, rover, asked, known=bool(result.basis))), basis=result.basis,
+    )  # fmt: skip
 
 
 def _driven(study: Study, rover: Rover) -> str:

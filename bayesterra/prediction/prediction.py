@@ -325,20 +325,14 @@ def predict(
     readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven), rng).values
     rows = study.observations.used().slip
     return Prediction(
-        title=study.title,
-        name=called,
-        wheel=driven,
-        load=carried,
-        slip=at,
+        title=study.title, name=called, wheel=driven, load=carried, slip=at,
         modelled=_with_efficiency(outcomes, forward.conditions),
         readings=np.concatenate([readings, np.full((*readings.shape[:2], 1), np.nan)], axis=2),
-        reasons=np.column_stack([block.status for block in blocks]),
-        index=index,
-        driven=(float(rows.min()), float(rows.max())),
-        derived=_derived(study, driven, carried, draws),
+        reasons=np.column_stack([block.status for block in blocks]), index=index,
+        driven=(float(rows.min()), float(rows.max())), derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
         remarks=tuple(_remarks(study, driven, carried, result.basis)),
-    )
+    )  # fmt: skip
 
 
 def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:

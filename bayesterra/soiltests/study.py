@@ -126,18 +126,10 @@ def soil_test(
     entries = _entries(content)
     selected, notes = readings(table, kind, content.data)
     return SoilTest(
-        readings=selected,
-        entries=entries,
-        reference=_reference(content),
-        independent=content.noise.independent,
-        published=content.published,
-        truth=content.truth,
-        sampling=content.sampling,
-        content=content,
-        table=table,
-        notes=notes,
-        text=text,
-    )
+        readings=selected, entries=entries, reference=_reference(content),
+        independent=content.noise.independent, published=content.published, truth=content.truth,
+        sampling=content.sampling, content=content, table=table, notes=notes, text=text,
+    )  # fmt: skip
 
 
 def _entries(content: Content) -> dict[str, Law | float]:

@@ -271,8 +271,6 @@ def _estimate(channel: str, value: object, *, bare: bool) -> Law:
     return law(f"{channel}.estimate", entry, dimension, bare=bare)
 
 
-NO_SOURCE = "no independent source"
-"""Beginning of the source of a law for which nothing but its limits speaks."""
 _OF_LOADS = "load_effect"
 
 

@@ -40,4 +40,4 @@ def test_workers_are_for_loads_that_are_integrated_out() -> None:
     for variant, long in (("one parameter", False), ("unknown load", True)):
         density = posterior(VARIANTS[variant]())
         target = Target(density, chart(density), False, np.zeros(len(density.names)))
-        assert tracing._long(target) == long
+        assert target.latent == long

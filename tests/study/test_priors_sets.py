@@ -11,7 +11,7 @@ from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
-from bayesterra.study.entries import NO_SOURCE, prior_set
+from bayesterra.study.entries import prior_set
 from bayesterra.study.study import load_study
 from tests.support.folder import Write
 
@@ -33,7 +33,7 @@ def test_the_planetary_set_is_complete_and_sourced() -> None:
 
 def test_laws_without_an_independent_source_are_as_wide_as_the_box() -> None:
     """What nothing speaks for has the flat law of the paper's box."""
-    unsourced = {name: law for name, law in LAWS.items() if law.source.startswith(NO_SOURCE)}
+    unsourced = {name: law for name, law in LAWS.items() if law.source.startswith("no independent source")}
     assert unsourced == {"n1": prior_set("paper-box")["n1"]}
 
 
