@@ -274,7 +274,7 @@ def _row(situation: Situation, row: Candidate) -> Reading:
     unknown = [each.parameter for each in (*noise, *errors) if each.parameter]
     sizes = situation.draws[:, [situation.posterior.names.index(name) for name in unknown]]
     target = np.arange(len(rows)) == len(rows) - 1
-    mean, covariance = likelihood.jointly_ahead(soil, sizes, target)
+    mean, covariance, _ = likelihood.jointly_ahead(soil, sizes, target)
     read = [i for i, entry in enumerate(noise) if not (latent and entry.channel == NORMAL_FORCE)]
     mean, covariance = mean[:, 0, read], covariance[:, 0][:, read][:, :, read]
     answered: BoolArray = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))

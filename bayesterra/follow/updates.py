@@ -72,7 +72,7 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
         scale = newest.scales(predicted, noise)
     else:
         predicted, scale = newest.ahead(soil, noise, ~newest.observations.use, rng)
-        readings = (predicted + scale * rng.standard_normal(scale.shape))[:, 0]
+        readings = newest.with_noise(predicted, scale, rng)[:, 0]
     answered = np.isfinite(readings).all(axis=1)
     observed, weights, k = newest.measured[-1], particles.weights, len(newest.channels)
     if newest.intervals is not None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.likelihood.forward import Forward, Outcomes
+from bayesterra.likelihood.sites import stand_in
 from bayesterra.stats.tails import GAUSSIAN
 
 STEP = 0.005
@@ -24,8 +25,6 @@ LOAD_STEP = 1e-3
 """Step for slopes over the load, as a share of it."""
 LINES = 3
 """Loads at which outcomes are taken for straight lines, each told by the line before."""
-FLATTEST = 1e-6
-"""Precision of the law of a load over that of its readings, at least: no digits are lost to its width."""
 VAGUE = 100.0
 """Standard deviation of a load that no reading tells, in ranges."""
 
@@ -128,7 +127,10 @@ class Loads:
             precision = precision + vague**-2
             guess = np.nan_to_num(at + pull / precision)
             carried, load = at, np.clip(guess, *ends)
-        mean, sd, level = in_place_of(guess, precision**-0.5, *ends)
+        low, high = ((end - guess) * precision**0.5 for end in ends)
+        level, (shift, stretch) = GAUSSIAN.log_between(low, high), GAUSSIAN.pulls_between(low, high)
+        bend = (stretch - shift**2) * precision
+        mean, sd, level = stand_in(guess, 1.0 / precision, level, shift * precision**0.5, bend)
         return cls(outcomes, values, slopes, at, mean, sd, level - np.log(ends[1] - ends[0]))
 
     @property
@@ -143,23 +145,5 @@ class Loads:
 
     def take(self, chosen: IntArray) -> Loads:
         """Those of some parameter sets, also repeatedly."""
-        kept = (part[chosen] for part in (self.values, self.slopes, self.at, self.mean, self.sd, self.level))
-        return Loads(self.outcomes.take(chosen), *kept)
-
-
-def in_place_of(
-    told: FloatArray, sd: FloatArray, lowest: FloatArray | float, highest: FloatArray | float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, standard deviation and log factor of normal laws that stand for an interval of a quantity.
-
-    Under them what all else tells of it, with mean ``told`` and ``sd``, becomes the moments that it has
-    between ``lowest`` and ``highest``.
-    """
-    low, high = ((end - told) / sd for end in (lowest, highest))
-    inside = GAUSSIAN.log_between(low, high)
-    shift, stretch = GAUSSIAN.pulls_between(low, high)
-    share = np.clip(1.0 + stretch - shift**2, 1e-8, 1.0)
-    gain = np.maximum(1.0 / share - 1.0, FLATTEST)  # precision of the law over that of the readings
-    mean, spread = told + sd * shift * (1.0 + 1.0 / gain), sd**2 * (1.0 + 1.0 / gain)
-    away = np.log(2 * np.pi * spread) + (mean - told) ** 2 / spread
-    return mean, sd / np.sqrt(gain), inside + 0.5 * away
+        parts = (self.values, self.slopes, self.at, self.mean, self.sd, self.level)
+        return Loads(self.outcomes.take(chosen), *(part[chosen] for part in parts))

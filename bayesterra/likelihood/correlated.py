@@ -4,10 +4,11 @@
 
 δ is a Gaussian process over slip, one curve per wheel and channel (Kennedy and O'Hagan 2001, J. R. Stat. Soc.
 B 63, 425). Everything but θ is Gaussian and integrated out: the readings of a table are jointly normal around
-f(θ, s). An error of slip counts to first order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a
-row; f is taken as straight and δ as level over its size. A latent load (drive ``both``) counts to first order
-about the load that its row's readings tell (:mod:`bayesterra.likelihood.condition_errors`). Noise that is a
-fraction is one of f(θ, s) in the likelihood, of all that is drawn in draws.
+f(θ, s), those with heavy-tailed noise by :mod:`bayesterra.likelihood.sites`. An error of slip counts to first
+order, g ε with the slopes g = ∂f/∂s, so it ties the channels of a row; f is taken as straight and δ as level
+over its size. A latent load (drive ``both``) counts to first order about the load that its row's readings say
+(:mod:`bayesterra.likelihood.condition_errors`). Noise that is a fraction is one of f(θ, s) in the likelihood,
+of all that is drawn in draws.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from bayesterra.likelihood.condition_errors import Loads, slip_slopes
 from bayesterra.likelihood.covariance import Drawn, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.model_errors import ModelErrors, Ripple
 
 HUGE = 1e100
@@ -191,20 +193,26 @@ class CorrelatedLikelihood(Likelihood):
     def ahead(
         self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray, rng: Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """Means and standard deviations (n, t, k) of readings of rows ``targets`` (m,)."""
-        centre, covariance = self.jointly_ahead(soil, noise_values, targets)
-        return centre, np.sqrt(np.einsum("ntkk->ntk", covariance))
+        """Places and standard deviations (n, t, k) of readings of rows ``targets`` (m,)."""
+        centre, covariance, noise = self.jointly_ahead(soil, noise_values, targets)
+        variance, heavy = np.einsum("ntkk->ntk", covariance), self.layout.heavy
+        if not heavy.any():
+            return centre, np.sqrt(variance)
+        behind = np.sqrt(np.maximum(variance - noise**2, 0.0))  # a sum with no one law: a part is drawn
+        centre = centre + np.where(heavy, behind * rng.standard_normal(noise.shape), 0.0)
+        return centre, np.where(heavy, noise, np.sqrt(variance))
 
     def jointly_ahead(
         self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The same means, and covariances (n, t, k, k) of the readings of each of these rows."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Means, covariances (n, t, k, k) and noise (n, t, k) of readings of rows ``targets`` (m,)."""
         places, k = np.flatnonzero(targets), len(self.channels)
-        centre = np.full((len(soil), len(places), k), np.nan)
+        centre, noise = np.full((2, len(soil), len(places), k), np.nan)
         covariance = np.full((*centre.shape, k), np.nan)
         for good, law in self._laws(soil, noise_values):
             centre[good], covariance[good] = law.ahead(self.measured, places)
-        return centre, covariance
+            noise[good] = law.scale[:, places]
+        return centre, covariance, noise
 
     def beyond(
         self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
@@ -258,13 +266,14 @@ class CorrelatedLikelihood(Likelihood):
         readings = np.where(numbers, self.measured, np.nan)
         sizes, none = self.sizes(len(soil), noise_values), np.zeros((len(soil), *self.measured.shape, 0))
         fields = self.layout.variance(sizes, none)
-        loads = Loads.told(
-            self.forward, soil, self.channels, readings, self.load_range,
-            lambda values: np.sqrt(self.scales(values, noise_values) ** 2 + fields),
-        )  # fmt: skip
+
+        def scatter(values: FloatArray) -> FloatArray:
+            scale = self.scales(values, noise_values)
+            return np.sqrt(scale**2 * self.layout.spread((readings - values) / scale) + fields)
+
+        loads = Loads.told(self.forward, soil, self.channels, readings, self.load_range, scatter)
         about = replace(self, forward=self.forward.at_load(loads.at))
-        law = about.law_at(soil, loads.values, noise_values, loads.outcomes, loads.effects)
-        return replace(law, mean=loads.predicted, loads=loads)
+        return about.law_at(soil, loads.values, noise_values, loads.outcomes, loads.effects, loads)
 
     def law_at(
         self,
@@ -273,10 +282,11 @@ class CorrelatedLikelihood(Likelihood):
         noise_values: FloatArray,
         outcomes: Outcomes | None = None,
         by_load: FloatArray | None = None,
+        loads: Loads | None = None,
     ) -> TableLaw:
         """The same, where what the model says of the measured channels (n, m, k) is known.
 
-        ``by_load`` (n, m, k) is the effect of one standard deviation of latent loads.
+        ``by_load`` (n, m, k) is the effect of one standard deviation of latent loads, or of ``loads``.
         """
         scale, sizes = self.scales(mean, noise_values), self.sizes(len(soil), noise_values)
         effects: list[FloatArray] = []
@@ -289,7 +299,8 @@ class CorrelatedLikelihood(Likelihood):
         whitenings = self._constant
         if whitenings is None:
             whitenings = tuple(stack.whitening(scale, sizes, effect) for stack in self.layout.stacks)
-        law = TableLaw(self.layout, mean, scale, sizes, effect, whitenings)
+        mean = mean if loads is None else loads.predicted
+        law = TableLaw(self.layout, mean, scale, sizes, effect, whitenings, loads)
         return self.reading(law, self.measured)
 
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
@@ -312,12 +323,15 @@ class CorrelatedLikelihood(Likelihood):
         rows = self.observations
         tied = self.errors.slip is not None or self.load_range is not None
         blocks = stacks(self.errors, rows, self.channels, self.known, self._given_noise, tied=tied)
-        return Layout(self.errors, rows, self.channels, blocks)
+        return Layout(self.errors, rows, self.channels, tuple(entry.tails for entry in self.noise), blocks)
 
     @cached_property
     def _given_noise(self) -> FloatArray | None:
         """Noise (m, k) where it does not depend on the parameters; else None."""
-        if any(noise.sd is None for noise in self.noise) or self.intervals is not None:
+        if (
+            any(noise.sd is None or noise.tails != GAUSSIAN for noise in self.noise)
+            or self.intervals is not None
+        ):
             return None
         return np.asarray(self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))[0])
 

@@ -17,7 +17,8 @@ from numpy.random import Generator
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.likelihood.condition_errors import Loads
-from bayesterra.likelihood.intervals import Sites
+from bayesterra.likelihood.sites import VAGUE, Sites
+from bayesterra.stats.tails import GAUSSIAN, Tails
 from bayesterra.study.model_errors import Discrepancy, ModelErrors, Ripple
 from bayesterra.study.observations import Observations
 
@@ -156,8 +157,8 @@ def stacks(
     for pairs in blocks:  # of one channel, where channels are apart: then one thing ties them
         alike.setdefault((len(pairs), 0 if tied else pairs[0][1]), []).append(pairs)
     stacked = [
-        Stack(pairs[..., 0], pairs[..., 1], _terms(pairs, errors, rows, channels), tied, _at(pairs, noise))
-        for pairs in map(np.array, alike.values())
+        Stack(i, at, _terms(i, at, errors, rows, channels), tied, None if noise is None else noise[i, at])
+        for i, at in (np.moveaxis(np.array(pairs), -1, 0) for pairs in alike.values())
     ]
     if alone:
         block = np.array([alone])
@@ -179,15 +180,11 @@ def _placed(errors: ModelErrors, *, tied: bool) -> Callable[[str, int, str, obje
     return place
 
 
-def _at(pairs: IntArray, noise: FloatArray | None) -> FloatArray | None:
-    return None if noise is None else np.asarray(noise[pairs[..., 0], pairs[..., 1]])
-
-
 def _terms(
-    pairs: IntArray, errors: ModelErrors, rows: Observations, channels: Sequence[str]
+    i: IntArray, column: IntArray, errors: ModelErrors, rows: Observations, channels: Sequence[str]
 ) -> tuple[tuple[int, FloatArray], ...]:
-    """Fields that blocks (B, q, 2) have a part in; see :class:`Stack`."""
-    i, column, terms = pairs[..., 0], pairs[..., 1], []
+    """Fields that readings (B, q) in rows ``i`` and columns have a part in; see :class:`Stack`."""
+    terms = []
     for which, error in enumerate(errors.fields):
         mine = column == channels.index(error.channel)
         both = mine[:, :, None] & mine[:, None, :]
@@ -213,8 +210,8 @@ def _within(labels: Sequence[object], matrix: FloatArray) -> FloatArray:
 
 
 LOG_2_PI = float(np.log(2 * np.pi))
-VAGUE, ROUNDS = 1e3, 5
-"""Where laws in place of limits begin, in standard deviations, and how often each is told by the others."""
+ROUNDS = 6
+"""How often every law in place of a reading is told by the others."""
 NONE = frozen(np.empty(0))
 
 
@@ -227,13 +224,25 @@ class Layout:
     errors : discrepancy, ripple and slip errors.
     rows : the table.
     channels : measured outcomes, the k columns.
+    tails : laws of their noise.
     stacks : readings that hang together, of those that are conditioned on.
     """
 
     errors: ModelErrors
     rows: Observations
     channels: tuple[str, ...]
+    tails: tuple[Tails, ...]
     stacks: Sequence[Stack]
+
+    @cached_property
+    def heavy(self) -> BoolArray:
+        """Channels (k,) whose noise is not Gaussian."""
+        return np.array([tails != GAUSSIAN for tails in self.tails])
+
+    def spread(self, z: FloatArray) -> FloatArray:
+        """Variances (n, m, k) of normal noise that pulls as much at residuals, in units of the scale."""
+        laws = [tails.spread(z[..., i]) for i, tails in enumerate(self.tails)]
+        return np.nan_to_num(np.stack(laws, axis=-1), nan=1.0)
 
     @cached_property
     def correlations(self) -> list[FloatArray]:
@@ -288,7 +297,7 @@ class TableLaw:
     effects : of one standard deviation of every error of a condition (n, m, k, e).
     whitenings : of every stack.
     loads : latent loads, whose effects are the last; None where loads are known.
-    sites : readings known by a limit; None without.
+    sites : what stands in the place of readings without a normal law; None without any.
     """
 
     layout: Layout
@@ -300,45 +309,54 @@ class TableLaw:
     loads: Loads | None = None
     sites: Sites | None = None
 
-    def limited(self, side: FloatArray, readings: FloatArray) -> TableLaw:
-        """The same with readings (m, k) known to lie above (1) or below (−1) what they say, 0 for numbers.
+    def told(self, side: FloatArray, readings: FloatArray) -> TableLaw:
+        """The same with normal laws in place of readings that have none; see :class:`Sites`.
 
-        Expectation propagation: each becomes a normal law with the moments that it has beyond its limit given
-        all others (Minka 2001; for normal laws Cunningham, Hennig and Lacoste-Julien 2013, arXiv:1111.6832).
+        ``side`` (m, k) is 1 and −1 for readings known to lie above and below what they say, 0 for numbers.
         """
-        row, column = side.nonzero()
-        if not row.size:
+        needed = self.known & ((side != 0) | self.layout.heavy)
+        if not needed.any():
             return self if self.sites is None else self._with(None)
-        end, above = readings[row, column], side[row, column] > 0
-        low, high = np.where(above, end, -np.inf), np.where(above, np.inf, end)
-        variance = self.scale**2 + self.layout.variance(self.sizes, self.effects)
-        vague, values = VAGUE * np.sqrt(variance[:, row, column]), np.tile(end, (len(variance), 1))
-        sites = Sites(row, column, low, high, values, vague, np.zeros(values.shape))
-        law = self._with(sites)
-        for _ in range(ROUNDS if len(end) > 1 else 1):
-            off = law.pulls(law.residuals(readings))[:, row, column]
-            variance = 1.0 / np.einsum("nmkk->nmk", law.precisions)[:, row, column]
+        sd = np.sqrt(self.scale**2 + self.layout.variance(self.sizes, self.effects))
+        start = self.scale * np.sqrt(self.layout.spread((readings - self.mean) / sd))
+        start = np.where(side == 0, start, VAGUE * sd)
+        side = np.where(needed, side, np.nan)
+        sites = Sites.begun(side, readings, self.scale, start, self.layout.tails)
+        law, place = self._with(sites), (slice(None), sites.row, sites.column)
+        for _ in range(ROUNDS if len(sites.row) > 1 else 1):
+            variance = 1.0 / np.einsum("nmkk->nmk", law.precisions)[place]
+            off = law.pulls(law.residuals(readings))[place]
             sites = sites.given(sites.values - off * variance, variance)
-            law = self._with(sites)
+            law = law._with(sites)
         return law
 
     def _with(self, sites: Sites | None) -> TableLaw:
-        """The same with laws in place of limits."""
+        """The same with other laws in place of readings."""
         law = replace(self, sites=sites)
         parts = (stack.whitening(law.noise, self.sizes, self.effects) for stack in self.layout.stacks)
         return replace(law, whitenings=tuple(parts))
 
+    @cached_property
+    def expected(self) -> TableLaw:
+        """The same with normal noise of the information that heavy-tailed noise has about its place."""
+        if self.sites is None or not self.layout.heavy.any():
+            return self
+        root = np.sqrt([tails.information[0] for tails in self.layout.tails])
+        sites, wider = self.sites, replace(self, scale=self.scale / root)
+        sd = np.where(sites.low < sites.high, sites.sd, sites.scale / root[sites.column])
+        return wider._with(replace(sites, sd=sd))
+
     @property
     def noise(self) -> FloatArray:
-        """Noise (n, m, k) of numbers, and of what stands in place of limits."""
+        """Noise (n, m, k) of readings, and of what stands in the place of some."""
         if self.sites is None:
             return self.scale
-        noise, place = self.scale.copy(), (self.sites.row, self.sites.column)
-        noise[:, *place] = np.hypot(noise[:, *place], self.sites.sd)
+        noise = self.scale.copy()
+        noise[:, self.sites.row, self.sites.column] = self.sites.sd
         return noise
 
     def residuals(self, readings: FloatArray) -> FloatArray:
-        """Readings (m, k), or what stands in place of limits, off the mean (n, m, k)."""
+        """Readings (m, k), or what stands in the place of some, off the mean (n, m, k)."""
         off, sites = readings - self.mean, self.sites
         if sites is not None:
             off[:, sites.row, sites.column] = sites.values - self.mean[:, sites.row, sites.column]
@@ -359,7 +377,7 @@ class TableLaw:
 
     @property
     def levels(self) -> FloatArray:
-        """What latent loads and limits add to the log density of every row (n or 1, m)."""
+        """What latent loads and sites add to the log density of every row (n or 1, m)."""
         levels = np.zeros((1, len(self.known)))
         if self.loads is not None:
             levels = np.where(self.known.any(axis=1), self.loads.level, levels)

@@ -8,14 +8,12 @@ modelled value. The likelihood takes that probability over δ, which goes over i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
-from bayesterra.likelihood.condition_errors import in_place_of
-from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
@@ -121,38 +119,3 @@ class Intervals:
             low, high = self.between(i, self.readings, predicted, scale)
             standard[:, rows, i] = self.noise[i].tails.middle(low[:, rows], high[:, rows])
         return standard
-
-
-@dataclass(frozen=True)
-class Sites:
-    """Normal laws that stand for readings known by a limit only, given all other readings.
-
-    Attributes
-    ----------
-    row, column : places of these q readings.
-    low, high : ends (q,) between which they lie.
-    values, sd : readings in their place (n, q), and standard deviations of these beside noise.
-    level : what this leaves of the log probability (n, q).
-    """
-
-    row: IntArray
-    column: IntArray
-    low: FloatArray
-    high: FloatArray
-    values: FloatArray
-    sd: FloatArray
-    level: FloatArray
-
-    def given(self, others: FloatArray, variance: FloatArray) -> Sites:
-        """As all other readings tell these (n, q); ``variance`` holds what stands in their place, too."""
-        values, sd, level = in_place_of(others, np.sqrt(variance - self.sd**2), self.low, self.high)
-        return replace(self, values=values, sd=sd, level=level)
-
-    def scores(self, others: FloatArray, variance: FloatArray) -> FloatArray:
-        """Normal scores (n, q) of their middles, by probability."""
-        low, high = ((end - others) / np.sqrt(variance - self.sd**2) for end in (self.low, self.high))
-        return GAUSSIAN.middle(low, high)
-
-    def take(self, chosen: IntArray) -> Sites:
-        """Those of the sets, also repeatedly."""
-        return replace(self, values=self.values[chosen], sd=self.sd[chosen], level=self.level[chosen])

@@ -114,9 +114,10 @@ class Likelihood:
 
     def reading(self, law: TableLaw, readings: FloatArray) -> TableLaw:
         """A law of the table for other readings (m, k), of which others may be known by a limit only."""
-        if self.intervals is None:
+        if self.intervals is None and not law.layout.heavy.any():
             return law
-        return law.limited(np.where(law.known, self.intervals.sides(readings), 0.0), readings)
+        side = np.zeros(readings.shape) if self.intervals is None else self.intervals.sides(readings)
+        return law.told(side, readings)
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
@@ -241,12 +242,16 @@ class Likelihood:
     def draw(self, outcomes: Outcomes, noise_values: FloatArray, rng: Generator) -> FloatArray:
         """Draw readings (n, m, channels) with noise, for every row and measured channel."""
         predicted = self.predicted(outcomes)
-        standard = rng.standard_normal(predicted.shape)
+        scale = self.scales(predicted, noise_values, rounded=False)
+        return self._recording.recorded(self.with_noise(predicted, scale, rng))
+
+    def with_noise(self, places: FloatArray, scale: FloatArray, rng: Generator) -> FloatArray:
+        """Draw from the laws of the channels' noise about places (n, m, channels)."""
+        standard = rng.standard_normal(places.shape)
         for i, noise in enumerate(self.noise):
             if noise.tails != GAUSSIAN:
-                standard[:, :, i] = noise.tails.draw(predicted.shape[:2], rng)
-        drawn = predicted + self.scales(predicted, noise_values, rounded=False) * standard
-        return self._recording.recorded(drawn)
+                standard[:, :, i] = noise.tails.draw(places.shape[:2], rng)
+        return places + scale * standard
 
     @cached_property
     def _recording(self) -> Intervals:

@@ -287,16 +287,28 @@ def _jointly_weighted(
     law = likelihood.law_where(read, soil, values, noise, by_load) if good.size else None
     if law is None:
         return gradient, whole
-    residuals, white = law.white(law.residuals(likelihood.measured)), []
-    for stack, whitening in zip(law.layout.stacks, law.whitenings, strict=True):
-        slopes = whitening.matrix @ scaled.local.by_parameter[good][:, stack.rows, stack.columns]
-        white.append(slopes.reshape(len(good), -1, x.shape[1]))
-    bends = _bends(posterior, law, x[good])
-    gradient[good], information = _scatter(posterior, law, scaled.spread[good], bends, residuals)
+    residuals, by_x = law.white(law.residuals(likelihood.measured)), scaled.local.by_parameter[good]
+    white, bends, spread = _whitened(law, by_x), _bends(posterior, law, x[good]), scaled.spread[good]
+    gradient[good], information = _scatter(posterior, law, spread, bends, residuals)
     for slopes, residual in zip(white, residuals, strict=True):
         gradient[good] += np.einsum("nqd,nq->nd", slopes, residual.reshape(len(good), -1))
+    if law.sites is not None:
+        place = (slice(None), law.sites.row, law.sites.column)
+        gradient[good] += np.einsum("nq,nqd->nd", law.sites.stretch / law.scale[place], spread[place])
+    if (expected := law.expected) is not law:
+        white, spread = _whitened(expected, by_x), spread * (expected.scale / law.scale)[..., None]
+        information = _scatter(posterior, expected, spread, bends, residuals)[1]
     whole[good] = np.concatenate([*white, _root(information)], axis=1)
     return gradient, whole
+
+
+def _whitened(law: TableLaw, by_x: FloatArray) -> list[FloatArray]:
+    """Slopes (n, q, d) of the white readings of every stack, for those of readings (n, m, k, d)."""
+    pairs = zip(law.layout.stacks, law.whitenings, strict=True)
+    return [
+        (whitening.matrix @ by_x[:, stack.rows, stack.columns]).reshape(len(by_x), -1, by_x.shape[-1])
+        for stack, whitening in pairs
+    ]
 
 
 def _bends(posterior: Posterior, law: TableLaw, x: FloatArray) -> FloatArray:

@@ -2,77 +2,89 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import gammaln, log_ndtr, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import gammainccinv, gammaln, log_ndtr, ndtr, ndtri, stdtr, stdtrit
 
 from bayesterra.arrays import FloatArray
 
 NARROW = 1e-4
 """Width, in units of the scale, below which the law of an interval is the density of its middle."""
+PARTS, FARTHEST = 32, 300.0
+"""Normal laws in place of a heavy-tailed one, and the residual to which they stand for it."""
 
 
-class Tails(ABC):
-    """Law of a standardised residual z.
+@dataclass(frozen=True)
+class Tails:
+    """Law of a standardised residual z: the normal law, from which others derive.
 
     Attributes
     ----------
     name, mark : in words, and the letter that marks it in tables.
     """
 
-    name: str
-    mark: str
+    name: ClassVar[str] = "Gaussian"
+    mark: ClassVar[str] = ""
 
     @property
-    @abstractmethod
     def keys(self) -> Mapping[str, object]:
-        """Keys of the law in the [noise] table of a study."""
+        """Keys of the law in the [noise] table of a study: none where an entry names no other law."""
+        return {}
 
     @property
-    @abstractmethod
     def code(self) -> float:
         """Number by which compiled code knows the law."""
+        return np.inf
 
     @property
-    @abstractmethod
     def words(self) -> str:
         """The law with its numbers in words; empty for a Gaussian one."""
+        return ""
 
     @property
-    @abstractmethod
     def log_peak(self) -> float:
         """Log density at the centre."""
+        return float(-0.5 * np.log(2 * np.pi))
 
     @property
-    @abstractmethod
     def information(self) -> tuple[float, float]:
         """Fisher information about place and scale."""
+        return 1.0, 2.0
 
     @property
-    @abstractmethod
     def variance(self) -> float:
         """Variance, or a number in its place where that is infinite."""
+        return 1.0
 
-    @abstractmethod
+    @property
+    def parts(self) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations (l,) of normal laws that it is a mixture of, and logs of their shares."""
+        return np.ones(1), np.zeros(1)
+
     def log_density(self, z: FloatArray) -> FloatArray:
         """Log density of residuals of any shape."""
+        return np.asarray(self.log_peak - 0.5 * z**2)
 
-    @abstractmethod
     def pull(self, z: FloatArray) -> FloatArray:
         """Minus the derivative of the log density."""
+        return z
 
-    @abstractmethod
+    def spread(self, z: FloatArray) -> FloatArray:
+        """Variance of the normal law that pulls as much at residuals."""
+        return np.ones_like(z)
+
     def cdf(self, z: FloatArray) -> FloatArray:
         """Probability below."""
+        return np.asarray(ndtr(z))
 
-    @abstractmethod
     def log_cdf(self, z: FloatArray) -> FloatArray:
         """Log of the probability below, with its digits far out."""
+        return np.asarray(log_ndtr(z))
 
     def log_mass(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Log probability between residuals of any shape, by that below each; NaN where it has no digits."""
@@ -110,62 +122,16 @@ class Tails(ABC):
         level = np.maximum(0.5 * (self.cdf(low) + self.cdf(high)), 1e-300)
         return np.where(flipped, -self.quantile(level), self.quantile(level))
 
-    @abstractmethod
     def quantile(self, level: FloatArray) -> FloatArray:
         """Residuals below which a residual lies with probabilities ``level`` of any shape."""
-
-    @abstractmethod
-    def normal_score(self, z: FloatArray) -> FloatArray:
-        """Residuals as the normal ones that are as far out."""
-
-    @abstractmethod
-    def draw(self, shape: tuple[int, ...], rng: Generator) -> FloatArray:
-        """Draw residuals."""
-
-
-@dataclass(frozen=True)
-class Gaussian(Tails):
-    """Normal law."""
-
-    name = "Gaussian"
-    mark = ""
-    code = np.inf
-    words = ""
-    log_peak = float(-0.5 * np.log(2 * np.pi))
-    information = (1.0, 2.0)
-    variance = 1.0
-
-    @property
-    def keys(self) -> Mapping[str, object]:
-        """None: the law of noise whose entry names no other."""
-        return {}
-
-    def log_density(self, z: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
-        return np.asarray(self.log_peak - 0.5 * z**2)
-
-    def pull(self, z: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
-        return z
-
-    def cdf(self, z: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
-        return np.asarray(ndtr(z))
-
-    def log_cdf(self, z: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
-        return np.asarray(log_ndtr(z))
-
-    def quantile(self, level: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
         return np.asarray(ndtri(level))
 
     def normal_score(self, z: FloatArray) -> FloatArray:
-        """See :class:`Tails`."""
+        """Residuals as the normal ones that are as far out."""
         return z
 
     def draw(self, shape: tuple[int, ...], rng: Generator) -> FloatArray:
-        """See :class:`Tails`."""
+        """Draw residuals."""
         return rng.standard_normal(shape)
 
 
@@ -174,8 +140,8 @@ class StudentT(Tails):
     """Student's law with ``dof`` degrees of freedom, whose tails let single readings be far out."""
 
     dof: float
-    name = "Student-t"
-    mark = "t"
+    name: ClassVar[str] = "Student-t"
+    mark: ClassVar[str] = "t"
 
     @property
     def keys(self) -> Mapping[str, object]:
@@ -208,6 +174,16 @@ class StudentT(Tails):
         """See :class:`Tails`; 3 up to two degrees of freedom."""
         return 1.0 / (1.0 - 2.0 / max(self.dof, 2.1)) if self.dof > 2 else 3.0
 
+    @cached_property
+    def parts(self) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Tails`: a normal law of precision λ, which has a gamma law, summed over log λ."""
+        half = 0.5 * self.dof
+        top = float(np.log(gammainccinv(half, 1e-9) / half))
+        low = max(np.log(0.2 * (self.dof + 1) / FARTHEST**2), top - PARTS * 1.2 / np.sqrt(half + 0.5))
+        log_precision, step = np.linspace(low, top, PARTS, retstep=True)
+        level = half * (np.log(half) + log_precision - np.exp(log_precision)) - gammaln(half)
+        return np.exp(-0.5 * log_precision), np.asarray(level + np.log(step))
+
     def log_density(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
         return np.asarray(self.log_peak - 0.5 * (self.dof + 1) * np.log1p(z**2 / self.dof))
@@ -215,6 +191,10 @@ class StudentT(Tails):
     def pull(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
         return (self.dof + 1.0) * z / (self.dof + z**2)
+
+    def spread(self, z: FloatArray) -> FloatArray:
+        """See :class:`Tails`."""
+        return (self.dof + z**2) / (self.dof + 1.0)
 
     def cdf(self, z: FloatArray) -> FloatArray:
         """See :class:`Tails`."""
@@ -239,4 +219,4 @@ class StudentT(Tails):
         return rng.standard_t(self.dof, shape)
 
 
-GAUSSIAN = Gaussian()
+GAUSSIAN = Tails()

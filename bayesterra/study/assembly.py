@@ -23,7 +23,6 @@ from bayesterra.parameters import (
 )
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
-from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.drive import Drive
 from bayesterra.study.entries import prior_set
 from bayesterra.study.model_errors import ModelErrors
@@ -359,17 +358,9 @@ def outcome_noise(
 def errors_of_outcomes(
     errors: ModelErrors, noise: Mapping[str, Noise], rows: Observations, drive: Drive
 ) -> tuple[ModelErrors, list[str]]:
-    """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind.
-
-    StudyError beside Student-t noise.
-    """
+    """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind."""
     if not errors:
         return errors, []
-    table = "discrepancy" if errors.discrepancy else "ripple" if errors.ripple else "slip"
-    heavy = next((name for name, channel_noise in noise.items() if channel_noise.tails != GAUSSIAN), None)
-    if heavy:
-        keys = "' and '".join(noise[heavy].tails.keys)
-        raise StudyError(f"[{table}] needs Gaussian noise: leave '{keys}' of the noise of '{heavy}' out")
     tables = {"discrepancy": errors.discrepancy, "ripple": errors.ripple}
     notes = [
         f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"

@@ -5,12 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.matrix import COMMANDS, FACTORS, Kind, cells, kinds, lawless, quick, refused_kinds, title
+from tests.support.matrix import COMMANDS, FACTORS, Kind, cells, kinds, quick, title
 
 PERMITTED = {"follow": ("knows no sweeps, along which",)}
-"""What a command may be refused with, where it has a law."""
-NO_LAW = "needs Gaussian noise"
-"""Why a study is refused whose pair of levels has none."""
+"""What a command may be refused with."""
 
 
 def judged(kind: Kind, folder: Path, commands: tuple[str, ...]) -> None:
@@ -27,23 +25,12 @@ def judged(kind: Kind, folder: Path, commands: tuple[str, ...]) -> None:
 
 
 def test_every_pair_of_levels_is_there() -> None:
-    """Of any two factors, in one of the studies or among those without a law."""
-    everything = [*kinds(), *refused_kinds()]
+    """Of any two factors, in one of the studies."""
     for one, first in FACTORS.items():
         for other, second in FACTORS.items():
-            pairs = {(kind[one], kind[other]) for kind in everything}
+            pairs = {(kind[one], kind[other]) for kind in kinds()}
             wanted = {(a, b) for a in first for b in second if one != other or a == b}
             assert wanted <= pairs
-    assert not any(lawless(kind) for kind in kinds())
-
-
-@pytest.mark.parametrize("kind", refused_kinds(), ids=title)
-def test_studies_without_a_law_are_refused_with_the_reason(kind: Kind, tmp_path: Path) -> None:
-    """By every command alike, in one line that names the table and the channel."""
-    with quick():
-        for command, cell in cells(kind, tmp_path, ("check", "run", "simulate")):
-            assert cell.word == "refused", command
-            assert re.search(NO_LAW, cell.said), cell.said
 
 
 @pytest.mark.parametrize("kind", kinds(), ids=title)

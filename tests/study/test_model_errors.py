@@ -109,15 +109,12 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, tables: str, mess
     assert "\n" not in str(error.value)
 
 
-def test_heavy_tails_do_not_go_with_them() -> None:
-    """These have no joint normal law; latent loads do."""
-    force = {**NOISE, "normal_force": 2.0}
-    assert joined("phi", drive="both", ripple=RIPPLE, noise=force, load_range=["40 N", "120 N"]).errors.ripple
+def test_heavy_tails_and_latent_loads_go_with_them() -> None:
+    """See tests/likelihood/test_heavy_tails.py for the laws."""
     noise = {**NOISE, "drawbar_pull": {"sd": 0.5, "dof": 4}}
-    with pytest.raises(
-        StudyError, match=r"\[discrepancy\] needs Gaussian noise: leave 'dof' .*'drawbar_pull'"
-    ):
-        joined("phi", discrepancy=CURVES, noise=noise)
+    force = {**noise, "normal_force": 2.0}
+    assert joined("phi", discrepancy=CURVES, slip={"sd": 0.01}, noise=noise).errors.slip
+    assert joined("phi", drive="both", ripple=RIPPLE, noise=force, load_range=["40 N", "120 N"]).errors.ripple
 
 
 def test_notes_say_what_is_not_used_and_what_is_meant() -> None:

@@ -39,39 +39,20 @@ FACTORS: Mapping[str, Sequence[str]] = {
     "readings": ("numbers", "resolution", "limits"),
 }
 """What studies differ in."""
-LAWLESS = {
-    ("noise", "student", "errors", "discrepancy"), ("noise", "student", "errors", "ripple"),
-    ("noise", "student", "errors", "slip"),
-}  # fmt: skip
-"""Pairs without a law that can be computed; each has a study of its own."""
-
 Kind = Mapping[str, str]
 
 
 def kinds() -> list[Kind]:
-    """Kinds of study in which every pair of levels of two factors occurs that has a law."""
-    pairs = [((a, x), (b, y)) for a, b in combinations(FACTORS, 2) for x in FACTORS[a] for y in FACTORS[b]]
-    left = [pair for pair in pairs if not lawless(dict(pair))]
+    """Kinds of study in which every pair of levels of two factors occurs."""
+    left = [((a, x), (b, y)) for a, b in combinations(FACTORS, 2) for x in FACTORS[a] for y in FACTORS[b]]
     found: list[Kind] = []
     candidates = [dict(zip(FACTORS, levels, strict=True)) for levels in product(*FACTORS.values())]
-    candidates = [kind for kind in candidates if not lawless(kind)]
     while left:
         counts = [sum(kind[a] == x and kind[b] == y for (a, x), (b, y) in left) for kind in candidates]
         best = candidates[int(np.argmax(counts))]
         left = [((a, x), (b, y)) for (a, x), (b, y) in left if (best[a], best[b]) != (x, y)]
         found.append(best)
     return found
-
-
-def lawless(kind: Kind) -> bool:
-    """True where a pair of levels has no law."""
-    return any(kind.get(a) == x and kind.get(b) == y for a, x, b, y in LAWLESS)
-
-
-def refused_kinds() -> list[Kind]:
-    """A study for every pair without a law, plain in all else."""
-    plain = {name: levels[0] for name, levels in FACTORS.items()}
-    return [{**plain, a: x, b: y} for a, x, b, y in sorted(LAWLESS)]
 
 
 def title(kind: Kind) -> str:
@@ -284,7 +265,7 @@ def table(folder: Path) -> None:
     """Print every cell that does not work, and the counts of each command."""
     counts: dict[str, Counter[str]] = {command: Counter() for command in COMMANDS}
     with quick():
-        for number, kind in enumerate([*kinds(), *refused_kinds()]):
+        for number, kind in enumerate(kinds()):
             for command, cell in cells(kind, folder / f"{number:02d}"):
                 counts[command][cell.word] += 1
                 if cell.word in ("refused", "traceback"):
