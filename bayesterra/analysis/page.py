@@ -70,19 +70,11 @@ def run_page(result: Result) -> Page:
     statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
     sections = _sections(draft)
     return Page(
-        title=result.study.title or "Soil parameters from wheel tests",
-        kind=result.study.kind,
-        facts=_facts(result),
-        warning=draft.warning(warning(result)),
-        verdicts=judged,
-        strip=shown[0],
-        legend=shown[1],
-        driving=driven,
-        findings=statements,
-        sections=sections,
-        version=result.record["versions"]["bayesterra"],
-        failures=failures,
-    )
+        title=result.study.title or "Soil parameters from wheel tests", kind=result.study.kind,
+        facts=_facts(result), warning=draft.warning(warning(result)), verdicts=judged, strip=shown[0],
+        legend=shown[1], driving=driven, findings=statements, sections=sections,
+        version=result.record["versions"]["bayesterra"], failures=failures,
+    )  # fmt: skip
 
 
 def _sections(draft: Draft[Result]) -> tuple[Section, ...]:

@@ -406,6 +406,11 @@ def read_tasks(path: str | Path) -> pd.DataFrame:
     return table
 
 
+def finished_tasks(work: Path) -> int:
+    """Number of finished tasks in the folder ``checkpoint`` of a job; 0 where there are none."""
+    return sum(1 for _ in work.glob(f"{TASK}*{SEGMENT}"))
+
+
 def _work_at(path: Path) -> Path:
     for work in (path, path / WORK, part_of(path) / WORK):
         if (work / TASKS).is_file():

@@ -15,8 +15,7 @@ from bayesterra.checking.calibration import CalibrationRequest, Progress, calibr
 from bayesterra.checking.ranks import Calibration
 from bayesterra.checking.short_runs import Fit, ShortRuns
 from bayesterra.errors import ResultError
-from bayesterra.runtime.checkpoints import Checkpoints
-from tests.support.tasks import finished_tasks
+from bayesterra.runtime.checkpoints import Checkpoints, finished_tasks
 
 from .conftest import MakeStudy, exact
 from .test_calibration_replications import troubled

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from tests.support.tasks import finished_tasks
+from bayesterra.runtime.checkpoints import finished_tasks
 
 CODE = """
 import signal, sys, time

@@ -110,7 +110,7 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, tables: str, mess
 
 
 def test_heavy_tails_and_latent_loads_go_with_them() -> None:
-    """See tests/likelihood/test_heavy_tails.py for the laws."""
+    """See tests/likelihood/test_sites_heavy_tails.py for the laws."""
     noise = {**NOISE, "drawbar_pull": {"sd": 0.5, "dof": 4}}
     force = {**noise, "normal_force": 2.0}
     assert joined("phi", discrepancy=CURVES, slip={"sd": 0.01}, noise=noise).errors.slip
