@@ -101,3 +101,28 @@ def test_the_middle_halves_the_probability(law: Tails) -> None:
     far = np.isin(low, (30.0, -9.0)) & np.isinf(law.code)
     np.testing.assert_allclose(below[~far], above[~far], atol=1e-6)
     assert ((low <= middle) & (middle <= high)).all()
+
+
+@pytest.mark.parametrize("law", [GAUSSIAN, *(StudentT(dof) for dof in (1.0, 3.0, 9.5, 30.0, 200.0))])
+def test_it_is_a_mixture_of_normal_laws(law: Tails) -> None:
+    """Its density is that of the parts in their shares, where readings lie and far out."""
+    sd, shares = law.parts
+    z = np.array([0.0, 0.7, 1.5, 3.0, 6.0, 12.0])
+    parts = shares - 0.5 * (z[:, None] / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi)
+    np.testing.assert_allclose(np.logaddexp.reduce(parts, axis=1), law.log_density(z), atol=4e-4)
+
+
+@LAWS
+def test_a_normal_law_of_the_spread_pulls_as_much(law: Tails) -> None:
+    """At any residual."""
+    z = np.array([-9.0, -0.3, 2.0, 40.0])
+    np.testing.assert_allclose(z / law.spread(z), law.pull(z), rtol=1e-12)
+
+
+def test_other_laws_say_everything_themselves() -> None:
+    """What a law does not say would be that of the normal law, in silence."""
+    derived = {"log_mass", "log_between", "pulls_between", "middle"}
+    said = {name for name in vars(Tails) if not name.startswith("_")} - derived
+    assert {"parts", "spread", "log_density", "draw"} <= said
+    for law in Tails.__subclasses__():
+        assert said <= set(vars(law)), law.__name__
