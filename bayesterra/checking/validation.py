@@ -318,7 +318,8 @@ def missed(result: Result) -> Iterator[Missed]:
     for wheel in dict.fromkeys(rows.wheel):
         mine: BoolArray = np.array([name == wheel for name in rows.wheel])
         slip = np.linspace(rows.slip[mine].min(), rows.slip[mine].max(), GRID)
-        curves = likelihood.beyond(soil, noise, wheel, slip, rng)
+        if (curves := likelihood.beyond(soil, noise, wheel, slip, rng)) is None:
+            return
         for channel in result.study.errors.discrepancy:
             column = likelihood.channels.index(channel)
             read = mine & ~np.isnan(likelihood.measured[:, column])

@@ -154,15 +154,15 @@ class Likelihood:
 
     def beyond(
         self, soil: FloatArray, noise_values: FloatArray, wheel: str | None, slip: FloatArray, rng: Generator
-    ) -> FloatArray:
-        """Addition to the model's outcomes of a wheel at slips (g,), (n, g, channels): nothing here."""
-        return np.zeros((len(soil), len(slip), len(self.channels)))
+    ) -> FloatArray | None:
+        """Discrepancy (n, g, channels) of a wheel at slips (g,); None where the study has none."""
+        return None
 
     def fresh(
         self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
-    ) -> FloatArray:
-        """Addition to outcomes and noise of new readings at the rows of ``forward``: nothing here."""
-        return np.zeros((len(soil), len(forward.conditions.slip), len(self.channels)))
+    ) -> FloatArray | None:
+        """What new readings at the rows of ``forward`` have beside outcomes and noise; None for nothing."""
+        return None
 
     @cached_property
     def measured(self) -> FloatArray:

@@ -156,10 +156,11 @@ class Posterior:
         soil, values, whole = self.prior.soil_values(x), self.noise_values(x), self.likelihood
         noise = tuple(entry for entry in whole.noise if entry.channel in outcomes.names)
         names, columns = [entry.channel for entry in noise], [whole.channels.index(n.channel) for n in noise]
-        curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)[:, :, columns]
-        fresh = whole.fresh(forward, soil, values, rng)[:, :, columns]
-        for i, name in enumerate(names):
-            outcomes.add(name, curve[:, :, i])
+        curve = whole.beyond(soil, values, wheel, forward.conditions.slip, rng)
+        fresh = whole.fresh(forward, soil, values, rng)
+        for name, column in zip(names, columns, strict=True):
+            if curve is not None:
+                outcomes.add(name, curve[:, :, column])
         read = replace(outcomes, values=outcomes.values.copy())
         if not forward.as_read:
             read.add("sinkage", offset_of(soil))
@@ -167,8 +168,8 @@ class Posterior:
         blank = replace(whole.observations, given_sd={}, values={}, limits={}, rows=rows)
         drawn = Likelihood(forward, blank, noise).draw(read, self.noise_values(x, tuple(names)), rng)
         readings = replace(outcomes, values=np.full(outcomes.values.shape, np.nan))
-        for i, name in enumerate(names):
-            readings[name][...] = drawn[:, :, i] + fresh[:, :, i]
+        for i, (name, column) in enumerate(zip(names, columns, strict=True)):
+            readings[name][...] = drawn[:, :, i] + (0.0 if fresh is None else fresh[:, :, column])
         return readings
 
     def log_prior(self, x: FloatArray) -> FloatArray:

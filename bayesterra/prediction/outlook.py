@@ -406,7 +406,7 @@ def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) 
         drawn = read.beyond(soil, values, name_of(study, wheel), SLIPS, rng)
         curves[wheel] = np.zeros((len(draws), len(SLIPS), len(RESPONSE)))
         for i, name in enumerate(RESPONSE):
-            if name in read.channels:
+            if drawn is not None and name in read.channels:
                 curves[wheel][:, :, i] = drawn[:, :, read.channels.index(name)]
     return CurvedGround(ground, (curves[rover.wheels[0]], curves[rover.wheels[1]]))
 

@@ -129,7 +129,7 @@ def test_the_discrepancy_elsewhere_goes_with_that_at_the_rows() -> None:
     x = np.repeat(sets(density, 1), 4000, axis=0)
     soil, noise = density.prior.soil_values(x), density.noise_values(x)
     slip = np.array([0.1, 0.28, 0.9])
-    found = density.likelihood.beyond(soil, noise, "A", slip, np.random.default_rng(3))
+    found = law_of(study).beyond(soil, noise, "A", slip, np.random.default_rng(3))
     law = written(study, density, x[0])
     inverse = np.linalg.inv(law.covariance[np.ix_(law.known, law.known)])
     residual = law.readings[law.known] - law.mean[law.known]
@@ -143,7 +143,7 @@ def test_the_discrepancy_elsewhere_goes_with_that_at_the_rows() -> None:
         between = (one.size.sd or 0.0) ** 2 * one.correlation(slip, rows.slip[law.known // 3]) * same
         K = (one.size.sd or 0.0) ** 2 * one.correlation(slip, slip) - between @ inverse @ between.T
         close(found[:, :, column], between @ inverse @ residual, K)
-    other = density.likelihood.beyond(soil, noise, None, slip, np.random.default_rng(4))
+    other = law_of(study).beyond(soil, noise, None, slip, np.random.default_rng(4))
     assert np.abs(other.mean(axis=0)[:, 0]).max() < 5 * 1e-3 / np.sqrt(4000)
     assert_allclose(other.std(axis=0)[:, 0], 1e-3, rtol=0.06)
 
@@ -158,8 +158,8 @@ def test_readings_of_another_sweep_have_ripple_and_slip_errors_of_their_own() ->
     expected = np.sqrt(np.diag(written(study, density, x[0]).smooth)).reshape(-1, 3)
     assert_allclose(found.std(axis=0), expected, rtol=0.06)
     plain = Likelihood(whole.forward, whole.observations, whole.noise)
-    assert not plain.fresh(whole.forward, soil, noise, np.random.default_rng(1)).any()
-    assert not plain.beyond(soil, noise, "A", np.array([0.1]), np.random.default_rng(1)).any()
+    assert plain.fresh(whole.forward, soil, noise, np.random.default_rng(1)) is None
+    assert plain.beyond(soil, noise, "A", np.array([0.1]), np.random.default_rng(1)) is None
 
 
 def test_a_soil_without_an_answer_has_no_likelihood() -> None:
@@ -174,7 +174,7 @@ def test_a_soil_without_an_answer_has_no_likelihood() -> None:
     assert np.isneginf(total).tolist() == [False, True, False]
     assert np.isneginf(rows[1]).all()
     assert np.isfinite(rows[[0, 2]]).all()
-    curve = density.likelihood.beyond(soil, noise, "A", np.array([0.2]), np.random.default_rng(1))
+    curve = law_of(study).beyond(soil, noise, "A", np.array([0.2]), np.random.default_rng(1))
     assert np.isnan(curve[1]).all()
     assert np.isfinite(curve[[0, 2]]).all()
 

@@ -148,6 +148,7 @@ def test_slip_errors_of_a_study_by_sinkage_reach_predictions_by_load() -> None:
     by_load = Forward(study.model, Drive.LOAD, Conditions.of(WHEELS["A"], slips), np.full(2, 80.0))
     soil = study.prior.soil_values(np.full((400, 1), HELD["c"]))
     drawn = likelihood.fresh(by_load, soil, np.empty((400, 0)), np.random.default_rng(1))
+    assert drawn is not None
     force, pull = (likelihood.channels.index(name) for name in ("normal_force", "drawbar_pull"))
     assert np.all(drawn[:, :, force] == 0.0)
     slopes = slip_slopes(by_load, soil[:1], ["drawbar_pull"])[0, :, 0]
