@@ -49,6 +49,8 @@ BOTH_SLIPS = (0.1, 0.2, 0.35, 0.5)
 FORCE = 3.0
 """Noise, N, of the normal force where the load is known by its readings only."""
 CURVES = {"drawbar_pull": {"sd": "2 N", "length": 0.3}, "sinkage": {"sd": "1 mm", "length": 0.3}}
+DOF, SLIP_ERROR = 3.0, 0.02
+"""Of the noise, and standard deviation of the slips, in the cases with heavy tails."""
 EXPONENT = {"dist": "norm", "loc": 0.8, "scale": 0.1, "lower": 0.3, "upper": 1.3}
 MODULUS = {"dist": "norm", "loc": "11 mm", "scale": "3 mm", "lower": "3 mm", "upper": "40 mm"}
 CORRELATION = 0.8
@@ -127,6 +129,27 @@ def latent_loads(*, curves: bool = True) -> bt.Study:
     )
 
 
+def heavy_tails(*, known: bool = True) -> bt.Study:
+    """Five slips that are read with an error, and Student-t noise on every channel, or Gaussian noise."""
+    readings = {"load [N]": 80.0, "sinkage [mm]": 5.0, "drawbar_pull [N]": 10.0}
+    noise: dict[str, Any] = {
+        name: {"sd": sd, **({"dof": DOF} if known else {})} for name, sd in NOISE.items()
+    }
+    held = {name: ABOUT_WH32[name] for name in ("Ks", "n1", "c", "c1", "c2")}
+    return bt.Study(
+        pd.DataFrame({"slip": SLIPS[1:]}).assign(**readings, **{"resistance_moment [N m]": 3.0}),
+        {"Wh32": WHEEL},
+        title="Calibration of heavy tails beside errors of slip",
+        model="M2",
+        slip_reference="shearing",
+        kind="simulated",
+        source="studies/calibration/run.py",
+        noise=noise,
+        slip={"sd": SLIP_ERROR},
+        priors={**held, "n0": EXPONENT, "phi": FRICTION, "K": MODULUS},
+    )
+
+
 @dataclass(frozen=True)
 class NoiseHalved:
     """A wrong posterior: it believes in half of the noise that the readings have."""
@@ -159,6 +182,17 @@ class CurveIgnored:
     def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
         """Sample the posterior of a study as though there were no discrepancy."""
         return self.fit(latent_loads(curves=False).with_data(simulated.observations.values), seed)
+
+
+@dataclass(frozen=True)
+class TailsIgnored:
+    """A wrong posterior: it takes heavy-tailed noise for Gaussian noise of the same scale."""
+
+    fit: ShortRuns = field(default_factory=ShortRuns)
+
+    def __call__(self, simulated: bt.Study, seed: np.random.SeedSequence) -> Fitted:
+        """Sample the posterior of a study as though its noise were Gaussian."""
+        return self.fit(heavy_tails(known=False).with_data(simulated.observations.values), seed)
 
 
 @dataclass(frozen=True)
@@ -196,7 +230,7 @@ class JacobianDropped:
 
 
 class Case(NamedTuple):
-    """A model, number and sampling of its replications, the noise (1: ``NOISE``), steps, groups, loads."""
+    """A model, number and sampling of its replications, the noise (1: ``NOISE``), and what is special."""
 
     model: str
     n: int
@@ -205,12 +239,13 @@ class Case(NamedTuple):
     intervals: bool = False
     groups: bool = False
     latent: bool = False
+    tails: bool = False
 
     @property
     def study(self) -> bt.Study:
         """What is calibrated."""
-        if self.latent:
-            return latent_loads()
+        if self.latent or self.tails:
+            return latent_loads() if self.latent else heavy_tails()
         return groups() if self.groups else study(self.model, self.noise, intervals=self.intervals)
 
 
@@ -220,10 +255,12 @@ CASES = {
     "m2-intervals": Case("M2", 200, intervals=True),
     "m2-groups": Case("M2", 200, groups=True),
     "m2-both-discrepancy": Case("M2", 200, latent=True),
+    "m2-slip-student": Case("M2", 200, tails=True),
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
     "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
     "m2-curve-ignored": Case("M2", 40, CurveIgnored(), latent=True),
+    "m2-tails-ignored": Case("M2", 40, TailsIgnored(), tails=True),
 }
 
 
@@ -245,7 +282,7 @@ def run(case: str) -> Calibration:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    engine = bt.local_pool() if todo.groups or todo.latent else None
+    engine = bt.local_pool() if todo.groups or todo.latent or todo.tails else None
     request = CalibrationRequest(todo.study, todo.n, engine=engine, fit=todo.fit)
     found = calibrate_study(request, out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])
