@@ -70,13 +70,9 @@ def sampling_section(result: Result) -> Blocks:
         for name, words in spoken.items()
     )
     return (
-        _checks(result),
-        Text(_evidence(result.record)),
-        *crosscheck(result.record),
-        _chains(result),
-        Gallery("tiny", ranks, RANKS),
-        Gallery("tiny", traces, TRACES),
-    )
+        _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
+        Gallery("tiny", ranks, RANKS), Gallery("tiny", traces, TRACES),
+    )  # fmt: skip
 
 
 def _evidence(record: Mapping[str, Any]) -> Markup:

@@ -99,13 +99,9 @@ def _facts(result: Result) -> tuple[str, ...]:
     wheels = ", ".join(study.wheels)
     used = f"{int(rows.use.sum())} of {len(rows)} rows in the fit"
     facts = (
-        f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}",
-        study.soil,
-        study.date,
-        used,
-        f"model {study.model.name}, {study.drive}-driven",
-        f"analysed {str(result.record['made'])[:10]}",
-    )
+        f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}", study.soil, study.date, used,
+        f"model {study.model.name}, {study.drive}-driven", f"analysed {str(result.record['made'])[:10]}",
+    )  # fmt: skip
     return tuple(part for part in facts if part)
 
 

@@ -54,14 +54,10 @@ def prior_page(result: PriorResult) -> VerdictPage:
     )
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
-        facts=tuple(fact for fact in facts if fact),
-        verdicts=verdicts,
-        sections=sections,
-        version=result.record["versions"]["bayesterra"],
-        warning=draft.warning(),
-        failures=draft.failures,
+        facts=tuple(fact for fact in facts if fact), verdicts=verdicts, sections=sections,
+        version=result.record["versions"]["bayesterra"], warning=draft.warning(), failures=draft.failures,
         template="before.html",
-    )
+    )  # fmt: skip
 
 
 def _support(result: PriorResult) -> Verdict:

@@ -304,10 +304,6 @@ def alarm_of(number: int, candidates: Candidates, rate: float) -> Alarm:
     enough = 1 + int((np.cumsum(candidates.shares[order]) < EVIDENCE).sum())
     likely = candidates.since[order[:enough]]
     return Alarm(
-        row=number,
-        since=int(likely[0]),
-        first=int(likely.min()),
-        last=int(likely.max()),
-        log_statistic=candidates.log_statistic,
-        rate=rate,
-    )
+        row=number, since=int(likely[0]), first=int(likely.min()), last=int(likely.max()),
+        log_statistic=candidates.log_statistic, rate=rate,
+    )  # fmt: skip

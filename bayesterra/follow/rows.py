@@ -164,13 +164,9 @@ class Rows:
                 ends = np.where(side < 0, value, -np.inf), np.where(side > 0, value, np.inf)
                 limits[name] = np.column_stack(ends)
         return Observations(
-            wheel=tuple(self.wheels[code] for code in self._wheel[start:end]),
-            slip=cells[:, 0],
-            load=cells[:, 1],
-            values={name: cells[:, 2 + i] for i, name in enumerate(self.channels)},
+            wheel=tuple(self.wheels[code] for code in self._wheel[start:end]), slip=cells[:, 0],
+            load=cells[:, 1], values={name: cells[:, 2 + i] for i, name in enumerate(self.channels)},
             given_sd={name: cells[:, 2 + k + i] for i, name in enumerate(self.channels)},
-            use=np.ones(end - start, dtype=np.bool_),
-            rows=tuple(range(start + 1, end + 1)),
-            labels={self.by: tuple(self._label[start:end])} if self.by else {},
-            limits=limits,
-        )
+            use=np.ones(end - start, dtype=np.bool_), rows=tuple(range(start + 1, end + 1)),
+            labels={self.by: tuple(self._label[start:end])} if self.by else {}, limits=limits,
+        )  # fmt: skip

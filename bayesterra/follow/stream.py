@@ -204,14 +204,9 @@ class Stream(AnalysisResult):
         if self._cloud is None:
             raise ResultError(f"'{part}' is not written: the stream has no row yet")
         state = State(
-            self._cloud,
-            self._before,
-            self.watch.candidates,
-            self.watch.basis,
-            self.log_evidence,
-            self._variance,
-            self.alarm,
-        )
+            self._cloud, self._before, self.watch.candidates, self.watch.basis, self.log_evidence,
+            self._variance, self.alarm,
+        )  # fmt: skip
         write_study(self.study.with_rows(self.rows.first()), part)
         make_folder(part / STATE, BEGUN)
         Checkpoints.opened(part / STATE, self._identity()).save(STATE, pack(state))

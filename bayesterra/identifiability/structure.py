@@ -102,16 +102,12 @@ def structure(posterior: Whole, prior: FloatArray) -> Structure:
     nulls = (*_soil_nulls(posterior, prior, spectra), *_noise_nulls(posterior))
     seen = spectra.values[:, : spectra.rank]
     return Structure(
-        names=posterior.names,
-        design=design_of(posterior),
-        rank=len(posterior.names) - sum(len(null.directions) for null in nulls),
-        nulls=nulls,
-        table=_table(posterior.names, nulls),
-        accidents=float((spectra.of_sets < spectra.rank).mean()),
+        names=posterior.names, design=design_of(posterior),
+        rank=len(posterior.names) - sum(len(null.directions) for null in nulls), nulls=nulls,
+        table=_table(posterior.names, nulls), accidents=float((spectra.of_sets < spectra.rank).mean()),
         least_seen=float(np.median(seen.min(axis=1))) if spectra.rank else 0.0,
-        most_unseen=float(spectra.values[:, spectra.rank :].max(initial=0.0)),
-        draws=len(spectra.matrices),
-    )
+        most_unseen=float(spectra.values[:, spectra.rank :].max(initial=0.0)), draws=len(spectra.matrices),
+    )  # fmt: skip
 
 
 def _soil_nulls(posterior: Whole, prior: FloatArray, spectra: Ranks) -> list[Null]:

@@ -121,16 +121,10 @@ def minimise(
 
     lower, upper = box.lower[columns], box.upper[columns]
     result = least_squares(
-        values,
-        origin[columns],
-        jac=jacobian,
-        bounds=(lower, upper),
-        x_scale=_widths(origin, box.lower, box.upper)[columns],
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
-        max_nfev=evaluations,
-    )
+        values, origin[columns], jac=jacobian, bounds=(lower, upper),
+        x_scale=_widths(origin, box.lower, box.upper)[columns], ftol=tolerance, xtol=tolerance,
+        gtol=tolerance, max_nfev=evaluations,
+    )  # fmt: skip
     theta = parameters(_on_bounds(result.x, lower, upper))
     return Minimum(theta, float(result.cost), bool(result.status > 0))
 

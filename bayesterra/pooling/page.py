@@ -58,15 +58,11 @@ def pooled_page(result: PooledResult) -> VerdictPage:
     )
     return VerdictPage(
         title=study.title or "One soil, several groups of rows",
-        facts=tuple(fact for fact in facts if fact),
-        verdicts=verdicts,
-        sections=sections,
+        facts=tuple(fact for fact in facts if fact), verdicts=verdicts, sections=sections,
         version=record["versions"]["bayesterra"],
         warning=draft.warning(unconverged(result, "The sampling has <b>not converged</b>: {}.")),
-        failures=draft.failures,
-        kind=study.kind,
-        template="pooled.html",
-    )
+        failures=draft.failures, kind=study.kind, template="pooled.html",
+    )  # fmt: skip
 
 
 def _sampling(result: PooledResult) -> Verdict:

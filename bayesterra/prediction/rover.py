@@ -130,18 +130,14 @@ def read_rover(path: Path, wheels: Mapping[str, Wheel], phi: float) -> Rover:
         named = [_wheel(content, axle, wheels, phi) for axle in AXLES]
         weight, gravity = _weight(checked)
         return Rover(
-            name=checked.name or path.stem,
-            weight=weight,
-            gravity=gravity,
-            wheelbase=checked.wheelbase,
+            name=checked.name or path.stem, weight=weight, gravity=gravity, wheelbase=checked.wheelbase,
             centre_height=checked.centre_of_gravity.height,
             centre_ahead=checked.centre_of_gravity.ahead_of_rear_axle,
             tow_height=checked.centre_of_gravity.height if checked.tow_height is None else checked.tow_height,
-            wheels=(named[0][1], named[1][1]),
-            wheel_names=(named[0][0], named[1][0]),
+            wheels=(named[0][1], named[1][1]), wheel_names=(named[0][0], named[1][0]),
             front_to_rear_speed=checked.front_to_rear_speed,
             assumptions=(*assumptions, *_left_out(checked)),
-        )
+        )  # fmt: skip
 
 
 def _plain(content: Mapping[str, Any], prefix: str, assumptions: list[Assumption]) -> dict[str, Any]:

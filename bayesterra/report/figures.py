@@ -62,14 +62,9 @@ def mark_key(method: str) -> Line2D:
     mark = MARKS[method]
     face = "none" if mark.hollow else mark.colour
     return Line2D(
-        [],
-        [],
-        color=mark.colour,
-        marker=mark.marker,
-        markerfacecolor=face,
-        linestyle="none",
+        [], [], color=mark.colour, marker=mark.marker, markerfacecolor=face, linestyle="none",
         label=mark.label,
-    )
+    )  # fmt: skip
 
 
 @cache

@@ -155,11 +155,7 @@ def in_a_line(settings: Mapping[str, Any]) -> str:
 def render(content: object, template: str = "report.html") -> str:
     """Fill a template with a page; everything that is not marked as HTML is escaped."""
     environment = Environment(
-        loader=PackageLoader("bayesterra.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+        loader=PackageLoader("bayesterra.report"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     return environment.get_template(template).render(page=content)

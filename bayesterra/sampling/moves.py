@@ -321,15 +321,11 @@ class JointState:
         words = [part for number in numbers for part in (number % _WORD, number // _WORD)]
         tried = ensemble.counts.tried
         return cls(
-            ensemble.laws,
-            ensemble.walkers,
-            np.array(words, dtype=np.uint64),
-            int(state["has_uint32"]),
-            int(state["uinteger"]),
-            np.frombuffer("\n".join(tried).encode(), dtype=np.uint8),
+            ensemble.laws, ensemble.walkers, np.array(words, dtype=np.uint64), int(state["has_uint32"]),
+            int(state["uinteger"]), np.frombuffer("\n".join(tried).encode(), dtype=np.uint8),
             np.array([ensemble.counts.accepted[kind] for kind in tried], dtype=float),
             np.array(list(tried.values()), dtype=float),
-        )
+        )  # fmt: skip
 
     def ensemble(self, family: Family) -> PooledEnsemble:
         """The ensemble that stands there."""

@@ -174,15 +174,10 @@ class _Parts:
             "seconds": {**self.samples.seconds, "total": time.perf_counter() - started},
         }
         return SoilTestResult(
-            test=self.test,
-            draws=self._draws(),
-            summary=summary,
-            least_squares=self._least_squares(),
-            identifiability=table,
-            left_out=_in_field_units(self.left_out.table, self.test.kind),
-            bands=_in_field_units(bands, self.test.kind),
-            record=with_failures(record, self.failures),
-        )
+            test=self.test, draws=self._draws(), summary=summary, least_squares=self._least_squares(),
+            identifiability=table, left_out=_in_field_units(self.left_out.table, self.test.kind),
+            bands=_in_field_units(bands, self.test.kind), record=with_failures(record, self.failures),
+        )  # fmt: skip
 
     def _told(self) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Verdicts on all parameters, and the record of the directions and of the finding."""

@@ -102,18 +102,12 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     )
     unsettled = unconverged(result, "The sampling has <b>not converged</b>. What to do: {}.")
     return SoilTestPage(
-        title=record["title"] or "Soil test",
-        kind=record["kind"],
+        title=record["title"] or "Soil test", kind=record["kind"],
         facts=tuple(filter(None, (kinds[test.kind], test.content.soil, *counts))),
-        warning=draft.warning(_misfit(result), unsettled),
-        verdicts=verdicts,
-        strip=rows,
-        legend=keys(result.least_squares["method"].unique()),
-        sections=sections,
-        version=record["versions"]["bayesterra"],
-        failures=draft.failures,
-        template="soiltest.html",
-    )
+        warning=draft.warning(_misfit(result), unsettled), verdicts=verdicts, strip=rows,
+        legend=keys(result.least_squares["method"].unique()), sections=sections,
+        version=record["versions"]["bayesterra"], failures=draft.failures, template="soiltest.html",
+    )  # fmt: skip
 
 
 def _misfit(result: SoilTestResult) -> Markup:

@@ -117,17 +117,11 @@ def strip_row(
     return StripRow(
         symbol=letters(quantity.symbol),
         description=angles(quantity.description + (", log scale" if along.log else "")),
-        unit=raised(quantity.unit),
-        low=axis_end(along.low, along),
-        high=axis_end(along.high, along),
-        drawing=drawing(draws, along, row, points, hollow),
-        median=rounded(row.median, step),
-        hdi=interval(*row.hdi),
-        mode=rounded(row.mode, step),
-        mode_outside=row.mode_outside,
-        word=words[0],
+        unit=raised(quantity.unit), low=axis_end(along.low, along), high=axis_end(along.high, along),
+        drawing=drawing(draws, along, row, points, hollow), median=rounded(row.median, step),
+        hdi=interval(*row.hdi), mode=rounded(row.mode, step), mode_outside=row.mode_outside, word=words[0],
         remark=words[1],
-    )
+    )  # fmt: skip
 
 
 def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
