@@ -115,7 +115,8 @@ def warning(result: Result) -> Markup:
         "A greater <code>max_steps</code> in [sampling] lets it run longer; tighter priors or fewer free "
         "parameters make it easier.",
     )
-    return Markup(" ").join(filter(None, (misfit, unsettled)))
+    check = (Markup("Please check: {}").format(sentence) for sentence in result.study.warnings)
+    return Markup(" ").join(filter(None, (misfit, unsettled, *check)))
 
 
 def _contradiction(result: Result) -> PredictiveChecks | None:
@@ -196,6 +197,7 @@ def _joined(study: Study) -> str:
 def run_overview(result: Result) -> Overview:
     """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
     lines = [Text(verdict_line(result.record))]
+    lines += [Text(f"Warning: {warning}", "poor") for warning in result.study.warnings]
     laws = result.study.prior.laws.values()
     earlier = dict.fromkeys(law.source for law in laws if isinstance(law, QuantileLaw) and law.source)
     lines += [Text(f"Prior: {source}.") for source in earlier]

@@ -45,6 +45,8 @@ def print_overview(study: Study, console: Console | None = None) -> None:
         shares = (f"{100 * share:.3g} % {reason}" for reason, share in cuts[name].shares.items())
         console.print(f"Of the stated prior{f', {name} alone' if name else ''}: {', '.join(shares)}")
         doubts.append(own.doubts(cuts[name].x[:TYPICAL]))
+    for warning in study.warnings:
+        console.print(f"Warning: {warning}")
     for note in (*study.notes, *filter(None, dict.fromkeys(doubts))):
         console.print(f"Note: {note}")
 

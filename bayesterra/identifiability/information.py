@@ -260,13 +260,10 @@ def coupling(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Genera
         for kind, values in (("pearson", x), ("spearman", rankdata(x, axis=0)))
     }
     return Coupling(
-        names=names,
-        groups=groups,
-        pairs=pairs.assign(**correlations),
-        between=_compared(groups, inner(prior), inner(draws), rng),
-        copula=_correlation(ranked(draws)),
+        names=names, groups=groups, pairs=pairs.assign(**correlations),
+        between=_compared(groups, inner(prior), inner(draws), rng), copula=_correlation(ranked(draws)),
         prior_copula=_correlation(ranked(prior)),
-    )
+    )  # fmt: skip
 
 
 def copula_information(first: FloatArray, second: FloatArray) -> float:

@@ -265,14 +265,12 @@ def _of_likelihood(likelihood: Likelihood, read: BoolArray) -> Design:
     _, first = np.unique(np.round(np.column_stack(columns), 9), axis=0, return_index=True)
     each = read[first].sum(axis=1)
     return Design(
-        rows=len(conditions.slip),
-        slips=np.unique(np.round(conditions.slip, 9)),
+        rows=len(conditions.slip), slips=np.unique(np.round(conditions.slip, 9)),
         widths=np.unique(np.round(conditions.width, 9)),
-        given=np.empty(0) if latent else np.unique(forward.given),
-        channels=likelihood.channels,
+        given=np.empty(0) if latent else np.unique(forward.given), channels=likelihood.channels,
         missing=tuple(name for name in forward.outcomes if name not in likelihood.channels),
         readings=int(np.maximum(each - latent, 0).sum()),
-    )
+    )  # fmt: skip
 
 
 RANK_TOLERANCE = 1e-10

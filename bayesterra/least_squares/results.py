@@ -118,8 +118,10 @@ def print_fits(fits: Mapping[str, Fit], study: Study) -> None:
     header = ("parameter", "unit", *fits, *known)
     title = f"Least squares: {study.title}" if study.title else "Least squares"
     table = Table(title, "ll" + "r" * (len(header) - 2), header, tuple(lines))
+    sentences = [f"Warning: {warning}" for warning in study.warnings]
+    sentences += [f"{fit.method}: {_sentence(fit)}" for fit in fits.values()]
     key = Text("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
-    show((table, key), *(f"{fit.method}: {_sentence(fit)}" for fit in fits.values()))
+    show((table, key), *sentences)
 
 
 def _label(name: str) -> str:
@@ -238,14 +240,11 @@ def _standing(
     density = float(posterior.log_density(x)[0])
     soil = {name: completed[name] for name in PRIOR_PARAMETERS if name in values}
     return PointEstimate(
-        method,
-        soil,
-        density,
-        credible_level=float(np.mean(draw_densities > density)),
+        method, soil, density, credible_level=float(np.mean(draw_densities > density)),
         reason="" if reason == INSIDE else REASONS[reason],
         at_bound=tuple(n for n in soil if n in names and _at_edge(posterior, n, soil[n])),
         filled=tuple(n for n in MODEL_PARAMETERS if n in names and n not in values),
-    )
+    )  # fmt: skip
 
 
 def _at_edge(posterior: Posterior, name: str, value: float) -> bool:

@@ -365,15 +365,12 @@ class TableLaw:
     def take(self, chosen: IntArray) -> TableLaw:
         """At some of the sets, also repeatedly."""
         return replace(
-            self,
-            mean=self.mean[chosen],
-            scale=self.scale[chosen],
-            sizes=self.sizes[chosen],
+            self, mean=self.mean[chosen], scale=self.scale[chosen], sizes=self.sizes[chosen],
             effects=self.effects[chosen],
             whitenings=tuple(whitening.take(chosen) for whitening in self.whitenings),
             loads=None if self.loads is None else self.loads.take(chosen),
             sites=None if self.sites is None else self.sites.take(chosen),
-        )
+        )  # fmt: skip
 
     @property
     def levels(self) -> FloatArray:

@@ -31,7 +31,8 @@ def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
 
 def conditions(study: Study) -> Blocks:
     """Rows, wheels, model and notes."""
-    notes = [Text(Markup("Note: {}").format(note)) for note in study.notes]
+    notes = [Text(Markup("Warning: {}").format(warning), "poor") for warning in study.warnings]
+    notes += [Text(Markup("Note: {}").format(note)) for note in study.notes]
     return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
 
 

@@ -34,13 +34,11 @@ def pooled_page(result: PooledResult) -> VerdictPage:
     study, record = result.study, result.record
     rows = study.observations
     facts = (
-        f"{len(result.groups)} groups by {record['pooling']['by']}",
-        study.soil,
+        f"{len(result.groups)} groups by {record['pooling']['by']}", study.soil,
         f"{int(rows.use.sum())} of {len(rows)} rows in the fit",
-        f"model {study.model.name}, {study.drive}-driven",
-        f"{len(result.summary)} free parameters",
+        f"model {study.model.name}, {study.drive}-driven", f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",
-    )
+    )  # fmt: skip
     draft, degrees = Draft(result), ("degrees", "complete")
     verdicts = (
         draft.verdict("Sampling", _sampling),

@@ -194,13 +194,10 @@ def summed(log_weights: FloatArray) -> Evidence:
     error = np.sqrt(weights.var(axis=1, ddof=1).sum() / each) / strata
     k_hat = pareto_smoothed(log_weights[np.isfinite(log_weights)])[1]
     return Evidence(
-        log_z=float(top + np.log(mean)),
-        error=float(error / mean),
-        efficiency=effective_number(weights) / weights.size,
-        k_hat=k_hat,
-        limit=pareto_limit(weights.size),
+        log_z=float(top + np.log(mean)), error=float(error / mean),
+        efficiency=effective_number(weights) / weights.size, k_hat=k_hat, limit=pareto_limit(weights.size),
         draws=weights.size,
-    )
+    )  # fmt: skip
 
 
 def of_evidence(value: Evidence, prior: PriorDraws) -> dict[str, Any]:

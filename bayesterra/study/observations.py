@@ -135,31 +135,27 @@ class Observations:
             for name in {**self.limits, **rows.limits}
         }
         return Observations(
-            wheel=self.wheel + rows.wheel,
-            slip=frozen(np.concatenate([self.slip, rows.slip])),
+            wheel=self.wheel + rows.wheel, slip=frozen(np.concatenate([self.slip, rows.slip])),
             load=frozen(np.concatenate([self.load, rows.load])),
             values={name: column(self.values, rows.values, name) for name in {**self.values, **rows.values}},
             given_sd={k: column(self.given_sd, rows.given_sd, k) for k in {**self.given_sd, **rows.given_sd}},
-            use=frozen(np.concatenate([self.use, rows.use]), np.bool_),
-            rows=self.rows + rows.rows,
+            use=frozen(np.concatenate([self.use, rows.use]), np.bool_), rows=self.rows + rows.rows,
             labels={name: own + rows.labels.get(name, empty) for name, own in self.labels.items()},
             limits=limits,
-        )
+        )  # fmt: skip
 
     def take(self, keep: BoolArray) -> Observations:
         """Only the rows where ``keep`` (m,) holds."""
         return Observations(
-            wheel=tuple(np.array(self.wheel, dtype=object)[keep]),
-            slip=frozen(self.slip[keep]),
+            wheel=tuple(np.array(self.wheel, dtype=object)[keep]), slip=frozen(self.slip[keep]),
             load=frozen(self.load[keep]),
             values={name: frozen(column[keep]) for name, column in self.values.items()},
             given_sd={name: frozen(column[keep]) for name, column in self.given_sd.items()},
-            use=frozen(self.use[keep], np.bool_),
-            rows=tuple(int(row) for row in np.array(self.rows)[keep]),
+            use=frozen(self.use[keep], np.bool_), rows=tuple(int(row) for row in np.array(self.rows)[keep]),
             notes=self.notes,
             labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
             limits={name: frozen(ends[keep]) for name, ends in self.limits.items()},
-        )
+        )  # fmt: skip
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
@@ -199,16 +195,14 @@ def observations(
         raise StudyError("must hold at least one row of measurements (the table is empty)")
     columns = named_columns(table, _column_scale)
     raw = Observations(
-        wheel=_wheel_names(columns, len(table), tuple(wheels)),
-        slip=required(columns, "slip"),
+        wheel=_wheel_names(columns, len(table), tuple(wheels)), slip=required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
         values={name: columns[name].readings() for name in OUTCOMES if name in columns},
         limits={name: columns[name].limits() for name in OUTCOMES if name in columns and columns[name].marks},
-        given_sd=_given_sd(columns, len(table)),
-        use=used_rows(columns, len(table)),
+        given_sd=_given_sd(columns, len(table)), use=used_rows(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
         labels={name: labels(columns[name]) for name in LABELS if name in columns},
-    )
+    )  # fmt: skip
     rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
     return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
 

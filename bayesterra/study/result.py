@@ -444,7 +444,7 @@ def origin(title: str, kind: str, source: str, seed: int, notes: Sequence[str]) 
 def _origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
-        **origin(study.title, study.kind, study.source, seed, study.notes),
+        **origin(study.title, study.kind, study.source, seed, (*study.warnings, *study.notes)),
         "machine": f"{platform.system()} {platform.machine()}",
         "model": study.model.name,
         "drive": study.drive,

@@ -22,6 +22,7 @@ from bayesterra.study.groups import Pooling, values_of_group
 from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
+from bayesterra.study.plausibility import implausible
 from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
 
@@ -62,6 +63,7 @@ class Study:
     taken : joint laws that the prior holds from earlier results, and how well they stand for those.
     pooling : the role of every free parameter where there is a [pooling] table; else None.
     notes : what was filled in, left out or not used; one sentence each.
+    warnings : readings that no wheel makes; one sentence each, with rows and mend.
 
     Raises
     ------
@@ -88,6 +90,7 @@ class Study:
     truth: Reference | None
     sampling: SamplingOptions
     notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     path: Path | None
 
     def __init__(
@@ -254,6 +257,7 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
+        "warnings": implausible(rows, wheels),
         "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling, prior)),
     }
 
