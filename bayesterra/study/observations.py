@@ -397,7 +397,8 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
     converted, load = float(rows.slip[index]), float(rows.load[index])
     if not 0 <= converted < 1:
         became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
-        return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row})"
+        percent = ": percent stand in a column 'slip [%]'" if slip > 1.5 else ""
+        return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row}){percent}"
     for name, column in {"load": rows.load, **rows.values}.items():
         most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(
             name, _most(rows, radius)

@@ -15,6 +15,7 @@ from numpy.random import default_rng
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis.page import warning
+from bayesterra.errors import StudyError
 from bayesterra.models import M1, M2, Soil, Wheel
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
@@ -114,6 +115,14 @@ def test_loads_in_kilograms_beside_normal_forces() -> None:
     found = study(data, drive="sinkage", noise=noise).warnings
     sentence = "normal forces are 9.8 times the loads: are loads in kilograms? Write the unit, e.g. load [kg]"
     assert sentence in found
+
+
+def test_slips_in_percent_are_refused_with_the_mend() -> None:
+    """As a fraction is meant where no unit is given."""
+    with pytest.raises(StudyError, match=r"\(got 30, .*row 4\): percent stand in a column 'slip \[%\]'"):
+        study(table().assign(slip=[0.05, 0.1, 0.2, 30.0, 0.4, 0.5]))
+    data = table().assign(**{"slip [%]": 100 * SLIPS}).drop(columns="slip")
+    assert study(data).observations.slip == pytest.approx(SLIPS)
 
 
 def test_lugs_with_a_height_need_a_count() -> None:
