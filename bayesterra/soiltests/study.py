@@ -151,7 +151,7 @@ def _entries(content: Content) -> dict[str, Law | float]:
     both = {**priors, **scatter}
     for table, name in (("noise", "scatter"), ("noise", "memory"), ("priors", "K"), ("noise", "seating")):
         if name in both and (name, both[name]) != ("seating", 0.0):  # no seating is known
-            _check_positive(table, name, both[name])
+            _check_within(table, name, both[name])
     return {name: both[name] for name in QUANTITIES if name in both}
 
 
@@ -169,7 +169,7 @@ def _reference(content: Content) -> float:
     return float(sinkage)
 
 
-def _check_positive(table: str, name: str, entry: Law | float) -> None:
+def _check_within(table: str, name: str, entry: Law | float) -> None:
     if (low := (entry.range[0] if isinstance(entry, Law) else entry)) <= 0:
         raise StudyError(f"[{table}] '{name}' must be above 0 (got {low:g}): give its law a 'lower'")
 
@@ -242,6 +242,10 @@ WANTED = {
 """Columns that a table may have, by kind of test."""
 GIVEN = {"plate": "plate_diameter", "shear": "normal_stress"}
 """Column that is the same in all rows of a test."""
+LIMITS = {
+    "plate_diameter": (1e-6, 1e3, "from 0.001 mm to 1 km"),
+    "normal_stress": (1e-6, 1e15, "from 1e-6 to 1e15 Pa"),
+}
 
 
 @dataclass(frozen=True)
@@ -302,7 +306,7 @@ def readings(table: pd.DataFrame, kind: str, options: DataTable) -> tuple[Readin
     """
     columns = _columns(table, kind)
     tests = labels(columns["test"])
-    path, given = required(columns, PATHS[kind].name), _positive(columns, GIVEN[kind])
+    path, given = required(columns, PATHS[kind].name), _within(columns, GIVEN[kind])
     level = 0.5 * given if kind == "plate" else given
     if "force" in columns:
         stress = required(columns, "force") / (np.pi * level**2)
@@ -344,11 +348,12 @@ def _columns(table: pd.DataFrame, kind: str) -> dict[str, Column]:
     return columns
 
 
-def _positive(columns: dict[str, Column], name: str) -> FloatArray:
-    values = required(columns, name)
-    if (values <= 0).any():
-        row = int(np.argmax(values <= 0))
-        raise StudyError(f"'{name}' must be above 0 (got {columns[name].cells[row]}, row {row + 1})")
+def _within(columns: dict[str, Column], name: str) -> FloatArray:
+    """A column within its limits; StudyError says them."""
+    values, (least, most, said) = required(columns, name), LIMITS[name]
+    if (wrong := (values < least) | (values > most)).any():
+        row = int(np.argmax(wrong))
+        raise StudyError(f"'{name}' must be {said} (got {columns[name].cells[row]}, row {row + 1})")
     return values
 
 
