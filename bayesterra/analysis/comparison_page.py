@@ -66,7 +66,7 @@ def _readings(comparison: Comparison) -> Verdict:
         studies = ((name, comparison.results[name].study) for name in (first, *apart))
         explained = listed(Markup("{}: {}").format(name, _counted(study)) for name, study in studies)
         sentence = Markup("{}. Parameters and predictions compare; evidence does only for the same readings.")
-        return Verdict("Readings explained", "not the same", "fair", sentence.format(explained))
+        return Verdict("Readings explained", "not the same", "doubtful", sentence.format(explained))
     sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
     return Verdict("Readings explained", "the same", "good", sentence)
 
@@ -81,11 +81,11 @@ def _evidence(comparison: Comparison) -> Verdict:
     names, evidence = _alike(comparison), comparison.evidence
     if len(names) < 2:
         sentence = Markup("No two results have comparable evidence.")
-        return Verdict("Evidence", "not comparable", "fair", sentence)
+        return Verdict("Evidence", "not comparable", "doubtful", sentence)
     errors = {name: with_error(evidence[name].value, evidence[name].error) for name in names}
     values = listed(Markup("{} {} ± {}").format(name, *pair) for name, pair in errors.items())
     best, second = sorted(names, key=lambda name: -evidence[name].value)[:2]
-    word, grade = comparison.word(second, best), "fair"
+    word, grade = comparison.word(second, best), "doubtful"
     if word.startswith("not known"):
         sentence = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
         word = "not known"
@@ -130,7 +130,7 @@ def _moves(comparison: Comparison) -> Verdict:
     sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(
         MOVED, first, listed(shifts), more
     )
-    return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "fair", sentence)
+    return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "doubtful", sentence)
 
 
 def comparison_overview(comparison: Comparison) -> Overview:

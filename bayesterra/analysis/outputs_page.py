@@ -169,7 +169,7 @@ def predictive_section(result: Result) -> Blocks:
     """Predictive checks."""
     blocks: list[Block] = list(posterior_checks(result))
     if line := failed(result.record, "curves"):
-        blocks.append(Text(line, "poor"))
+        blocks.append(Text(line, "bad"))
     else:
         for wheel in result.study.wheels:
             blocks += [_bands(result, wheel), slip_table(result, wheel)]

@@ -141,7 +141,7 @@ def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
     count, free = sum(check.readings for check in checks), len(result.names)
     if count < FEW_READINGS * free:  # the model can bend to them
         sentence += Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
-    word, grade = ("not adequate", "poor") if predictive_checks.alarm else ("adequate", "good")
+    word, grade = ("not adequate", "bad") if predictive_checks.alarm else ("adequate", "good")
     return Verdict("Model fit", word, grade, sentence)
 
 
@@ -158,7 +158,7 @@ def identifiability_verdict(result: Result) -> Verdict:
     on_their_own = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
     plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}")
     sentence = finding(result) or plain.format(on_their_own)
-    grade = "good" if determined == of else "fair" if determined else "poor"
+    grade = "good" if determined == of else "doubtful" if determined else "bad"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
 
 
@@ -197,14 +197,14 @@ def _joined(study: Study) -> str:
 def run_overview(result: Result) -> Overview:
     """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
     lines = [Text(verdict_line(result.record))]
-    lines += [Text(f"Warning: {warning}", "poor") for warning in result.study.warnings]
+    lines += [Text(f"Warning: {warning}", "bad") for warning in result.study.warnings]
     laws = result.study.prior.laws.values()
     earlier = dict.fromkeys(law.source for law in laws if isinstance(law, QuantileLaw) and law.source)
     lines += [Text(f"Prior: {source}.") for source in earlier]
     if checks := _contradiction(result):
         misfits = (f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks))
         words = f"{'; '.join(misfits)} (overall p {probability(checks.overall)})"
-        lines.append(Text(misfit_text(words), "poor"))
+        lines.append(Text(misfit_text(words), "bad"))
     lines += crosscheck_line(result.record)
     return (_parameters(result), *lines, *failure_lines(result.record))
 

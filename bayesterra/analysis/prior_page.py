@@ -68,7 +68,7 @@ def _support(result: PriorResult) -> Verdict:
     sentence = Markup("of the stated prior has an answer at every row.")
     if worst:
         sentence += Markup(" Most is cut because {} ({}).").format(angles(worst), share(shares[worst]))
-    grade = "good" if inside >= FAIR else "fair" if inside >= POOR else "poor"
+    grade = "good" if inside >= FAIR else "doubtful" if inside >= POOR else "bad"
     return Verdict("Physics leaves", share(inside), grade, sentence)
 
 
@@ -79,7 +79,7 @@ def _predictions(result: PriorResult) -> Verdict:
     phrases = listed(Markup("{} for {}").format(plain(r, 2), symbol(name)) for name, r in ratios.items())
     sentence = Markup("Spread of what the prior predicts over the noise of a reading: {}.").format(phrases)
     teaching = sum(ratio > TEACHING for ratio in ratios.values())
-    grade = "good" if teaching == len(ratios) else "fair" if teaching else "poor"
+    grade = "good" if teaching == len(ratios) else "doubtful" if teaching else "bad"
     return Verdict("Readings would teach", f"in {teaching} of {len(ratios)} channels", grade, sentence)
 
 
@@ -97,11 +97,11 @@ def _pull(result: PriorResult) -> Verdict:
     """The range of the greatest pull."""
     rows = {row["parameter"]: row for row in result.summary.to_dict("records")}
     if "peak_pull" not in rows:
-        return Verdict("Greatest pull", "unknown", "poor", Markup("No load is known."))
+        return Verdict("Greatest pull", "unknown", "bad", Markup("No load is known."))
     row = rows["peak_pull"]
     low, high = row["prior_hdi90_lo"], row["prior_hdi90_hi"]
     sentence = Markup("90 % of the prior, under {} N.").format(given(round(reference_load(result.study), 1)))
-    return Verdict("Greatest pull", f"{interval(low, high)} N", "good" if low > 0 else "fair", sentence)
+    return Verdict("Greatest pull", f"{interval(low, high)} N", "good" if low > 0 else "doubtful", sentence)
 
 
 def _conditions(result: PriorResult) -> Blocks:
@@ -146,7 +146,7 @@ def _numbers(row: Mapping[Hashable, Any] | None) -> tuple[Cell, ...]:
 
 def _predictive_section(result: PriorResult) -> Blocks:
     if line := failed(result.record, "curves"):
-        return (Text(line, "poor"), _rows(result))
+        return (Text(line, "bad"), _rows(result))
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
     galleries = []
     for wheel in result.study.wheels:

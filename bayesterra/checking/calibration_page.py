@@ -99,7 +99,7 @@ def _posterior(calibration: Calibration) -> Verdict:
     )
     which = f"{len(failing)} of {tested} quantities are not" if failing else f"all {tested} quantities are"
     sentence = Markup("Ranks of {} uniform ({}).").format(which, figures_)
-    grade = {CALIBRATED: "good", MISCALIBRATED: "poor"}.get(calibration.verdict, "fair")
+    grade = {CALIBRATED: "good", MISCALIBRATED: "bad"}.get(calibration.verdict, "doubtful")
     return Verdict("Posterior", calibration.verdict, grade, sentence)
 
 
@@ -119,14 +119,14 @@ def _sampling(calibration: Calibration) -> Verdict:
     sentence = Markup(
         "{} of {} replications did not converge; at most {} % may. They are ranked too{}."
     ).format(unsettled, n, f"{100 * UNSETTLED:g}", but)
-    grade = "good" if not unsettled else "fair" if unsettled <= UNSETTLED * n else "poor"
+    grade = "good" if not unsettled else "doubtful" if unsettled <= UNSETTLED * n else "bad"
     return Verdict("Sampling", f"{n - unsettled} of {n} converged", grade, sentence)
 
 
 def _power(calibration: Calibration) -> Verdict:
     small = calibration.power["one"].iloc[1]
-    word, grade = ("high", "good") if small >= HIGH_POWER else ("moderate", "fair")
-    word, grade = (word, grade) if small >= SOME_POWER else ("low", "poor")
+    word, grade = ("high", "good") if small >= HIGH_POWER else ("moderate", "doubtful")
+    word, grade = (word, grade) if small >= SOME_POWER else ("low", "bad")
     rows = calibration.power.to_dict("records")
     sentence = Markup("Chance that so many replications notice, in one parameter alone, a {}.")
     phrases = listed(f"{row['error']}: {percent(row['one'])}" for row in rows)

@@ -75,9 +75,9 @@ def _coverage(holdout: Holdout) -> Verdict:
         counts.append(Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"])))
     sentence = Markup("The 90 % intervals hold {}.").format(listed(counts))
     if not counts:
-        return Verdict("Coverage", "unknown", "poor", Markup("No refit could be scored."))
+        return Verdict("Coverage", "unknown", "bad", Markup("No refit could be scored."))
     word, grade = (
-        ("too narrow", "poor") if low else ("too wide", "fair") if high else ("not contradicted", "good")
+        ("too narrow", "bad") if low else ("too wide", "doubtful") if high else ("not contradicted", "good")
     )
     return Verdict("Coverage", word, grade, sentence)
 
@@ -86,7 +86,7 @@ def _skill(holdout: Holdout) -> Verdict:
     """Verdict on whether the model beats the stronger one of the regressions."""
     table = holdout.skills
     if table.empty:
-        return Verdict("Skill", "unknown", "poor", Markup("No refit could be scored."))
+        return Verdict("Skill", "unknown", "bad", Markup("No refit could be scored."))
     rows = table[(table["part"] == "all") & (table["baseline"] != "mean")]
     gains = [
         Markup("{}: {} against {} ({})").format(
@@ -95,8 +95,8 @@ def _skill(holdout: Holdout) -> Verdict:
         for row in rows.to_dict("records")
     ]
     better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
-    word, grade = ("better than regression", "good") if better else ("not clearly better", "fair")
-    word, grade = ("worse than regression", "poor") if worse else (word, grade)
+    word, grade = ("better than regression", "good") if better else ("not clearly better", "doubtful")
+    word, grade = ("worse than regression", "bad") if worse else (word, grade)
     return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(gains)))
 
 
@@ -117,7 +117,7 @@ def percent(share: float) -> str:
 
 def _refits(holdout: Holdout) -> Verdict:
     fine = sum(outcome.status == "converged" for outcome in holdout.outcomes)
-    grade = "good" if holdout.converged else "poor"
+    grade = "good" if holdout.converged else "bad"
     lost = holdout.table["no_answer"].max()
     text = Markup("Largest share of draws without an answer at a left-out row: {}.").format(percent(lost))
     return Verdict("Fits", f"{fine} of {len(holdout.outcomes)} converged", grade, text)

@@ -46,8 +46,8 @@ def posterior_checks(result: Result) -> Blocks:
     """The alarm, and every statistic of every channel."""
     checks = Validation.from_record(result.record).checks
     if checks is None:
-        return (Text(failed(result.record, "predictive_checks"), "poor"),)
-    return Text(alarm_sentence(checks), "poor" if checks.alarm else ""), _statistics(result, checks)
+        return (Text(failed(result.record, "predictive_checks"), "bad"),)
+    return Text(alarm_sentence(checks), "bad" if checks.alarm else ""), _statistics(result, checks)
 
 
 def alarm_sentence(checks: PredictiveChecks) -> Markup:
@@ -113,7 +113,7 @@ def prior_predictive(result: Result) -> Block:
     """The readings under the prior alone."""
     checks = Validation.from_record(result.record).prior
     if checks is None:
-        return Text(failed(result.record, "prior_checks", "prior_predictive"), "poor")
+        return Text(failed(result.record, "prior_checks", "prior_predictive"), "bad")
     word = (
         "The readings contradict the prior: they lie where it predicts next to nothing."
         if checks.conflict
@@ -383,7 +383,7 @@ def _trades(curves: list[Missed], *, several: bool) -> tuple[Text, ...]:
         "Share of the posterior variance that goes with the parameters: {}. There the intervals of these "
         "parameters rest on the prior of the discrepancy."
     )
-    return (Text(text.format(listed(shares)), "poor"),)
+    return (Text(text.format(listed(shares)), "bad"),)
 
 
 @styled

@@ -85,7 +85,7 @@ def _promise(design: Design) -> Verdict:
         before, after, _ = figures_of(design, i, last)
         changes.append(Markup("{} from {} to {}").format(symbol(name), before, amount(name, after)))
     bits = last.values[0] / BIT
-    grade = "good" if bits >= 0.5 else "fair" if bits >= 0.1 else "poor"
+    grade = "good" if bits >= 0.5 else "doubtful" if bits >= 0.1 else "bad"
     sentence = Markup("Standard deviation of {}.").format(listed(changes))
     return Verdict("Expected", f"{plain(bits, 2)} bit", grade, sentence)
 
@@ -104,13 +104,13 @@ def _certainty(design: Design) -> Verdict:
     """Verdict on whether the recommended row is better than the next one by more than chance."""
     order = design.ranking.order
     if len(order) < 2 or not np.isfinite(design.ranking.scores[order[1], 0]):
-        return Verdict("Ranking", "one candidate", "fair", Markup("There is nothing to compare with."))
+        return Verdict("Ranking", "one candidate", "doubtful", Markup("There is nothing to compare with."))
     lag, error = (value / BIT for value in design.ranking.behind(order[1]))
     second = design.candidates[order[1]].where
     text = Markup("As a single addition {} comes second, {} ± {} bit behind.")
     sentence = text.format(second, *with_error(lag, error))
     clear = lag > 2 * error
-    return Verdict("Ranking", "clear" if clear else "a tie", "good" if clear else "fair", sentence)
+    return Verdict("Ranking", "clear" if clear else "a tie", "good" if clear else "doubtful", sentence)
 
 
 def _ranking_section(design: Design) -> Blocks:

@@ -78,7 +78,7 @@ def _warning(made: Identified) -> Markup:
 def _directions_card(made: Identified) -> Verdict:
     counts = made.found.counts.set_index("scope")
     determined, of = (int(counts[name].to_dict()[ALL]) for name in ("determined", "directions"))
-    grade = "good" if determined == of else "fair" if determined else "poor"
+    grade = "good" if determined == of else "doubtful" if determined else "bad"
     sentence = Markup(made.in_words(lambda name: str(symbol(name))))  # noqa: S704 (constants)
     return Verdict("Independent directions", f"{determined} of {of} fixed", grade, sentence)
 
@@ -90,7 +90,7 @@ def _parameters_card(made: Identified) -> Verdict:
     phrases = [Markup("{}: {}").format(word, symbols(words[word])) for word in others]
     first = Markup("{} on {} own").format(symbols(determined), "its" if len(determined) == 1 else "their")
     sentence = Markup("; ").join([first if determined else Markup("None on its own"), *phrases])
-    grade = "good" if len(determined) == len(made.found.names) else "fair" if determined else "poor"
+    grade = "good" if len(determined) == len(made.found.names) else "doubtful" if determined else "bad"
     word = f"{len(determined)} of {len(made.found.names)} determined"
     return Verdict("Parameters", word, grade, Markup("{}.").format(sentence))
 
@@ -106,7 +106,7 @@ def _agreement_card(made: Identified) -> Verdict:
     if len(said) > FEW:
         sentence = Markup("Against the words for {}: see below.").format(symbols(against["parameter"]))
     count = f"{len(said)} objection{'s' if len(said) > 1 else ''}"
-    return Verdict("Methods", count, "fair", sentence)
+    return Verdict("Methods", count, "doubtful", sentence)
 
 
 def _verdict_section(made: Identified) -> Blocks:

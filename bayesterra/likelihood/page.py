@@ -26,12 +26,12 @@ from bayesterra.study.study import Study
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     """Rows where errors of slip are not what the first order makes of them, at typical draws (n, d)."""
     doubts = target.doubts(x)
-    return (Text(Markup("Note: {}.").format(doubts), "poor"),) if doubts else ()
+    return (Text(Markup("Note: {}.").format(doubts), "bad"),) if doubts else ()
 
 
 def conditions(study: Study) -> Blocks:
     """Rows, wheels, model and notes."""
-    notes = [Text(Markup("Warning: {}").format(warning), "poor") for warning in study.warnings]
+    notes = [Text(Markup("Warning: {}").format(warning), "bad") for warning in study.warnings]
     notes += [Text(Markup("Note: {}").format(note)) for note in study.notes]
     return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
 

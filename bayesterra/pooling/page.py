@@ -71,9 +71,9 @@ def _sampling(result: PooledResult) -> Verdict:
     beside = [name for name, good in convergence["compared_with"].items() if not good]
     rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
     if result.converged:
-        grade = "fair" if beside else "good"
+        grade = "doubtful" if beside else "good"
         return Verdict("Sampling", "converged", grade, Markup("{}.{} {}").format(figures_, rest, UNSEEN))
-    return Verdict("Sampling", "not converged", "poor", Markup("{}.{}").format(figures_, rest))
+    return Verdict("Sampling", "not converged", "bad", Markup("{}.{}").format(figures_, rest))
 
 
 def _named(text: object) -> Markup:
@@ -94,7 +94,7 @@ def _sharing(result: PooledResult) -> Verdict:
     if open_:
         clauses.append(Markup("{}: {}").format(OPEN, listed(open_)))
     decided = len(rows) - len(open_)
-    grade = "good" if decided else "fair"
+    grade = "good" if decided else "doubtful"
     word = f"{decided} of {len(rows)} decided"
     return Verdict("One value for all?", word, grade, Markup("; ").join(clauses) + ".")
 
@@ -110,7 +110,7 @@ def _preferred(result: PooledResult) -> Verdict:
     rows = {row["pooling"]: row for row in result.pooling.to_dict("records")}
     clauses = [Markup("{} {}").format(WORDS[n], number(row["log_evidence"], 1)) for n, row in rows.items()]
     word = WORDS.get(preferred, "not decided")
-    grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "fair"
+    grade = "good" if preferred in WORDS and result.pooling["converged"].all() else "doubtful"
     return Verdict("Evidence prefers", word, grade, Markup("Log evidence: {}.").format(listed(clauses)))
 
 

@@ -100,7 +100,7 @@ def records(table: pd.DataFrame) -> list[Record]:
 
 
 Overview: TypeAlias = tuple[Table | Text, ...]
-"""A result in short, for a terminal and a notebook: poor lines warn, empty rows part a table."""
+"""A result in short, for a terminal and a notebook: bad lines warn, empty rows part a table."""
 
 
 def notebook(overview: Overview) -> str:

@@ -15,7 +15,7 @@ from bayesterra.report.symbols import angles
 
 R = TypeVar("R", bound="Recorded")
 
-SIGNS = {"good": "✓", "fair": "◐", "poor": "✕"}
+SIGNS = {"good": "✓", "doubtful": "◐", "bad": "✕"}
 UNSEEN = "A second solution that no ensemble found would not show."
 """Limit of what convergence can say."""
 
@@ -35,7 +35,7 @@ class Verdict:
 
     Attributes
     ----------
-    grade : ``good``, ``fair`` or ``poor``.
+    grade : ``good``, ``doubtful`` or ``bad``.
     """
 
     title: str
@@ -79,7 +79,7 @@ class VerdictPage:
 
 def unknown_verdict(title: str, why: str) -> Verdict:
     """The word that a verdict is not known, and why."""
-    return Verdict(title, "not known", "fair", Markup("{}").format(why))
+    return Verdict(title, "not known", "doubtful", Markup("{}").format(why))
 
 
 class Recorded(Protocol):
@@ -102,7 +102,7 @@ class Draft(Generic[R]):
     def section(self, anchor: str, title: str, make: Callable[[R], Blocks], *needs: str) -> Section:
         """A section, or a line under its heading."""
         if without := failed(self._result.record, *needs):
-            return Section(anchor, title, (Text(without, "poor"),))
+            return Section(anchor, title, (Text(without, "bad"),))
         return self.sections(title, lambda result: (Section(anchor, title, make(result)),), anchor)[0]
 
     def sections(
@@ -113,7 +113,7 @@ class Draft(Generic[R]):
         return self.failures.attempt(
             part,
             lambda: make(self._result),
-            lambda: (Section(anchor, title, (Text(self.failures.said(part), "poor"),)),),
+            lambda: (Section(anchor, title, (Text(self.failures.said(part), "bad"),)),),
         )
 
     def verdict(self, title: str, make: Callable[[R], Verdict], *needs: str) -> Verdict:

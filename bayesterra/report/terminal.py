@@ -34,13 +34,13 @@ class PlainConsole(Console):
 
 
 def show(overview: Overview, *lines: str) -> None:
-    """Print an overview and lines under it; poor lines of it go to standard error."""
+    """Print an overview and lines under it; bad lines of it go to standard error."""
     console = PlainConsole()
     for block in (*overview, *map(Text, lines)):
         if isinstance(block, Table):
             console.print(_table(block))
         else:
-            chosen = PlainConsole(stderr=True) if block.tone == "poor" else console
+            chosen = PlainConsole(stderr=True) if block.tone == "bad" else console
             chosen.print(_plain(block.text), soft_wrap=True)
 
 

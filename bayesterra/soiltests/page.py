@@ -125,11 +125,11 @@ def _fit(result: SoilTestResult) -> Verdict:
         "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
     ).format(inside, len(table))
     if not checks:
-        return Verdict("New tests", "too few to tell", "fair", text)
+        return Verdict("New tests", "too few to tell", "doubtful", text)
     worst = min(checks, key=lambda name: checks[name])
     if result.record["alarm"]:
         text += Markup(" Against the model: {} (p {}).").format(worst, probability(checks[worst]))
-        return Verdict("New tests", "not as predicted", "poor", text)
+        return Verdict("New tests", "not as predicted", "bad", text)
     return Verdict("New tests", "as predicted", "good", text)
 
 
@@ -138,7 +138,7 @@ def _found(result: SoilTestResult) -> Verdict:
     if directions is None:
         return unknown_verdict("Identifiability", failed(result.record, "identifiability"))
     determined, of = directions["determined"], directions["of"]
-    grade = "good" if determined == of else "fair" if determined else "poor"
+    grade = "good" if determined == of else "doubtful" if determined else "bad"
     return Verdict("Identifiability", f"{determined} of {of} determined", grade, in_symbols(result.sentence))
 
 
@@ -417,7 +417,7 @@ def soil_test_overview(result: SoilTestResult) -> Overview:
         rows.append((name, row["unit"], *figures, words.get(row["parameter"], "")))
     lines = [Text(f"note: {note}.") for note in (*result.test.notes, *result.record["fits"]["notes"])]
     if result.misfit:
-        lines.append(Text(misfit_text(result.misfit, CHECK), "poor"))
+        lines.append(Text(misfit_text(result.misfit, CHECK), "bad"))
     if not result.converged:
         lines.append(Text("! The sampling did not converge: do not rely on what rests on draws."))
     if result.sentence:

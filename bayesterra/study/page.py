@@ -43,7 +43,7 @@ def sampling_verdict(result: DrawnResult) -> Verdict:
     if result.converged:
         return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
     reasons = listed(check["name"] for check in failed_checks(result))
-    return Verdict("Sampling", "not converged", "poor", Markup("{}. Failed: {}.").format(figures, reasons))
+    return Verdict("Sampling", "not converged", "bad", Markup("{}. Failed: {}.").format(figures, reasons))
 
 
 def axis(result: Result, name: str) -> Axis:
@@ -257,7 +257,7 @@ def crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
     """Verdict of nested sampling at two settings, if it was asked for."""
     found = record.get("crosscheck")
     if found is None:
-        return tuple(Text(line, "poor") for line in (failed(record, "crosscheck"),) if line)
+        return tuple(Text(line, "bad") for line in (failed(record, "crosscheck"),) if line)
     text = Markup(
         "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
         "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "

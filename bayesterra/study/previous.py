@@ -127,7 +127,7 @@ class PosteriorPrior:
             "worst_pair": list(used.pair),
             "largest_difference": used.difference,
             "its_noise": used.noise,
-            "poor": used.poor,
+            "bad": used.poor,
             "difference_of_correlations": self.fidelity.difference,
             "difference_of_mixture": None if tried is None else tried.difference,
         }

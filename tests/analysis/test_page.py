@@ -155,7 +155,7 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
         "advice": "run longer",
     }
     failed = _changed(small_result, converged=False, checks=[check])
-    assert sampling_verdict(failed).grade == "poor"
+    assert sampling_verdict(failed).grade == "bad"
     assert "Failed: effective draws" in _plain(sampling_verdict(failed).sentence)
     found = (sampling_verdict(failed), analysis_pages.fit_verdict(failed, _checks(0.5, 0.5, 0.5)))
     html = render(replace(content, warning=warning(failed), verdicts=found))
@@ -179,7 +179,7 @@ def test_identifiability_verdict_counts_directions(small_result: Result) -> None
     """The word is the number of determined directions of all."""
     record = {**small_result.record, "directions": {"determined": 3, "of": 8}}
     found = analysis_pages.identifiability_verdict(replace(small_result, record=record))
-    assert (found.word, found.grade) == ("3 of 8 determined", "fair")
+    assert (found.word, found.grade) == ("3 of 8 determined", "doubtful")
 
 
 def test_every_grade_has_its_own_sign() -> None:

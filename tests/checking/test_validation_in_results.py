@@ -81,7 +81,7 @@ def test_the_alarm_decides_the_verdict(result: Result) -> None:
     loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
     alarmed = replace(result, record={**result.record, "predictive_checks": loud})
     verdict = fit_verdict(alarmed, fit_checks(alarmed))
-    assert (verdict.word, verdict.grade) == ("not adequate", "poor")
+    assert (verdict.word, verdict.grade) == ("not adequate", "bad")
     assert "<i>F</i><sub>DP</sub> is shifted as a whole" in str(verdict.sentence)
 
 

@@ -9,12 +9,12 @@ from bayesterra.report.terminal import show
 OVERVIEW = (
     Table("A <b>c</b>", "lr", ("", "no answer"), (("K_s", "1 %"), (), ("x", Markup("<b>9 % !</b>")))),
     Text("All is well."),
-    Text("warning: units", "poor"),
+    Text("warning: units", "bad"),
 )
 
 
 def test_the_terminal_shows_text_and_warns_apart(capsys: pytest.CaptureFixture[str]) -> None:
-    """Brackets are text, marks are none; rows are parted, and poor lines go to standard error."""
+    """Brackets are text, marks are none; rows are parted, and bad lines go to standard error."""
     show(OVERVIEW, "Report: there")
     printed = capsys.readouterr()
     assert "A <b>c</b>" in printed.out

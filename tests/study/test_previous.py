@@ -338,7 +338,7 @@ def test_a_record_has_every_figure_under_its_own_name() -> None:
     made = PosteriorPrior("'box'", {"c": "c"}, 1.5, 812.0, {}, {}, fidelity, ())
     assert made.record() == {
         "from": "'box'", "take": {"c": "c"}, "widen": 1.5, "effective_draws": 812.0,
-        "worst_pair": ["c", "phi"], "largest_difference": 0.25, "its_noise": 0.04, "poor": True,
+        "worst_pair": ["c", "phi"], "largest_difference": 0.25, "its_noise": 0.04, "bad": True,
         "joint_law": "correlations", "components": None,
         "difference_of_correlations": 0.25, "difference_of_mixture": None,
     }  # fmt: skip
@@ -346,5 +346,5 @@ def test_a_record_has_every_figure_under_its_own_name() -> None:
     bent = replace(made, mixture=one, mixture_fidelity=Fidelity(("phi", "K"), 0.03, 0.05))
     assert bent.record() == {
         **made.record(), "worst_pair": ["phi", "K"], "largest_difference": 0.03, "its_noise": 0.05,
-        "poor": False, "joint_law": "mixture", "components": 1, "difference_of_mixture": 0.03,
+        "bad": False, "joint_law": "mixture", "components": 1, "difference_of_mixture": 0.03,
     }  # fmt: skip

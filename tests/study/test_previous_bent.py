@@ -202,7 +202,7 @@ def test_check_says_which_joint_law_is_used(
     (record,) = (joint.record() for joint in study.taken)
     assert record["joint_law"] == "mixture"
     assert record["difference_of_mixture"] < 0.05 < 0.1 < record["difference_of_correlations"]
-    assert not record["poor"]
+    assert not record["bad"]
 
 
 def test_stated_correlations_straighten_what_they_touch(make: MakeStudy) -> None:
