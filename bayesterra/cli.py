@@ -121,6 +121,7 @@ def run(
     crosscheck: Annotated[
         bool, flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty).")
     ] = False,
+    strict: Annotated[bool, flag("--strict", "Exit 4 where a verdict is bad: fit, prediction.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Sample the posterior, compare with least squares, and write a report."""
@@ -138,7 +139,8 @@ def run(
     how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
     result = run_study(loaded, out=folder, seed=seed, **how)
     show(result, folder)
-    raise typer.Exit(0 if result.converged else 3)
+    bad = strict and any(verdict.grade == "bad" for verdict in result.verdicts)
+    raise typer.Exit(3 if not result.converged else 4 if bad else 0)
 
 
 @app.command(short_help="Show what was understood of a study and its measurements.")

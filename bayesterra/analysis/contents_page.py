@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from bayesterra.analysis.comparison import Comparison, outcomes_of
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import INDISTINCT
-from bayesterra.checking.validation import fit_checks
+from bayesterra.checking.validation import Validation, fit_verdict
 from bayesterra.likelihood.page import noise_text, stated_law
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.prediction.page import bands
@@ -249,13 +249,10 @@ def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, 
 
 
 def _fit(result: Result) -> Markup:
-    """The overall check where the record holds it, else the p values of the channels."""
-    checks = result.record.get("predictive_checks")
-    if checks:
-        word = "not adequate" if checks["alarm"] else "adequate"
-        return Markup("{}, <i>p</i> {}").format(word, probability(checks["overall"]))
-    probabilities = (Markup("{} {}").format(symbol(c.channel), probability(c.p)) for c in fit_checks(result))
-    return Markup("<i>p</i> {}").format(Markup(", ").join(probabilities))
+    """The overall check, where the record holds it."""
+    verdict = fit_verdict(Validation.from_record(result.record).checks)
+    p = [Markup(", <i>p</i> {}").format(probability(value)) for value in list(verdict.figures.values())[:1]]
+    return Markup("{}{}").format(verdict.word, *(p or [Markup("")]))
 
 
 def _left_out(comparison: Comparison) -> tuple[Table, ...]:

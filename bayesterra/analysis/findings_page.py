@@ -32,7 +32,7 @@ class Finding:
 def findings(result: Result) -> tuple[Finding, ...]:
     """Everything that can be said, the soil first."""
     statements = (
-        ("Known well", known_well(result)),
+        ("Determined", determined(result)),
         ("Traded", traded(result)),
         ("From the prior", from_the_prior(result)),
         ("Mode (*)", about_the_mode(result)),
@@ -42,7 +42,7 @@ def findings(result: Result) -> tuple[Finding, ...]:
     return tuple(Finding(lead, text) for lead, text in statements if text)
 
 
-def known_well(result: Result) -> Markup:
+def determined(result: Result) -> Markup:
     """Parameters that the data determine on their own, with their intervals."""
     names = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
     if not names:

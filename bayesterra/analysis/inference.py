@@ -178,11 +178,13 @@ class Analysis:
             failures,
         )  # fmt: skip
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
-        return RunResult(
+        found = RunResult(
             study=self.study, draws=draws, summary=summary, least_squares=self.least_squares(standings),
             identifiability=table, predictive=predictive_table(self.study, rows),
             record=with_failures(result.run_record(self.study, seed, findings, seconds), failures),
         )  # fmt: skip
+        judged = failures.attempt("verdicts", lambda: found.judged, lambda: found)
+        return replace(judged, record=with_failures(judged.record, failures))
 
     def identifiability(self, rng: Generator) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Verdicts on the parameters, and the record of the directions that design and data determine."""

@@ -15,30 +15,21 @@ from bayesterra.analysis.outputs_page import (
     predictive_section,
     sampling_section,
 )
-from bayesterra.checking.predictive_checks import PredictiveChecks
-from bayesterra.checking.validation import FitCheck, Validation, estimates, fit_checks, spread_draws
-from bayesterra.checking.validation_page import (
-    alarm_sentence,
-    alarming,
-    cross_validation_section,
-    misfit_text,
-    misfit_warning,
-    missed_sections,
-)
-from bayesterra.identifiability.evidence_page import finding, identifiability_section, marginal
-from bayesterra.identifiability.information import ALL
+from bayesterra.checking.validation import estimates, spread_draws
+from bayesterra.checking.validation_page import cross_validation_section, misfit_warning, missed_sections
+from bayesterra.identifiability.evidence_page import identifiability_section
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
-from bayesterra.report.failures import failed
-from bayesterra.report.numbers import interval, moments, probability, resolution, rounded
-from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, unknown_verdict
-from bayesterra.report.symbols import QUANTITIES, angles, symbol, symbols
-from bayesterra.report.terminal import failure_lines, verdict_line
+from bayesterra.report.numbers import interval, moments, resolution, rounded
+from bayesterra.report.sections import Draft, Section, VerdictPage
+from bayesterra.report.symbols import QUANTITIES, angles, symbol
+from bayesterra.report.terminal import failure_lines
+from bayesterra.report.verdicts import Verdict
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.page import StripRow, crosscheck_line, keys, sampling_verdict, unconverged
+from bayesterra.study.page import StripRow, crosscheck_line, keys, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
@@ -57,12 +48,7 @@ def run_page(result: Result) -> Page:
     """Put the page of a result together; a part that cannot be made is a line that says so."""
     draft = Draft(result)
     failures = draft.failures
-    checks = failures.attempt("report: χ² checks", lambda: fit_checks(result), tuple[FitCheck, ...])
-    judged = (
-        draft.verdict("Sampling", sampling_verdict),
-        draft.verdict("Model fit", lambda result: fit_verdict(result, checks)),
-        draft.verdict("Identifiability", identifiability_verdict),
-    )
+    judged = failures.attempt("report: verdicts", lambda: result.verdicts, tuple[Verdict, ...])
     shown = failures.attempt(
         "report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ())
     )
@@ -71,9 +57,10 @@ def run_page(result: Result) -> Page:
     sections = _sections(draft)
     return Page(
         title=result.study.title or "Soil parameters from wheel tests", kind=result.study.kind,
-        facts=_facts(result), warning=draft.warning(warning(result)), verdicts=judged, strip=shown[0],
-        legend=shown[1], driving=driven, findings=statements, sections=sections,
+        facts=_facts(result), warning=draft.warning(warning(result)), verdicts=judged,
+        strip=shown[0], legend=shown[1], driving=driven, findings=statements, sections=sections,
         version=result.record["versions"]["bayesterra"], failures=failures,
+        sentence=failures.attempt("report: sentence", lambda: result.sentence, str),
     )  # fmt: skip
 
 
@@ -107,8 +94,11 @@ def _facts(result: Result) -> tuple[str, ...]:
 
 def warning(result: Result) -> Markup:
     """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
-    checks = _contradiction(result)
-    misfit = misfit_warning(alarm_sentence(checks)) if checks else Markup("")
+    misfit = (
+        misfit_warning(verdict.html)
+        for verdict in result.verdicts
+        if verdict.name == "Fit" and verdict.grade == "bad"
+    )
     unsettled = unconverged(
         result,
         "The sampling has <b>not converged</b>: intervals and verdicts below may be wrong. What to do: {}. "
@@ -116,50 +106,7 @@ def warning(result: Result) -> Markup:
         "parameters make it easier.",
     )
     check = (Markup("Please check: {}").format(sentence) for sentence in result.study.warnings)
-    return Markup(" ").join(filter(None, (misfit, unsettled, *check)))
-
-
-def _contradiction(result: Result) -> PredictiveChecks | None:
-    """The checks where they say that the model cannot make readings like these; else None."""
-    checks = Validation.from_record(result.record).checks
-    return checks if checks is not None and checks.alarm else None
-
-
-FEW_READINGS = 3
-"""Readings per free parameter below which the check of the fit can hardly fail."""
-
-
-def fit_verdict(result: Result, checks: tuple[FitCheck, ...]) -> Verdict:
-    """Verdict on whether the readings look as the model says that they look."""
-    predictive_checks = Validation.from_record(result.record).checks
-    if predictive_checks is None:
-        return unknown_verdict("Model fit", failed(result.record, "predictive_checks"))
-    sentence = alarm_sentence(predictive_checks)
-    overstated = [check.channel for check in checks if check.overstated]
-    if overstated:
-        sentence += Markup(" Noise of {} looks overstated.").format(symbols(overstated))
-    count, free = sum(check.readings for check in checks), len(result.names)
-    if count < FEW_READINGS * free:  # the model can bend to them
-        sentence += Markup(" {} readings for {} parameters: a lenient test.").format(count, free)
-    word, grade = ("not adequate", "bad") if predictive_checks.alarm else ("adequate", "good")
-    return Verdict("Model fit", word, grade, sentence)
-
-
-def identifiability_verdict(result: Result) -> Verdict:
-    """Number of independent combinations of parameters that the data determine."""
-    directions = result.record.get("directions")
-    if directions is None:
-        return unknown_verdict("Identifiability", failed(result.record, "identifiability", "directions"))
-    counts = [row for row in marginal(directions) if row["scope"] == ALL] or [
-        {**directions, "directions": directions["of"]}
-    ]
-    determined, of = counts[0]["determined"], counts[0]["directions"]
-    alone = [name for name, row in identifiability_rows(result).items() if row.verdict == "determined"]
-    on_their_own = Markup("On their own: {}.").format(symbols(alone)) if alone else "No parameter on its own."
-    plain = Markup("Directions of the parameter space whose variance shrinks tenfold or more. {}")
-    sentence = finding(result) or plain.format(on_their_own)
-    grade = "good" if determined == of else "doubtful" if determined else "bad"
-    return Verdict("Identifiability", f"{determined} of {of} determined", grade, sentence)
+    return Markup(" ").join(filter(None, (*misfit, unsettled, *check)))
 
 
 def data_section(result: Result) -> Blocks:
@@ -195,18 +142,14 @@ def _joined(study: Study) -> str:
 
 
 def run_overview(result: Result) -> Overview:
-    """Parameters with their verdicts, the verdict on the sampling, and what speaks against the model."""
-    lines = [Text(verdict_line(result.record))]
+    """Parameters with their verdicts, the verdicts on the whole, and the sentence that may be quoted."""
+    lines = [verdict.line for verdict in result.verdicts]
     lines += [Text(f"Warning: {warning}", "bad") for warning in result.study.warnings]
     laws = result.study.prior.laws.values()
     earlier = dict.fromkeys(law.source for law in laws if isinstance(law, QuantileLaw) and law.source)
     lines += [Text(f"Prior: {source}.") for source in earlier]
-    if checks := _contradiction(result):
-        misfits = (f"{CHANNELS[check.channel].description} {check.finding}" for check in alarming(checks))
-        words = f"{'; '.join(misfits)} (overall p {probability(checks.overall)})"
-        lines.append(Text(misfit_text(words), "bad"))
     lines += crosscheck_line(result.record)
-    return (_parameters(result), *lines, *failure_lines(result.record))
+    return (_parameters(result), *lines, Text(result.sentence), *failure_lines(result.record))
 
 
 def _parameters(result: Result) -> Table:

@@ -19,9 +19,10 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Tex
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
-from bayesterra.report.sections import Draft, Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
+from bayesterra.report.verdicts import Verdict
 
 FAIR, POOR = 0.5, 0.05
 """Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""

@@ -4,24 +4,28 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired
+from typing import Annotated, Any, Literal, NotRequired, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
+from bayesterra.checking.levels import scope, untested
 from bayesterra.checking.predictive import Curves, RowPredictions
-from bayesterra.checking.validation import Validation
+from bayesterra.checking.validation import Validation, fit_verdict, prediction_verdict
 from bayesterra.errors import ResultError
+from bayesterra.identifiability.analysis import soil_verdict
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.pooling.run import PooledResult
+from bayesterra.report.failures import failed
+from bayesterra.report.verdicts import Verdict, quotable, sampling_verdict, unknown_verdict
 from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import Count, Number, read_csv
@@ -84,6 +88,12 @@ Row = TypedDict("Row", {"row": Count, "elpd": Number, "error": Number, "k": Some
 LeftOut = TypedDict("LeftOut", {
     "rows": list[Row], "full": list[Number], "pit": dict[ChannelName, list[Some]],
 })  # fmt: skip
+Reading = TypedDict("Reading", {
+    "by": str, "reliable": bool, "predictor": str, "level": str, "row": Count, "wheel": str, "slip": Number,
+    "channel": ChannelName, "unit": str, "extrapolated": bool, "observed": Number, "q05": Some, "q25": Some,
+    "q50": Some, "q75": Some, "q95": Some, "pit": Some, "crps": Some, "log_score": Some, "covered50": bool,
+    "covered90": bool, "no_answer": Number, "detail": str,
+})  # fmt: skip
 FAILING = {
     "evidence": ("evidence",),
     "directions": ("directions", "identifiability"),
@@ -114,6 +124,7 @@ class RunRecord(StudyRecord):
     predictive_checks: Checks
     prior_checks: PriorChecks
     loo: Annotated[LeftOut, AfterValidator(_same_length)]
+    levels: list[Reading] = Field(default_factory=list)
 
     @classmethod
     def excused(cls, content: dict[str, Any]) -> Collection[str]:
@@ -132,6 +143,37 @@ class RunResult(Result):
     def validation(self) -> Validation:
         """Predictive checks under posterior and prior, and leave-one-out by row."""
         return Validation.from_record(self.record)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Verdicts on sampling, fit, prediction and soil, from tables and record; none where these failed."""
+        if failed(self.record, "verdicts"):
+            return ()
+        record, checked, rows = self.record, self.validation, self.study.observations.used()
+        readings = int(sum((~np.isnan(rows.values[name])).sum() for name in self.study.noise))
+        failed_ = {part: failed(record, part) for part in ("predictive_checks", "levels", "directions")}
+        directions, table = record.get("directions"), self.identifiability
+        soil = unknown_verdict("Soil", failed(record, "identifiability", "directions"))
+        if directions is not None:
+            conflict = checked.prior is not None and checked.prior.conflict
+            soil = soil_verdict(table, directions, conflict=conflict)
+        return (
+            sampling_verdict(record),
+            fit_verdict(checked.checks, readings, len(self.names), failed_["predictive_checks"]),
+            prediction_verdict(checked.levels, self.study.model.name, failed_["levels"]),
+            soil,
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What may be quoted of the result."""
+        return quotable(self.verdicts, scope(self.study), untested(self.study))
+
+    @property
+    def judged(self) -> Self:
+        """The same with its verdicts and its sentence in the record."""
+        verdicts = [verdict.record() for verdict in self.verdicts]
+        return replace(self, record={**self.record, "verdicts": verdicts, "sentence": self.sentence})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,8 +27,9 @@ from bayesterra.parameters import CHANNELS, PARAMETERS, whole_and_part
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, plain, signed
-from bayesterra.report.sections import Section, Verdict, VerdictPage, in_a_line, origin_rows
+from bayesterra.report.sections import Section, VerdictPage, in_a_line, origin_rows
 from bayesterra.report.symbols import QUANTITIES, listed, symbol
+from bayesterra.report.verdicts import Verdict
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 

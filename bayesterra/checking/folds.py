@@ -26,7 +26,9 @@ from bayesterra.study.study import Study
 
 TOLERANCE = 0.03
 """Slips nearer than this count as one level."""
-WAYS = ("slip", "wheel", "row")
+SAME_LOAD = 0.1
+"""Loads nearer than this share count as one level."""
+WAYS = ("slip", "wheel", "load", "row")
 
 By: TypeAlias = str | Sequence[object]
 """Grouping of rows: see :func:`levels`."""
@@ -63,9 +65,9 @@ def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple
 
     Parameters
     ----------
-    by : ``slip`` (slips nearer than ``tolerance``, each to the next, are one level), ``wheel`` or ``row``; or
-        groups of row numbers, ``[[1, 2], [3]]``, of which only these are left out; or one label for every row
-        of the study's table.
+    by : ``slip`` (slips nearer than ``tolerance``, each to the next, are one level), ``load`` (loads within
+        a tenth), ``wheel`` or ``row``; or groups of row numbers, ``[[1, 2], [3]]``, of which only these are
+        left out; or one label for every row of the study's table.
     tolerance : for ``slip``.
 
     Raises
@@ -75,14 +77,18 @@ def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple
     """
     if not tolerance >= 0:
         raise StudyError(f"'tolerance' must not be negative (got {tolerance:g})")
-    folds = _named(study, by, tolerance) if isinstance(by, str) else _listed(study, by)
-    use = study.observations.use
-    folds = [fold for fold in folds if fold.left.any()]
+    use, folds = study.observations.use, folds_of(study, by, tolerance)
     if len(folds) < 2 and (not folds or folds[0].left.sum() == use.sum()):
         what = f"levels of '{by}'" if isinstance(by, str) else "groups of rows"
         wide = f" at tolerance {tolerance:g}" if by == "slip" else ""
         raise StudyError(f"to leave one out there must be two or more {what} (got {len(folds)}{wide})")
     return tuple(folds)
+
+
+def folds_of(study: Study, by: By, tolerance: float = TOLERANCE) -> list[Fold]:
+    """The groups of :func:`levels`, however many there are."""
+    folds = _named(study, by, tolerance) if isinstance(by, str) else _listed(study, by)
+    return [fold for fold in folds if fold.left.any()]
 
 
 def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
@@ -91,15 +97,25 @@ def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
         return _labelled(study, rows.wheel)
     if by == "row":
         return _labelled(study, [f"row {row}" for row in rows.rows])
+    if by == "load":
+        loads = rows.known_loads
+        known = rows.use & (loads > 0)
+        return _clustered("load {:.4g} N", loads, np.log(np.where(known, loads, 1)), known, SAME_LOAD)
     if by != "slip":
         raise StudyError(
             f"'by' must be {', '.join(WAYS)} or groups of rows (got '{by}'){did_you_mean(by, WAYS)}"
         )
-    used = np.flatnonzero(rows.use)
-    number = np.full(len(rows), -1)
-    number[used] = clusters(rows.slip[used], tolerance)
+    return _clustered("slip {:.3f}", rows.slip, rows.slip, rows.use, tolerance)
+
+
+def _clustered(
+    name: str, values: FloatArray, along: FloatArray, chosen: BoolArray, tolerance: float
+) -> list[Fold]:
+    """Levels of the chosen rows: clusters ``along`` a scale (m,), named by their mean of ``values`` (m,)."""
+    number = np.full(len(values), -1)
+    number[chosen] = clusters(along[chosen], tolerance)
     masks = [number == k for k in range(number.max() + 1)]
-    return [Fold(f"slip {rows.slip[mask].mean():.3f}", mask) for mask in masks]
+    return [Fold(name.format(values[mask].mean()), mask) for mask in masks]
 
 
 def _labelled(study: Study, labels: Sequence[object]) -> list[Fold]:
@@ -212,7 +228,7 @@ class LeaveOneOut:
         """Leave level number ``task`` out, counted from 0."""
         started = time.process_time()
         fold = self.folds[task]
-        scorer = _Scorer(self.study, fold)
+        scorer = Scorer(self.study, fold)
         baselines = [row for name in BASELINES for row in scorer.baseline(name, self.folds)]
         fitting, predicting = SeedSequence(self.seed, spawn_key=(task,)).spawn(2)
         training = self.study.with_use(scorer.kept)
@@ -233,11 +249,12 @@ class LeaveOneOut:
 
 
 @dataclass(frozen=True)
-class _Scorer:
-    """Scores of predictive laws for the readings of one level."""
+class Scorer:
+    """Scores of predictive laws for the readings of one level; of the rows ``only`` (m,), where given."""
 
     study: Study
     fold: Fold
+    only: BoolArray | None = None
 
     @property
     def kept(self) -> BoolArray:
@@ -245,7 +262,7 @@ class _Scorer:
         return self.study.observations.use & ~self.fold.left
 
     def predicted(
-        self, target: Posterior | JointPosterior, draws: FloatArray, rng: Generator
+        self, target: Posterior | JointPosterior, draws: FloatArray, rng: Generator, *, banded: bool = True
     ) -> tuple[list[dict[str, Any]], list[Band]]:
         """Rows of the study's own model, and its bands, by draws of a posterior without the level."""
         numbers, rows, bands = self.study.observations.rows, list[dict[str, Any]](), list[Band]()
@@ -255,7 +272,8 @@ class _Scorer:
                 continue
             alone, x = target.one_group(group, draws, rng)
             rows += self._rows(predictives(study, alone, x, self.fold.left[mine], rng), mine)
-            bands += self._bands(group, predict_curves(study, alone, x, rng), mine)
+            if banded:
+                bands += self._bands(group, predict_curves(study, alone, x, rng), mine)
         return rows, bands
 
     def _rows(self, laws: Predictives, mine: BoolArray) -> list[dict[str, Any]]:
@@ -301,7 +319,7 @@ class _Scorer:
         """One row of the table; none where nothing was measured, or a limit only."""
         rows, scale = self.study.observations.numbers(), CHANNELS[channel].scale
         observed = float(rows.values[channel][place])
-        if np.isnan(observed):
+        if np.isnan(observed) or (self.only is not None and not self.only[place]):
             return []
         driven = rows.slip[self.kept]
         slip = float(rows.slip[place])

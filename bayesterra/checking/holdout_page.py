@@ -13,19 +13,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.folds import Band, Fold
+from bayesterra.checking.folds import WAYS, Band, Fold
 from bayesterra.checking.holdout import Holdout
 from bayesterra.checking.holdout_scores import BASELINES
+from bayesterra.checking.validation import prediction_verdict
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, number, plain
-from bayesterra.report.sections import Section, Verdict, VerdictPage, origin_rows
+from bayesterra.report.sections import Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import listed, symbol, with_unit
+from bayesterra.report.verdicts import Verdict
 from bayesterra.study.observations import Observations
 
-WIDE = 2.0
-"""Standard errors by which a coverage may miss its level before it is called off."""
 PARTS = {"all": "all", "inner": "interpolated", "end": "extrapolated"}
 MARKED = 0.05
 """Share of draws without an answer from which a row is named."""
@@ -43,7 +43,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
             f"{rows} rows left out in {len(holdout.levels)} levels",
         ),
         warning=_warning(holdout),
-        verdicts=(_coverage(holdout), _skill(holdout), _refits(holdout)),
+        verdicts=(_prediction(holdout), _skill(holdout), _refits(holdout)),
         sections=(
             Section("rows", "Left-out readings", _rows_section(holdout)),
             Section("scores", "Scores", _scores_section(holdout)),
@@ -64,22 +64,11 @@ def _warning(holdout: Holdout) -> Markup:
     )
 
 
-def _coverage(holdout: Holdout) -> Verdict:
-    """Verdict on whether nine in ten readings lie where nine in ten should."""
-    table, counts, low, high = holdout.summary, [], False, False
-    own = table[(table["predictor"] == holdout.model) & (table["part"] == "all")]
-    for row in own.to_dict("records"):
-        share, rows = row["covered90"], row["rows"]
-        error = max(np.nan_to_num(row["covered90_se"]), float(np.sqrt(0.09 / rows)))
-        low, high = low or share < 0.9 - WIDE * error, high or share > 0.9 + WIDE * error
-        counts.append(Markup("{} of {} of {}").format(round(share * rows), rows, symbol(row["channel"])))
-    sentence = Markup("The 90 % intervals hold {}.").format(listed(counts))
-    if not counts:
-        return Verdict("Coverage", "unknown", "bad", Markup("No refit could be scored."))
-    word, grade = (
-        ("too narrow", "bad") if low else ("too wide", "doubtful") if high else ("not contradicted", "good")
-    )
-    return Verdict("Coverage", word, grade, sentence)
+def _prediction(holdout: Holdout) -> Verdict:
+    """Verdict on the left-out readings, as of the levels that every run leaves out."""
+    by = holdout.record["by"] if holdout.record["by"] in WAYS else "group"
+    rows = [{"by": by, "reliable": True, **row} for outcome in holdout.outcomes for row in outcome.rows]
+    return prediction_verdict(rows, holdout.model)
 
 
 def _skill(holdout: Holdout) -> Verdict:

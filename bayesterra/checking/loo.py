@@ -1,8 +1,8 @@
-"""Leave-one-out cross-validation by row: how well a row is predicted by the others.
+"""Cross-validation: how well a row, or a level of rows, is predicted by the others.
 
 A row stands for all its readings. Its readings are left out, its slip and load stay known, and so does the
 support of the prior. Importance weights from the full posterior do where their Pareto k̂ says that they may;
-elsewhere, and always with few rows, the posterior without the row is sampled afresh.
+elsewhere, and always with few rows, the posterior without the rows is sampled afresh.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw
@@ -32,6 +33,9 @@ START_DRAWS = 1024
 PIT_DRAWS = 1000
 FINAL_DRAWS = (8192, 32768)
 """Weighted draws of a refit, and of a second attempt."""
+EVEN = 0.5
+"""Pareto k̂ of the weights of a level above which it is left out by a sampling of its own: predictive laws are
+made of these draws, and need more than a mean does."""
 CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
 INDISTINCT = 4.0
@@ -112,44 +116,79 @@ def _spread_error(values: FloatArray) -> float:
     return float(np.sqrt(len(values)) * values.std(ddof=1)) if len(values) > 1 else float("nan")
 
 
+@dataclass(frozen=True)
+class Without:
+    """The posterior without some rows.
+
+    Attributes
+    ----------
+    x : near-independent draws of it (n, d).
+    reliable : False where they come from weights that are too uneven.
+    """
+
+    x: FloatArray
+    reliable: bool
+
+
+Level = tuple[int, ...]
+"""Places of rows among those in the fit."""
+
+
 def leave_one_out(
     posterior: Posterior, draws: FloatArray, seed: SeedSequence, few_rows: int = FEW_ROWS
 ) -> CrossValidation:
-    """Leave every row out once.
+    """Leave every row out once, see :func:`cross_validate`."""
+    return cross_validate(posterior, draws, seed, {}, few_rows)[0]
+
+
+def cross_validate(
+    posterior: Posterior,
+    draws: FloatArray,
+    seed: SeedSequence,
+    rests: Mapping[Level, Likelihood],
+    few_rows: int = FEW_ROWS,
+) -> tuple[CrossValidation, dict[Level, Without]]:
+    """Leave every row out once, and levels of rows.
 
     Parameters
     ----------
     posterior : of all rows.
     draws : near-independent draws of it (n, d).
     seed : root of the random streams of the refits.
-    few_rows : below this number of rows all are refitted, and no ``pit`` is computed.
+    rests : by level, the likelihood of all other rows.
+    few_rows : below this number of rows each is refitted, and no ``pit`` is computed.
     """
     x = spaced(draws, DRAWS)
-    near, density = PosteriorProposal.of(posterior, x), posterior.log_rows(x)[1]
-    own, *streams = seed.spawn(1 + density.shape[1])
+    near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
+    density, more = log_rows[1], [level for level in rests if len(level) > 1]
+    m, apart = density.shape[1], posterior.likelihood.rows_apart
+    own, *streams = seed.spawn(1 + m + len(more))
     whole = near.mixture(default_rng(own))
-    cases = [_Case(near, whole, x, density, i) for i in range(density.shape[1])]
-    limit = pareto_limit(len(x)) if len(cases) >= few_rows else -np.inf
+    cases = [_Case(near, whole, x, log_rows, (i,), None) for i in range(m)]
+    cases += [_Case(near, whole, x, log_rows, level, None if apart else rests[level]) for level in more]
+    limits = np.full(len(cases), EVEN)
+    limits[:m] = pareto_limit(len(x)) if m >= few_rows else -np.inf
     with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        results = list(pool.map(lambda case, stream: case.result(limit, stream), cases, streams))
-    rows = posterior.likelihood.observations.rows
-    return CrossValidation(
-        tuple(case.left_out(row, result) for row, case, result in zip(rows, cases, results, strict=True)),
+        results = list(pool.map(_Case.result, cases, limits.tolist(), streams))
+    rows, found = posterior.likelihood.observations.rows, dict(zip(cases, results, strict=True))
+    of_rows = CrossValidation(
+        tuple(case.left_out(row, found[case]) for row, case in zip(rows, cases[:m], strict=True)),
         tuple(log_mean(density, axis=0).tolist()),
-        _pits(posterior, cases, results) if len(cases) >= few_rows else {},
+        _pits(posterior, cases[:m], results[:m]) if m >= few_rows else {},
     )
+    return of_rows, {case.rows: found[case].drawn() for case in cases if case.rows in rests}
 
 
 @dataclass(frozen=True)
 class _Weighted:
-    """Draws of a posterior without one row.
+    """Draws of a posterior without some rows.
 
     Attributes
     ----------
     x : parameter sets (n, d).
     log_weights : smoothed, their sum one (n,).
     k : Pareto k̂ of the weights.
-    log_row : log density of the row's readings at each (n,).
+    log_row : log density of the rows' readings at each (n,).
     """
 
     x: FloatArray
@@ -163,37 +202,55 @@ class _Weighted:
         return cls(x[finite], *pareto_smoothed(log_weights[finite]), log_row[finite])
 
     def estimate(self) -> tuple[float, float]:
-        """Elpd of the row and its Monte Carlo error."""
+        """Elpd of the rows and its Monte Carlo error."""
         return weighted_log_mean(self.log_weights, self.log_row)
+
+    def drawn(self) -> Without:
+        """As many draws of equal weight as a predictive law needs."""
+        chosen = systematic(np.exp(self.log_weights), PIT_DRAWS, default_rng(0))
+        return Without(self.x[chosen], self.reliable)
 
     @property
     def reliable(self) -> bool:
         return self.estimate()[1] < CLOSE and self.k < pareto_limit(len(self.x))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Case:
-    """One row to leave out.
+    """Rows to leave out.
 
     Attributes
     ----------
     near, whole : the full posterior, and a proposal fitted to its draws.
     x : these draws (n, d).
-    density : log density of every row there, given all other rows (n, m).
-    index : the row.
+    log_rows : there, log likelihood (n,), and log density of every row given all others (n, m).
+    rows : their places.
+    rest : the likelihood of all others, where that is not said by the rows' own densities.
     """
 
     near: PosteriorProposal
     whole: ProposalLaw
     x: FloatArray
-    density: FloatArray
-    index: int
+    log_rows: tuple[FloatArray, FloatArray]
+    rows: Level
+    rest: Likelihood | None
+
+    @cached_property
+    def density(self) -> FloatArray:
+        """Log density of the rows at the draws, given all others (n,)."""
+        return self.given_others(self.x, *self.log_rows)
+
+    def given_others(self, x: FloatArray, total: FloatArray, rows: FloatArray) -> FloatArray:
+        """Log density (n,) of the rows given all others, from what is said of all, see ``log_rows``."""
+        if self.rest is None:
+            return np.asarray(rows[:, self.rows].sum(axis=1))
+        of = self.near.posterior
+        return total - self.rest.log_likelihood(of.prior.soil_values(x), of.noise_values(x))
 
     @cached_property
     def weighted(self) -> _Weighted:
         """The full posterior's draws, weighted."""
-        row = self.density[:, self.index]
-        return _Weighted.of(self.x, -row, row)
+        return _Weighted.of(self.x, -self.density, self.density)
 
     def left_out(self, row: int, result: _Weighted) -> LeftOut:
         """The entry of a row whose :meth:`result` is known."""
@@ -201,7 +258,7 @@ class _Case:
         return LeftOut(row, elpd, error, self.weighted.k, result is not self.weighted)
 
     def result(self, limit: float, seed: SeedSequence) -> _Weighted:
-        """The posterior without the row; sampled afresh where k̂ is above the limit."""
+        """The posterior without the rows; sampled afresh where k̂ is above the limit."""
         if self.weighted.k <= limit:
             return self.weighted
         rng = default_rng(seed)
@@ -212,11 +269,11 @@ class _Case:
             refitted = self._drawn(without, n, rng)
             if refitted.reliable:
                 return refitted
-        # without this row the posterior is quite another one
+        # without these rows the posterior is quite another one
         return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Parameters, log prior with Jacobian, log density of the row and the others, −inf where any is."""
+        """Parameters, log prior with Jacobian, log density of the rows and the others, −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
         prior = self.near.posterior.log_prior(x)
         supported = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
@@ -226,7 +283,8 @@ class _Case:
         total, rows = self.near.posterior.log_rows(x[inside])
         answered = np.isfinite(rows).all(axis=1)
         inside, total, rows = inside[answered], total[answered], rows[answered]
-        row[inside], others[inside] = rows[:, self.index], total - rows[:, self.index]
+        row[inside] = self.given_others(x[inside], total, rows)
+        others[inside] = total - row[inside]
         return x, np.where(np.isfinite(row), prior, -np.inf), row, others
 
     def _densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -235,7 +293,7 @@ class _Case:
         return prior, others
 
     def _drawn(self, without: ProposalLaw, n: int, rng: Generator) -> _Weighted:
-        """Weighted draws of a proposal without the row and of one with it, where its density is high."""
+        """Weighted draws of a proposal without the rows and of one with them, where its density is high."""
         proposal = Pair(without, self.whole)
         u = proposal.sample(n, rng)
         x, prior, row, others = self._terms(u)

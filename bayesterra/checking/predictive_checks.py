@@ -15,7 +15,7 @@ of twenty.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,7 @@ from bayesterra.checking.predictive import (
     replicates,
 )
 from bayesterra.likelihood.posterior import Posterior
+from bayesterra.study.observations import LABELS
 from bayesterra.study.study import Study
 
 Statistic = Callable[[FloatArray, FloatArray], FloatArray]
@@ -95,8 +96,31 @@ OF_RESIDUALS = (
                 False, 4, _neighbours),
 )  # fmt: skip
 
+
+def _between(number: IntArray) -> Statistic:
+    """Greatest mean residual of a part, in its standard errors; ``number`` (m,) of each reading's part."""
+    parts = [number == k for k in np.unique(number)]
+
+    def value(z: FloatArray, slip: FloatArray) -> FloatArray:
+        means = [np.abs(z[..., own].sum(axis=-1)) / np.sqrt(own.sum()) for own in parts]
+        return np.asarray(np.max(means, axis=0))
+
+    return value
+
+
+def between(by: str, number: IntArray) -> TestStatistic:
+    """The statistic of readings that are parted ``by`` wheel, load or run; ``number`` (m,) of the part."""
+    finding = f"is off to different sides for different {by}s"
+    return TestStatistic(f"by {by}", f"difference between {by}s", finding, False, 1, _between(number))
+
+
 TEST_STATISTICS: dict[str, TestStatistic] = {
-    statistic.name: statistic for statistic in (*OF_RESIDUALS, LARGEST)
+    statistic.name: statistic
+    for statistic in (
+        *OF_RESIDUALS,
+        *(between(by, np.zeros(1, dtype=np.intp)) for by in ("load", "wheel", *LABELS)),
+        LARGEST,
+    )
 }
 
 
@@ -112,11 +136,14 @@ def exceedance(values: FloatArray, ordered: FloatArray) -> FloatArray:
     return np.asarray(1.0 - 0.5 * below / len(ordered))
 
 
-ALARM = 0.02
-"""Overall p below which the readings contradict the model."""
+ALARM, DOUBT = 0.003, 0.02
+"""Overall p below which the readings contradict the model, or are doubtful."""
+PAIR = 0.01
+"""Readings with two statistics as strange as this are doubtful as well."""
 CONFLICT = 0.01
 """Overall p below which the readings contradict the prior."""
 JUDGED_DRAWS = 1000
+MORE = 2
 REFERENCE = 2000
 """Residuals of replicated readings that a statistic is compared with."""
 
@@ -166,6 +193,11 @@ class PredictiveChecks:
         """True where the readings contradict the model."""
         return self.overall < ALARM
 
+    @property
+    def doubtful(self) -> bool:
+        """True where they are stranger than they should be."""
+        return self.overall < DOUBT or sum(check.calibrated < PAIR for check in self.checks) > 1
+
 
 @dataclass(frozen=True)
 class _Judge:
@@ -177,6 +209,7 @@ class _Judge:
     rows : its readings in the order of slip, indices (m,).
     slip : there, (m,).
     unit : residuals of replicated readings in units of the noise (k, m).
+    parts : by wheel, load or run: number (m,) of the part that a reading belongs to.
     """
 
     channel: str
@@ -184,10 +217,11 @@ class _Judge:
     rows: IntArray
     slip: FloatArray
     unit: FloatArray
+    parts: Mapping[str, IntArray]
 
     @cached_property
     def of_residuals(self) -> tuple[TestStatistic, ...]:
-        return applicable(self.slip)
+        return (*applicable(self.slip), *(between(by, number) for by, number in self.parts.items()))
 
     @cached_property
     def _ordered(self) -> list[FloatArray]:
@@ -210,12 +244,20 @@ class _Judge:
 
 
 def predictive_checks(
-    posterior: Posterior, draws: FloatArray, seed: SeedSequence, options: ReplicateOptions | None = None
+    posterior: Posterior,
+    draws: FloatArray,
+    seed: SeedSequence,
+    options: ReplicateOptions | None = None,
+    parts: Mapping[str, IntArray] | None = None,
 ) -> PredictiveChecks:
-    """Check the readings in the fit against posterior draws (n, d)."""
-    own, replicating = seed.spawn(2)
-    rng = default_rng(own)
-    judges = _judges(posterior, rng)
+    """Check the readings in the fit against posterior draws (n, d).
+
+    ``parts``: by wheel, load or run, the number of the part that each row in the fit belongs to. Where no
+    replicated table is as strange as the readings, ``MORE`` times as many are made.
+    """
+    own, replicating, again = seed.spawn(3)
+    rng, options = default_rng(own), options or ReplicateOptions()
+    judges = _judges(posterior, rng, parts or {})
     x = spaced(draws, JUDGED_DRAWS)
     explained = Modelled.of(posterior, x, posterior.explained(x, rng))
     observed = _p_values(judges, posterior.likelihood.measured, explained)
@@ -223,19 +265,28 @@ def predictive_checks(
     def judged(table: Replicate) -> tuple[FloatArray, float]:
         return _p_values(judges, table.readings, table.modelled), table.effective
 
-    tables = replicates(posterior, draws, replicating, options or ReplicateOptions(), judged)
-    low, middle = np.quantile([effective for _, effective in tables], [0.05, 0.5])
-    return _compared(judges, observed, np.array([p for p, _ in tables]), (float(low), float(middle)))
+    def compared(tables: list[tuple[FloatArray, float]]) -> PredictiveChecks:
+        low, middle = np.quantile([effective for _, effective in tables], [0.05, 0.5])
+        return _compared(judges, observed, np.array([p for p, _ in tables]), (float(low), float(middle)))
+
+    tables = list(replicates(posterior, draws, replicating, options, judged))
+    found = compared(tables)
+    if found.overall > 1 / (1 + len(tables)):
+        return found
+    more = replace(options, number=MORE * options.number)
+    return compared(tables + list(replicates(posterior, draws, again, more, judged)))
 
 
-def _judges(posterior: Posterior, rng: Generator) -> list[_Judge]:
+def _judges(posterior: Posterior, rng: Generator, parts: Mapping[str, IntArray]) -> list[_Judge]:
     likelihood, judges = posterior.likelihood, []
     for column, noise in enumerate(likelihood.noise):
         rows = np.flatnonzero(~np.isnan(likelihood.measured[:, column]))
         slip = likelihood.observations.slip[rows]
         order = np.argsort(slip, kind="stable")
         unit = noise.tails.draw((REFERENCE, len(rows)), rng)
-        judges.append(_Judge(noise.channel, column, rows[order], slip[order], unit))
+        own = {by: number[rows[order]] for by, number in parts.items()}
+        own = {by: number for by, number in own.items() if len(np.unique(number)) > 1}
+        judges.append(_Judge(noise.channel, column, rows[order], slip[order], unit, own))
     return judges
 
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence
-from scipy.special import chdtrc
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
-from bayesterra.checking.loo import CrossValidation, leave_one_out
+from bayesterra.checking.levels import BAD, DOUBTFUL, counts, parts_of, predicted, rests, ways
+from bayesterra.checking.loo import CrossValidation, Level, Without, cross_validate
 from bayesterra.checking.predictive import RowPredictions, curve_forward
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
+    DOUBT,
     Check,
     PredictiveChecks,
     PriorCheck,
@@ -25,38 +26,20 @@ from bayesterra.checking.predictive_checks import (
     predictive_checks,
     prior_checks,
 )
+from bayesterra.errors import enumerated
 from bayesterra.least_squares.results import METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.parameters import MODEL_PARAMETERS, SIZES, soil_array
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, SIZES, soil_array
 from bayesterra.report.failures import Failures
+from bayesterra.report.numbers import probability, share
+from bayesterra.report.verdicts import Verdict, unknown_verdict
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 
 OVERSTATED = 0.99
 """p value above which the stated noise looks larger than the scatter."""
 DRAWS = 2000
-
-
-@dataclass(frozen=True)
-class FitCheck:
-    """Posterior predictive check of one channel.
-
-    Attributes
-    ----------
-    channel : its name.
-    readings : number of readings in the fit.
-    p : probability that replicated readings lie as far from the model as the measured ones, or farther.
-    """
-
-    channel: str
-    readings: int
-    p: float
-
-    @property
-    def overstated(self) -> bool:
-        """True where the readings scatter less than the stated noise says."""
-        return self.p > OVERSTATED
 
 
 def spread_draws(result: Result, most: int = DRAWS) -> FloatArray:
@@ -77,24 +60,6 @@ def standardised(target: Posterior, x: FloatArray) -> FloatArray:
 def residuals(result: Result, most: int = DRAWS) -> FloatArray:
     """Standardised residuals of posterior draws, (n, rows in the fit, channels)."""
     return standardised(posterior(result.study), spread_draws(result, most))
-
-
-def fit_checks(result: Result) -> tuple[FitCheck, ...]:
-    """Check every channel by T(y, θ) = Σ ((y − μ(θ)) / σ(θ))², Gelman, Meng and Stern 1996.
-
-    Given θ, T of replicated Gaussian readings follows χ² with as many degrees of freedom as there are
-    readings, so p = P(T(y_rep, θ) ≥ T(y, θ)) is averaged over the draws without replicating any. Residuals
-    under noise with heavier tails are first turned into the normal scores that they have under that law.
-    """
-    z = residuals(result)
-    for i, noise in enumerate(result.study.noise.values()):
-        z[:, :, i] = noise.tails.normal_score(z[:, :, i])
-    counts = (~np.isnan(z[0])).sum(axis=0)
-    distances = np.nansum(z**2, axis=1)
-    return tuple(
-        FitCheck(name, int(n), float(np.mean(chdtrc(n, distance))) if n else float("nan"))
-        for name, n, distance in zip(result.study.noise, counts, distances.T, strict=True)
-    )
 
 
 def estimates(result: Result) -> dict[str, dict[str, float]]:
@@ -157,20 +122,21 @@ def method_residuals(result: Result) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True)
 class Validation:
-    """Predictive checks under the posterior and the prior, and leave-one-out cross-validation.
+    """Predictive checks under the posterior and the prior, rows left out, and readings of levels left out.
 
-    None stands for one that could not be computed.
+    None stands for what could not be computed; of a folder of an older version the levels are None as well.
     """
 
     checks: PredictiveChecks | None
     prior: PriorChecks | None
     loo: CrossValidation | None
+    levels: Sequence[Mapping[str, Any]] | None = None
 
     def record(self) -> dict[str, Any]:
         """Everything, for ``run.json``."""
         record: dict[str, Any] = {}
         if self.checks is not None:
-            alarm = {"threshold": ALARM, "alarm": self.checks.alarm}
+            alarm = {"threshold": ALARM, "alarm": self.checks.alarm, "doubtful": self.checks.doubtful}
             record["predictive_checks"] = {**asdict(self.checks), **alarm}
         if self.prior is not None:
             conflict = {"threshold": CONFLICT, "conflict": self.prior.conflict}
@@ -182,7 +148,7 @@ class Validation:
                 "effective_parameters": self.loo.effective_parameters,
                 **asdict(self.loo),
             }
-        return record
+        return record if self.levels is None else {**record, "levels": list(self.levels)}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Validation:
@@ -198,6 +164,7 @@ class Validation:
             ),
             prior and PriorChecks(tuple(PriorCheck(**check) for check in prior["checks"]), prior["overall"]),
             loo and CrossValidation.from_record(loo),
+            record.get("levels"),
         )
 
 
@@ -217,17 +184,113 @@ def validate(
     before : readings of all rows that the cut prior predicts, at known or read loads.
     failures : takes note of checks that cannot be computed.
     """
-    checking, leaving = seed.spawn(2)
+    checking, leaving, predicting = seed.spawn(3)
+    levels, found = ways(study), dict[Level, Without]()
+
+    def left_out() -> CrossValidation:
+        loo, without = cross_validate(posterior, draws, leaving, rests(study, levels))
+        found.update(without)
+        return loo
+
     with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
-        return Validation(
-            failures.attempt(
-                "predictive_checks", lambda: predictive_checks(posterior, draws, checking), lambda: None
-            ),
-            None
-            if "prior_predictive" in failures
-            else failures.attempt("prior_checks", lambda: prior_checks(study, before), lambda: None),
-            failures.attempt("loo", lambda: leave_one_out(posterior, draws, leaving), lambda: None),
+        checks = failures.attempt(
+            "predictive_checks",
+            lambda: predictive_checks(posterior, draws, checking, parts=parts_of(study, levels)),
+            lambda: None,
         )
+        prior = None
+        if "prior_predictive" not in failures:
+            prior = failures.attempt("prior_checks", lambda: prior_checks(study, before), lambda: None)
+        loo, predicting_rng = (
+            failures.attempt("loo", left_out, lambda: None),
+            np.random.default_rng(predicting),
+        )
+        if "loo" in failures:
+            return Validation(checks, prior, loo)
+        return Validation(checks, prior, loo, failures.attempt(
+            "levels", lambda: predicted(study, posterior, levels, found, predicting_rng), lambda: None
+        ))  # fmt: skip
+
+
+FEW_READINGS = 3
+"""Readings per free parameter below which the check of the fit can hardly fail."""
+MANY = {"sinkage": "sinkages", "normal_force": "normal forces", "drawbar_pull": "pulls",
+        "resistance_moment": "moments"}  # fmt: skip
+"""Readings of a channel, in words."""
+
+
+def fit_verdict(
+    checks: PredictiveChecks | None, readings: int = 0, free: int = 0, failed: str = ""
+) -> Verdict:
+    """Verdict on whether the readings look as the model says that they look.
+
+    ``readings`` and ``free`` parameters are numbers; ``failed`` says why there are no checks.
+    """
+    if checks is None:
+        return unknown_verdict("Fit", failed)
+    figures = {"overall": checks.overall, "replicates": checks.replicates}
+    thresholds = {"bad": ALARM, "doubtful": DOUBT}
+    if checks.doubtful:
+        findings = [f"{CHANNELS[c.channel].description} {c.finding}" for c in alarming(checks)]
+        said = f"{enumerated(findings)} (overall p {probability(checks.overall)})"
+        word, grade = ("does not fit", "bad") if checks.alarm else ("doubtful", "doubtful")
+        claim = f"the model {'does not fit' if checks.alarm else 'may not fit'}: {findings[0]}"
+        return Verdict("Fit", word, grade, f"{said[:1].upper()}{said[1:]}.", claim, figures, thresholds)
+    sentence = f"{share(checks.overall)} of the tables that the model itself makes look as strange."
+    overstated = [c.channel for c in checks.checks if c.statistic == "misfit" and c.p > OVERSTATED]
+    if overstated:
+        names = enumerated([CHANNELS[name].description for name in overstated])
+        sentence += f" Noise of {names} looks overstated."
+    if readings < FEW_READINGS * free:  # the model can bend to them
+        sentence += f" {readings} readings for {free} parameters: a lenient test."
+    return Verdict("Fit", "fits", "good", sentence, "", figures, thresholds)
+
+
+def alarming(checks: PredictiveChecks) -> tuple[Check, ...]:
+    """The strangest statistic of each channel that has a strange one, three channels at most."""
+    strangest: dict[str, Check] = {}
+    for check in checks.checks:
+        if check.calibrated < DOUBT or not strangest:
+            strangest.setdefault(check.channel, check)
+    return tuple(strangest.values())[:3]
+
+
+def prediction_verdict(levels: Sequence[Mapping[str, Any]] | None, model: str, failed: str = "") -> Verdict:
+    """Verdict on readings of levels that the fit had not seen; ``failed`` says why there are none."""
+    if levels is None:
+        said = failed or "Levels were not left out: by an older version, or too few are there."
+        return Verdict("Prediction", "not tested", "note", said)
+    found = counts(levels, model)
+    if not found:
+        return Verdict(
+            "Prediction", "not tested", "note", "All readings are of one level: none can be left out."
+        )
+    number = len(found)
+    few, many = (min(1.0, number * min(getattr(count, name) for count in found)) for name in ("few", "many"))
+    parts = []
+    for by in dict.fromkeys(count.by for count in found):
+        shares = [f"{c.inside} of {c.readings} {MANY[c.channel]}" for c in found if c.by == by]
+        parts.append(f"left-out {by}s: {enumerated(shares)}")
+    off = min(found, key=lambda count: count.few if few <= many else count.many)
+    worse = [MANY[count.channel] for count in found if count.worse]
+    word, grade, claim = "predicts", "good", ""
+    if few < DOUBTFUL:
+        inside = f"{off.inside} of {off.readings} {MANY[off.channel]} inside 90 %"
+        claim = f"intervals are too narrow for other {off.by}s ({inside})"
+        word, grade = "too narrow", "bad" if few < BAD else "doubtful"
+    elif worse:
+        word, grade = "worse than a curve", "doubtful"
+        claim = f"a curve through the readings predicts {enumerated(worse)} better"
+    elif many < DOUBTFUL:
+        word, grade, claim = "too wide", "doubtful", f"intervals are too wide for other {off.by}s"
+    said = "; ".join(parts)
+    sentence = f"{said[:1].upper()}{said[1:]} inside 90 %" + (
+        f": {claim.partition(' (')[0]}." if claim else "."
+    )
+    if unsure := sorted({str(row["level"]) for row in levels if not row["reliable"]}):
+        sentence += f" Not relied on: {enumerated(unsure)}, without which the posterior is quite another one."
+    figures = {"few": few, "many": many}
+    return Verdict("Prediction", word, grade, sentence, claim, figures, {"bad": BAD, "doubtful": DOUBTFUL})
 
 
 CURVE_DRAWS = 1000

@@ -8,31 +8,25 @@ from matplotlib.axes import Axes
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.checking import validation
+from bayesterra.checking.levels import counts
 from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
+    DOUBT,
+    PAIR,
     TEST_STATISTICS,
     Check,
     PredictiveChecks,
     PriorCheck,
 )
-from bayesterra.checking.validation import Missed, Stretch, Validation, missed
+from bayesterra.checking.validation import Missed, Stretch, Validation, fit_verdict, missed
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, one_of, own_axes, styled
-from bayesterra.report.numbers import (
-    NOTHING,
-    interval,
-    number,
-    plain,
-    probability,
-    resolution,
-    rounded,
-    share,
-)
+from bayesterra.report.numbers import NOTHING, interval, number, plain, probability, resolution, rounded
 from bayesterra.report.sections import Section
 from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
@@ -47,16 +41,8 @@ def posterior_checks(result: Result) -> Blocks:
     checks = Validation.from_record(result.record).checks
     if checks is None:
         return (Text(failed(result.record, "predictive_checks"), "bad"),)
-    return Text(alarm_sentence(checks), "bad" if checks.alarm else ""), _statistics(result, checks)
-
-
-def alarm_sentence(checks: PredictiveChecks) -> Markup:
-    """Finding of all statistics together, as a sentence."""
-    if not checks.alarm:
-        text = Markup("{} of the tables that the model itself makes look as strange (alarm below {}).")
-        return text.format(share(checks.overall), share(ALARM))
-    findings = (Markup("{} {}").format(symbol(check.channel), check.finding) for check in alarming(checks))
-    return Markup("{} (overall <i>p</i> {}).").format(listed(findings), probability(checks.overall))
+    verdict = fit_verdict(checks)
+    return Text(verdict.html, verdict.grade if checks.alarm else ""), _statistics(result, checks)
 
 
 def misfit_warning(
@@ -74,15 +60,6 @@ def misfit_text(words: str, check: str = "units, loads and priors") -> str:
     return f"warning: the model does not fit these readings: {words}; check {check} before you use any figure"
 
 
-def alarming(checks: PredictiveChecks) -> tuple[Check, ...]:
-    """The strangest statistic of each channel that has a strange one, three channels at most."""
-    strangest: dict[str, Check] = {}
-    for check in checks.checks:
-        if check.calibrated < ALARM or not strangest:
-            strangest.setdefault(check.channel, check)
-    return tuple(strangest.values())[:3]
-
-
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:
     cells = {(check.channel, check.statistic): check for check in checks.checks}
     channels = list(result.study.noise)
@@ -97,15 +74,15 @@ def _statistics(result: Result, checks: PredictiveChecks) -> Table:
         "probability of a larger value, which alone is too lenient. Residuals are in standard deviations of "
         "the noise. Single figures below {:g} are bold; with so many of them some are to be expected. What "
         "decides is the overall <i>p</i>, the share of replicated tables whose strangest statistic is as "
-        "strange as the strangest here.{}"
-    ).format(checks.replicates, ALARM, estimated_noise(result.study))
+        "strange as the strangest here: doubtful below {:g}, bad below {:g}.{}"
+    ).format(checks.replicates, PAIR, DOUBT, ALARM, estimated_noise(result.study))
     return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)
 
 
 def _cell(check: Check | None) -> Cell:
     if check is None:
         return NOTHING
-    text = Markup("<b>{}</b>") if check.calibrated < ALARM else Markup("{}")
+    text = Markup("<b>{}</b>") if check.calibrated < PAIR else Markup("{}")
     return Markup("{} ({})").format(text.format(probability(check.calibrated)), probability(check.p))
 
 
@@ -154,7 +131,25 @@ def cross_validation_section(result: Result) -> Blocks:
         "The fit uses {} effective parameters."
     ).format(rounded(loo.elpd, 0.1), rounded(loo.se, 0.1), len(loo.rows), INDISTINCT,
              rounded(loo.effective_parameters, 0.1))  # fmt: skip
-    return (Text(total), _rows(result, loo), *_pit(result, loo))
+    return (*_levels(result), Text(total), _rows(result, loo), *_pit(result, loo))
+
+
+def _levels(result: Result) -> tuple[Table, ...]:
+    """Readings of whole levels, predicted by a fit to the others."""
+    found = counts(Validation.from_record(result.record).levels or (), result.study.model.name)
+    rows = tuple(
+        (count.by, symbol(count.channel), f"{count.inside} of {count.readings}", str(count.levels),
+         probability(count.few), plain(count.crps), plain(count.curve), unit(count.channel))
+        for count in found
+    )  # fmt: skip
+    caption = (
+        "Levels left out one at a time, all their rows together; slip, wheel and load stay known. Inside: "
+        "readings that lie in the 90 % interval that a fit to the others predicts. p: probability of as few "
+        "levels inside, were the intervals right. CRPS: mean score of these predictions, the smaller the "
+        "better; of a curve: of a polynomial over slip, fitted to the same rows."
+    )
+    header = ("left out", "", "inside 90 %", "levels", Markup("<i>p</i>"), "CRPS", "of a curve", "unit")
+    return (Table(caption, "llrrrrrl", header, rows),) if rows else ()
 
 
 def _rows(result: Result, loo: CrossValidation) -> Table:

@@ -17,8 +17,9 @@ from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
-from bayesterra.report.sections import Section, Verdict, VerdictPage
+from bayesterra.report.sections import Section, VerdictPage
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
+from bayesterra.report.verdicts import Verdict
 
 SHOWN = 15
 """Rows of the ranking on the page; the table in the folder has all."""

@@ -35,6 +35,8 @@ from bayesterra.identifiability.verdicts import (
     word,
 )
 from bayesterra.likelihood.joint import Whole
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report.verdicts import Verdict
 from bayesterra.runtime.engines import Engine
 
 LOCAL_DRAWS = 400
@@ -279,10 +281,10 @@ def _firm(clones: Cloned) -> list[str]:
 
 
 GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}
-NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
 NOT_FIXED = {
+    "coupled": ("{} is known only in combination", "{} are known only in combination"),
     "repeats its prior": ("{} repeats its prior", "{} repeat their priors"),
     "moved": ("{} moved away from its prior", "{} moved away from their priors"),
     STRUCTURAL: ("no data of this design can determine {}",) * 2,
@@ -291,9 +293,9 @@ NOT_FIXED = {
 
 
 def in_a_sentence(
-    counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str]
+    counts: Sequence[Mapping[str, Any]], verdicts: Mapping[str, str], symbol: Callable[[str], str] = str
 ) -> str:
-    """Sentence on the directions of each group that are fixed, and the parameters left as they were.
+    """Sentence on what is determined on its own, what is fixed in combination, and what is left as it was.
 
     Parameters
     ----------
@@ -301,26 +303,43 @@ def in_a_sentence(
     verdicts : by parameter.
     symbol : how to write a parameter.
     """
-    groups = [row for row in counts if row["scope"] != ALL] or list(counts)
-    fixed = [
-        _fixed(GROUP_WORDS.get(row["scope"], ""), row["determined"], row["directions"]) for row in groups
-    ]
-    texts = [enumerated(fixed) if any(row["determined"] for row in groups) else "no direction at all"]
+    texts, rows = [], [row for row in counts if row["scope"] == ALL] or list(counts)
+    fixed, of = (sum(row[key] for row in rows) for key in ("determined", "directions"))
+    alone = [name for name, each in verdicts.items() if each == "determined"]
+    own = enumerated([symbol(name) for name in alone]) or "no parameter"
+    own += f" on {'their' if len(alone) > 1 else 'its'} own"
+    texts = [f"{own} and fix {fixed or 'none'} of {of} independent combination{'s' if of > 1 else ''}"]
+    if len(alone) > fixed:
+        texts.append("those determined are not independent of each other")
     for verdict, forms in NOT_FIXED.items():
-        if names := [symbol(name) for name, word in verdicts.items() if word == verdict]:
+        if names := [symbol(name) for name, each in verdicts.items() if each == verdict]:
             texts.append(forms[len(names) > 1].format(enumerated(names)))
-    return f"These data fix {'; '.join(texts)}."
+    return f"These data determine {'; '.join(texts)}."
 
 
-def _fixed(kind: str, determined: int, of: int) -> str:
-    """Such as ``two of the three bearing directions``."""
-    if of == 1:
-        words = ("the one" if determined else "no", kind, "parameter")
-    elif determined == of:
-        words = ("both" if of == 2 else f"all {NUMBERS[of]}", kind, "directions")
-    else:
-        words = (f"{NUMBERS[determined]} of the {NUMBERS[of]}", kind, "directions")
-    return " ".join(word for word in words if word)
+def soil_verdict(table: pd.DataFrame, directions: Mapping[str, Any], conflict: bool = False) -> Verdict:
+    """Verdict on what a posterior says of the soil.
+
+    Parameters
+    ----------
+    table : ``parameter`` and ``verdict``.
+    directions : record of :func:`of_directions`.
+    conflict : whether prior and readings contradict each other.
+    """
+    words = dict(zip(table["parameter"], table["verdict"], strict=True))
+    counts = [row for row in directions.get("groups", ()) if row["view"] == MARGINAL] or [
+        {"scope": ALL, "directions": directions["of"], "determined": directions["determined"]}
+    ]
+    alone = sum(each == "determined" for each in words.values())
+    sentence = in_a_sentence(counts, words, lambda name: PARAMETERS[name].symbol)
+    grade, claim = "good" if alone == len(words) else "note", ""
+    if conflict:
+        grade, claim = "doubtful", "prior and readings contradict each other"
+        sentence += " Prior and readings contradict each other: see the prior-predictive check."
+    whole = next((row for row in counts if row["scope"] == ALL), counts[0])
+    figures = {"determined": alone, "of": len(words), "fixed": whole["determined"]}
+    thresholds = {"determined": DETERMINED, "weakly": WEAK}
+    return Verdict("Soil", f"{alone} of {len(words)} determined", grade, sentence, claim, figures, thresholds)
 
 
 def of_directions(basis: Identifiability, seen: Structure, added: Information) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from bayesterra.arrays import IntArray
-from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis, in_a_sentence
+from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
 from bayesterra.identifiability.local import CRITICAL, LocalAnalysis
@@ -38,14 +38,6 @@ GROUPS = Markup(
     "contracted of the stated prior, which is no information in the data. Others known: were all parameters "
     "outside the group known."
 )
-
-
-def finding(result: Result) -> Markup:
-    """The finding in a sentence; empty for folders of versions that did not count the groups' directions."""
-    rows = marginal(result.record.get("directions", {}))
-    words = {name: row.verdict for name, row in identifiability_rows(result).items()}
-    text = in_a_sentence(rows, words, lambda name: str(symbol(name))) if rows else ""
-    return Markup(text)  # noqa: S704 (constants)
 
 
 def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:

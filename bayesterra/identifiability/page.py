@@ -35,8 +35,9 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
 from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
-from bayesterra.report.sections import Section, Verdict, VerdictPage
+from bayesterra.report.sections import Section, VerdictPage
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
+from bayesterra.report.verdicts import Verdict
 from bayesterra.study.result import COUPLED, shown
 
 FEW = 2

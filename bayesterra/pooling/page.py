@@ -19,9 +19,10 @@ from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
-from bayesterra.report.sections import UNSEEN, Draft, Verdict, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
+from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import crosscheck, crosscheck_line, law_text, unconverged
 from bayesterra.study.study import Study

@@ -33,7 +33,9 @@ PARTS: Mapping[str, str] = {
     "sharing_as_stated": "verdicts on sharing, others as stated",
     "log_likelihood": "log likelihood of every row",
     "left_out": "tests left out",
+    "levels": "levels left out",
     "bands": "bands of the curves",
+    "verdicts": "verdicts on the whole",
     "finding": "the finding in a sentence",
 }
 """Names of the parts of a result in a sentence."""

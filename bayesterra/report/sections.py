@@ -11,13 +11,10 @@ from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
 from bayesterra.report.failures import REPORT, Failures, failed, sentences, with_failures
-from bayesterra.report.symbols import angles
+from bayesterra.report.symbols import angles, in_symbols
+from bayesterra.report.verdicts import Verdict, unknown_verdict
 
 R = TypeVar("R", bound="Recorded")
-
-SIGNS = {"good": "✓", "doubtful": "◐", "bad": "✕"}
-UNSEEN = "A second solution that no ensemble found would not show."
-"""Limit of what convergence can say."""
 
 
 @dataclass(frozen=True)
@@ -30,26 +27,6 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """One verdict.
-
-    Attributes
-    ----------
-    grade : ``good``, ``doubtful`` or ``bad``.
-    """
-
-    title: str
-    word: str
-    grade: str
-    sentence: Markup
-
-    @property
-    def sign(self) -> str:
-        """A sign that says the grade without colour."""
-        return SIGNS[self.grade]
-
-
-@dataclass(frozen=True)
 class VerdictPage:
     """Everything that the template shows, in its order.
 
@@ -57,6 +34,7 @@ class VerdictPage:
     ----------
     facts : what was analysed, in one line.
     warning : what to do about a result that cannot be relied on, else empty.
+    sentence : what may be quoted of the result, where there is one.
     failures : what could not be made of this page.
     kind : of the data, where it stands apart from the facts.
     template : that is filled with it.
@@ -70,16 +48,23 @@ class VerdictPage:
     warning: Markup
     failures: Failures = field(default_factory=Failures, kw_only=True)
     kind: str = field(default="", kw_only=True)
+    sentence: str = field(default="", kw_only=True)
     template: str = field(default="report.html", kw_only=True)
+
+    @property
+    def quoted(self) -> Markup:
+        """The sentence with its symbols set as in the literature."""
+        return in_symbols(self.sentence)
+
+    @property
+    def grade(self) -> str:
+        """The worst grade of the verdicts."""
+        grades = {verdict.grade for verdict in self.verdicts}
+        return next((grade for grade in ("bad", "doubtful") if grade in grades), "good")
 
     def html(self) -> str:
         """The page as self-contained HTML; the same page gives the same text."""
         return render(self, self.template)
-
-
-def unknown_verdict(title: str, why: str) -> Verdict:
-    """The word that a verdict is not known, and why."""
-    return Verdict(title, "not known", "doubtful", Markup("{}").format(why))
 
 
 class Recorded(Protocol):

@@ -46,13 +46,14 @@ from bayesterra.report.figures import (
     styled,
 )
 from bayesterra.report.numbers import estimate, plain, probability, resolution, rounded
-from bayesterra.report.sections import Draft, Verdict, VerdictPage, in_a_line, origin_rows, unknown_verdict
+from bayesterra.report.sections import Draft, VerdictPage, in_a_line, origin_rows
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
+from bayesterra.report.verdicts import Verdict, sampling_verdict, unknown_verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import LEVELS, QUANTITIES
-from bayesterra.study.page import StripRow, axis_of, keys, sampling_verdict, strip_row, unconverged
+from bayesterra.study.page import StripRow, axis_of, keys, strip_row, unconverged
 from bayesterra.study.result import shown, summary_rows
 
 CHECK = "units, plate sizes or normal stresses, and priors"
@@ -85,7 +86,7 @@ def soil_test_page(result: SoilTestResult) -> SoilTestPage:
     counts = (f"{record['tests']} tests", f"{record['readings']} readings")
 
     verdicts = (
-        draft.verdict("Sampling", sampling_verdict),
+        draft.verdict("Sampling", lambda result: sampling_verdict(result.record)),
         draft.verdict("New tests", _fit, "left_out"),
         draft.verdict("Identifiability", _found),
     )

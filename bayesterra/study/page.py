@@ -15,7 +15,6 @@ from bayesterra.report.blocks import Text
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
-from bayesterra.report.sections import UNSEEN, Verdict
 from bayesterra.report.symbols import amount, angles, letters, listed, raised
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
@@ -32,18 +31,6 @@ def unconverged(result: DrawnResult, text: str) -> Markup:
     if result.converged:
         return Markup("")
     return Markup(text).format(listed(check["advice"] for check in failed_checks(result)))  # noqa: S704 (constants)
-
-
-def sampling_verdict(result: DrawnResult) -> Verdict:
-    """Verdict on whether the draws can be relied on."""
-    verdict, settings = result.record["verdict"], result.record["settings"]
-    figures = Markup("R-hat {}, {} effective draws of {} ensembles").format(
-        plain(verdict["r_hat"], 4), plain(verdict["ess"]), settings["ensembles"]
-    )
-    if result.converged:
-        return Verdict("Sampling", "converged", "good", figures + Markup(". {}").format(UNSEEN))
-    reasons = listed(check["name"] for check in failed_checks(result))
-    return Verdict("Sampling", "not converged", "bad", Markup("{}. Failed: {}.").format(figures, reasons))
 
 
 def axis(result: Result, name: str) -> Axis:

@@ -23,6 +23,7 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter, field_values
 from bayesterra.report.failures import Failures, with_failures
+from bayesterra.report.verdicts import Verdict, sampling_verdict
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
 from bayesterra.runtime.netcdf import DRAWS, write_tree
@@ -227,6 +228,16 @@ class Result(DrawnResult):
     def groups(self) -> tuple[str, ...]:
         """Names of the groups of a joint posterior."""
         return ()
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What may be said of the result, each in a word, a grade and a sentence."""
+        return (sampling_verdict(self.record),)
+
+    @property
+    def sentence(self) -> str:
+        """What may be quoted of the result; empty where nothing is said of the whole."""
+        return ""
 
     def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
         """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.

@@ -9,20 +9,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from markupsafe import escape
+from markupsafe import Markup, escape
 
 from bayesterra.analysis import findings_page
-from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
 from bayesterra.analysis.page import Page, data_section, run_page, warning
-from bayesterra.checking.validation import FitCheck
 from bayesterra.parameters import CHANNELS
-from bayesterra.report import sections, symbols
+from bayesterra.report import symbols
 from bayesterra.report.blocks import Gallery, Table
 from bayesterra.report.numbers import interval, resolution
 from bayesterra.report.sections import render
-from bayesterra.study.page import _lanes, sampling_verdict
+from bayesterra.report.symbols import in_symbols
+from bayesterra.report.terminal import show
+from bayesterra.report.verdicts import SIGNS, Verdict, sampling_verdict
+from bayesterra.study.page import _lanes
 from bayesterra.study.result import Result, summary_rows
 
 NASTY = '<script>alert(1)</script> & "it" $x_1$'
@@ -141,7 +142,7 @@ def test_written_report_is_the_same_bytes_again(small_result: Result, tmp_path: 
 def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> None:
     """With all checks passed the verdict is good and there is no warning."""
     sound = _changed(small_result, converged=True)
-    assert sampling_verdict(sound).word == "converged"
+    assert sampling_verdict(sound.record).word == "converged"
     assert warning(sound) == ""
 
 
@@ -155,36 +156,18 @@ def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Res
         "advice": "run longer",
     }
     failed = _changed(small_result, converged=False, checks=[check])
-    assert sampling_verdict(failed).grade == "bad"
-    assert "Failed: effective draws" in _plain(sampling_verdict(failed).sentence)
-    found = (sampling_verdict(failed), analysis_pages.fit_verdict(failed, _checks(0.5, 0.5, 0.5)))
-    html = render(replace(content, warning=warning(failed), verdicts=found))
-    assert html.index("not converged") < html.index("Model fit")
-    assert "run longer" in html[: html.index("Model fit")]
-
-
-def _checks(*p: float) -> tuple[FitCheck, ...]:
-    names = ("sinkage", "drawbar_pull", "resistance_moment")
-    return tuple(FitCheck(name, 5, value) for name, value in zip(names, p, strict=True))
-
-
-def test_overstated_noise_is_a_remark_not_a_failure(small_result: Result) -> None:
-    """P above 0.99 leaves the fit adequate."""
-    found = analysis_pages.fit_verdict(small_result, _checks(0.5, 0.5, 0.999))
-    assert found.word == "adequate"
-    assert "Noise of MDR looks overstated" in _plain(found.sentence)
-
-
-def test_identifiability_verdict_counts_directions(small_result: Result) -> None:
-    """The word is the number of determined directions of all."""
-    record = {**small_result.record, "directions": {"determined": 3, "of": 8}}
-    found = analysis_pages.identifiability_verdict(replace(small_result, record=record))
-    assert (found.word, found.grade) == ("3 of 8 determined", "doubtful")
+    assert sampling_verdict(failed.record).grade == "bad"
+    assert "Failed: effective draws" in _plain(sampling_verdict(failed.record).sentence)
+    html = render(
+        replace(content, warning=warning(failed), verdicts=failed.verdicts, sentence=failed.sentence)
+    )
+    assert html.index("Do not use: the sampling has not converged") < html.index("not converged</span>")
+    assert "run longer" in html[: html.index(">Fit<")]
 
 
 def test_every_grade_has_its_own_sign() -> None:
     """Verdicts can be told apart without colour."""
-    assert len(set(sections.SIGNS.values())) == 3
+    assert len(set(SIGNS.values())) == 4
 
 
 def test_words_name_the_strongest_trade(small_result: Result) -> None:
@@ -332,3 +315,24 @@ def test_bands_at_driven_slips_are_ninety_per_cent_of_the_curves(small_result: R
             step = resolution(at[0], at[2])
             assert cells[2 + 2 * i] == interval(at[0], at[2], step)
             assert _number(str(cells[1 + 2 * i])) == pytest.approx(at[1], abs=0.51 * step)
+
+
+def test_every_place_says_the_same(
+    small_result: Result, html: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Cards, sentence, terminal, notebook, record and table of one result: the same words and counts."""
+    verdicts, shown = small_result.verdicts, " ".join(_plain(Markup(html)).split())  # noqa: S704 (our own)
+    assert [verdict.name for verdict in verdicts] == ["Sampling", "Fit", "Prediction", "Soil"]
+    show(small_result.overview())
+    printed = " ".join(" ".join(capsys.readouterr()).split())
+    for verdict, entry in zip(verdicts, small_result.record["verdicts"], strict=True):
+        assert f"{verdict.name} {verdict.sign} {verdict.word} {_plain(verdict.html)}" in shown
+        assert f"{verdict.name}: {verdict.word}. {verdict.sentence}" in printed
+        assert Verdict(**entry) == verdict
+    assert small_result.sentence == small_result.record["sentence"]
+    assert _plain(in_symbols(small_result.sentence)) in shown
+    assert small_result.sentence in printed
+    words = list(small_result.identifiability["verdict"])
+    assert verdicts[-1].word == f"{words.count('determined')} of {len(words)} determined"
+    whole = next(row for row in small_result.record["directions"]["groups"] if row["scope"] == "all")
+    assert f"fix {whole['determined'] or 'none'} of {whole['directions']} independent" in printed

@@ -65,7 +65,7 @@ def test_groups_may_be_given(make_study: MakeStudy) -> None:
 @pytest.mark.parametrize(
     ("by", "tolerance", "message"),
     [
-        ("slips", 0.03, r"'by' must be slip, wheel, row or groups of rows \(got 'slips'\) \(did you mean"),
+        ("slips", 0.03, r"'by' must be slip, wheel, load, row or groups of rows \(got 'slips'\) \(did"),
         ("wheel", 0.03, r"there must be two or more levels of 'wheel' \(got 1\)"),
         ("slip", 0.5, r"two or more levels of 'slip' \(got 1 at tolerance 0.5\)"),
         ("slip", -1.0, r"'tolerance' must not be negative \(got -1\)"),
@@ -237,9 +237,9 @@ def test_the_command(
     assert {path.name for path in (tmp_path / "made-holdout").iterdir()} == FILES
     assert main(["holdout", "made"]) == 2
     assert "'made-holdout' exists already: add --overwrite" in capsys.readouterr().err
-    assert main(["holdout", "made", "--by", "load", "--out", "other"]) == 2
+    assert main(["holdout", "made", "--by", "loads", "--out", "other"]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: 'by' must be slip, wheel, row")
+    assert error.startswith("error: 'by' must be slip, wheel, load, row")
     assert error.count("\n") == 1
     assert not (tmp_path / "other").exists()
 

@@ -9,10 +9,9 @@ import pandas as pd
 import pytest
 
 from bayesterra.analysis.inference import run
-from bayesterra.analysis.page import fit_verdict
 from bayesterra.analysis.run import load_result
 from bayesterra.checking import validation_page
-from bayesterra.checking.validation import Validation, fit_checks
+from bayesterra.checking.validation import Validation
 from bayesterra.report.terminal import show
 from bayesterra.stats.diagnostics import ecdf_band
 from bayesterra.study.result import Result
@@ -74,15 +73,15 @@ def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result)
 
 def test_the_alarm_decides_the_verdict(result: Result) -> None:
     """Without an alarm the fit is adequate; with one it names the channel and what is wrong."""
-    quiet = fit_verdict(result, fit_checks(result))
-    assert (quiet.word, quiet.grade) == ("adequate", "good")
+    quiet = result.verdicts[1]
+    assert (quiet.word, quiet.grade) == ("fits", "good")
     checks = result.record["predictive_checks"]
     strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
-    loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
-    alarmed = replace(result, record={**result.record, "predictive_checks": loud})
-    verdict = fit_verdict(alarmed, fit_checks(alarmed))
-    assert (verdict.word, verdict.grade) == ("not adequate", "bad")
-    assert "<i>F</i><sub>DP</sub> is shifted as a whole" in str(verdict.sentence)
+    for overall, words in ((0.002, ("does not fit", "bad")), (0.01, ("doubtful", "doubtful"))):
+        loud = {**checks, "overall": overall, "checks": [strangest, *checks["checks"][1:]]}
+        verdict = replace(result, record={**result.record, "predictive_checks": loud}).verdicts[1]
+        assert (verdict.word, verdict.grade) == words
+        assert str(verdict.sentence).startswith("Drawbar pull is shifted as a whole")
 
 
 def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
@@ -91,14 +90,16 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     """The page opens with it, and one line on standard error warns; nothing of the kind where all fits."""
     checks = result.record["predictive_checks"]
     strangest = {"channel": "drawbar_pull", "statistic": "level", "p": 0.01, "calibrated": 0.005}
-    loud = {**checks, "overall": 0.005, "checks": [strangest, *checks["checks"][1:]]}
+    loud = {**checks, "overall": 0.002, "checks": [strangest, *checks["checks"][1:]]}
     alarmed = replace(result, record={**result.record, "predictive_checks": loud})
     opening = alarmed.page().html().split("<main>")[1].lstrip()
-    assert opening.startswith('<p class="warning" role="alert">The model does <b>not fit</b> these readings:')
+    assert opening.startswith(
+        '<p class="quotable bad">Do not use: the model does not fit: drawbar pull is shifted'
+    )
+    assert '<p class="warning" role="alert">The model does <b>not fit</b> these readings:' in opening
     show(alarmed.overview())
     said = capsys.readouterr().err
-    assert said.startswith("warning: the model does not fit these readings: drawbar pull is shifted as a")
-    assert "(overall p < 0.01); check units" in said
+    assert said.startswith("warning: Fit: does not fit. Drawbar pull is shifted as a whole (overall p")
     assert said.count("\n") == 1
     assert "<b>not fit</b>" not in result.page().html()
     show(result.overview())

@@ -1,8 +1,9 @@
 """The sentence that opens an identifiability analysis, for all kinds of counts."""
 
+import pandas as pd
 import pytest
 
-from bayesterra.identifiability.analysis import in_a_sentence
+from bayesterra.identifiability.analysis import in_a_sentence, soil_verdict
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.symbols import in_symbols
 from bayesterra.study.result import shown
@@ -16,56 +17,55 @@ def said(counts: dict[str, tuple[int, int]], **words: str) -> str:
     return in_a_sentence(rows, words, lambda name: PARAMETERS[name].symbol)
 
 
-@pytest.mark.parametrize(
-    ("determined", "of", "words"),
-    [
-        (0, 1, "no bearing parameter"),
-        (1, 1, "the one bearing parameter"),
-        (0, 2, "none of the two bearing directions"),
-        (1, 2, "one of the two bearing directions"),
-        (2, 2, "both bearing directions"),
-        (0, 3, "none of the three bearing directions"),
-        (2, 3, "two of the three bearing directions"),
-        (3, 3, "all three bearing directions"),
-        (3, 4, "three of the four bearing directions"),
-        (4, 4, "all four bearing directions"),
-    ],
-)
-def test_every_count_of_a_group_has_its_words(determined: int, of: int, words: str) -> None:
-    """Kc and kphi make four bearing directions; a group may have a single parameter, or none determined."""
-    counts = {"all": (determined + 1, of + 1), "P_I": (determined, of), "P_II": (1, 1)}
-    assert said(counts, n0="determined") == f"These data fix {words} and the one shearing parameter."
-
-
 def test_the_sentence_of_a_wheel_test() -> None:
-    """Groups, then what repeats its prior, then what the design cannot tell."""
+    """What stands on its own, what is fixed in combination, what repeats its prior, what no data can tell."""
     counts = {"all": (4, 8), "P_I": (2, 3), "P_II": (2, 3), "P_III": (0, 2)}
-    opening = (
-        "These data fix two of the three bearing directions, two of the three shearing directions and none of"
-        " the two contact-angle directions"
-    )
-    assert said(counts, Ks="weakly", c="coupled", phi="one-sided") == f"{opening}."
+    opening = "These data determine no parameter on its own and fix 4 of 8 independent combinations"
+    assert said(counts, Ks="weakly", phi="one-sided") == f"{opening}."
+    assert said(counts, c="coupled") == f"{opening}; c is known only in combination."
+    assert said(counts, c="coupled", phi="coupled") == f"{opening}; c and φ are known only in combination."
+    opening = opening.replace("no parameter", "n0")
     assert said(counts, Ks=PRIOR, n0="determined") == f"{opening}; K_s repeats its prior."
+    opening = opening.replace("n0 on its own", "n0 and K on their own")
+    assert said(counts, n0="determined", K="determined") == f"{opening}."
     assert said(counts, Ks=PRIOR, c=PRIOR, K=PRIOR).endswith("; K_s, c and K repeat their priors.")
     assert said(counts, kc=NONE, Ks=PRIOR).endswith(
         "; K_s repeats its prior; no data of this design can determine k_c."
     )
 
 
-def test_without_a_group_all_directions_are_counted() -> None:
-    """Estimated noise and the sinkage offset belong to no group."""
-    assert said({"all": (1, 1)}) == "These data fix the one parameter."
-    assert said({"all": (1, 2)}) == "These data fix one of the two directions."
-    assert said({"all": (2, 2)}) == "These data fix both directions."
-
-
-def test_nothing_fixed_is_said_once() -> None:
-    """Groups without a determined direction are not enumerated."""
-    assert said({"all": (0, 5), "P_I": (0, 3), "P_II": (0, 2)}) == "These data fix no direction at all."
-    assert (
-        said({"all": (0, 1)}, c="moved") == "These data fix no direction at all; c moved away from its prior."
+def test_two_that_are_one_combination_are_said_to_be() -> None:
+    """More parameters determined than combinations fixed: they are not independent."""
+    assert said({"all": (1, 2)}, n0="determined", K="determined") == (
+        "These data determine n0 and K on their own and fix 1 of 2 independent combinations; those determined"
+        " are not independent of each other."
     )
-    assert said({"all": (0, 1)}, c=PRIOR) == "These data fix no direction at all; c repeats its prior."
+
+
+def test_nothing_fixed_is_said() -> None:
+    """None of one, none of several."""
+    opening = "These data determine no parameter on its own and fix none of"
+    assert said({"all": (0, 5), "P_I": (0, 3)}) == f"{opening} 5 independent combinations."
+    assert said({"all": (0, 1)}, c="moved") == (
+        f"{opening} 1 independent combination; c moved away from its prior."
+    )
+    assert said({"P_I": (0, 1)}, c=PRIOR) == f"{opening} 1 independent combination; c repeats its prior."
+
+
+def test_the_card_of_the_soil_says_the_same() -> None:
+    """Its counts are those of the table and of the sentence; a conflict with the prior is doubtful."""
+    table = pd.DataFrame({"parameter": ["phi", "K"], "verdict": ["determined", "coupled"]})
+    row = {"scope": "all", "view": "marginal", "directions": 2, "determined": 1}
+    found = soil_verdict(table, {"groups": [row, {**row, "view": "conditional"}]})
+    assert (found.word, found.grade, found.claim) == ("1 of 2 determined", "note", "")
+    assert found.figures == {"determined": 1, "of": 2, "fixed": 1}
+    assert found.sentence == (
+        "These data determine φ on its own and fix 1 of 2 independent combinations; K is known only in"
+        " combination."
+    )
+    assert soil_verdict(table.assign(verdict="determined"), {"of": 2, "determined": 2}).grade == "good"
+    at_odds = soil_verdict(table, {"groups": [row]}, conflict=True)
+    assert (at_odds.grade, at_odds.claim) == ("doubtful", "prior and readings contradict each other")
 
 
 @pytest.mark.parametrize(

@@ -23,13 +23,14 @@ TABLES = {
     "power_scaling", "profile_points", "profiles", "spectrum", "structure", "verdicts",
 }  # fmt: skip
 SENTENCES = {
-    "one parameter": "These data fix the one shearing parameter.",
-    "noise only": "These data fix no direction at all.",
-    "offset and c3": "These data fix the one shearing parameter and no contact-angle parameter; c3 repeats",
-    "unknown load": "These data fix one of the two shearing directions.",
-    "tied": "These data fix the one bearing parameter and the one shearing parameter.",
-    "one slip": "These data fix one of the three bearing directions; K_s repeats its prior; no data of this"
-    " design can determine n0 and n1.",
+    "one parameter": "These data determine φ on its own and fix 1 of 1 independent combination.",
+    "noise only": "These data determine no parameter on its own and fix none of 1 independent combination.",
+    "offset and c3": "These data determine φ on its own and fix 1 of 3 independent combinations; c3 repeats",
+    "unknown load": "These data determine no parameter on its own and fix 1 of 2 independent combinations; c"
+    " and φ are known only in combination.",
+    "tied": "These data determine n0 and c on their own and fix 2 of 2 independent combinations.",
+    "one slip": "These data determine no parameter on its own and fix 1 of 3 independent combinations; K_s"
+    " repeats its prior; no data of this design can determine n0 and n1.",
 }
 
 

@@ -149,9 +149,12 @@ def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage)
 
 def test_a_run_opens_with_the_same_sentence(pair: Result) -> None:
     """The card of a run's report counts the group's directions and names what its data leave open."""
-    card = analysis_pages.identifiability_verdict(pair)
-    assert str(card.sentence) == "These data fix one of the two shearing directions."
-    assert card.word == "1 of 2 determined"
+    card = pair.verdicts[-1]
+    assert str(card.sentence) == (
+        "These data determine no parameter on its own and fix 1 of 2 independent combinations; c and φ are"
+        " known only in combination."
+    )
+    assert card.word == "0 of 2 determined"
     groups = pair.record["directions"]["groups"]
     assert [row["scope"] for row in groups] == ["all", "P_II"]
     text = shown(pair.page().html())
@@ -165,8 +168,8 @@ def test_a_run_says_what_its_design_cannot_tell(pair: Result) -> None:
     record = copy.deepcopy(pair.record)
     record["directions"]["unseen"] = ["only c + 2 phi is determined <b>"]
     found = replace(pair, identifiability=table, record=record)
-    card = analysis_pages.identifiability_verdict(found)
-    assert card.sentence.endswith("no data of this design can determine <i>c</i> and <i>φ</i>.")
+    card = found.verdicts[-1]
+    assert card.html.endswith("no data of this design can determine <i>c</i> and <i>φ</i>.")
     said = str(evidence_page.identifiability_section(found))
     assert "By the design: Only <i>c</i> + 2 phi is determined &lt;b&gt;." in said
     assert "could tell it, however many and good" in said
@@ -209,9 +212,8 @@ def test_folders_of_older_versions_still_report(pair: Result, pair_folder: Path)
     new = ["tied_to", "tie", "multiple", "given_others", "structural"]
     old = replace(load_result(pair_folder), record=record)
     old = replace(old, identifiability=old.identifiability.drop(columns=new))
-    card = analysis_pages.identifiability_verdict(old)
-    assert str(card.sentence).startswith("Directions of the parameter space whose variance")
-    assert card.word == f"{record['directions']['determined']} of 2 determined"
+    card = old.verdicts[-1]
+    assert f"fix {record['directions']['determined']} of 2 independent" in str(card.sentence)
     text = shown(old.page().html())
     assert "coupled" in text
     assert not re.search(r"\bnan\b", text)

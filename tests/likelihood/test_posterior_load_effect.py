@@ -10,7 +10,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.errors import StudyError
-from bayesterra.identifiability.analysis import in_a_sentence
+from bayesterra.identifiability import evidence_page
 from bayesterra.identifiability.structure import structure
 from bayesterra.identifiability.verdicts import group_columns
 from bayesterra.likelihood.forward import model_columns
@@ -208,14 +208,13 @@ def test_the_mean_load_alone_leaves_both_load_effects_open() -> None:
 
 
 def test_the_load_effect_is_a_group() -> None:
-    """Verdicts speak of load-effect directions."""
+    """Its columns, and its word in tables."""
     assert group_columns(("n0", "phi", *LOAD_EFFECT)) == {
         "P_I": [0],
         "P_II": [1],
         "load effect": [2, 3, 4, 5],
     }
-    counts = [{"scope": "load effect", "directions": 4, "determined": 2}]
-    assert in_a_sentence(counts, {}, str) == "These data fix two of the four load-effect directions."
+    assert evidence_page.group("load effect") == "load effect"
 
 
 def test_other_models_have_nine_parameters_still() -> None:

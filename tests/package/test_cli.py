@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.checkpoints import read_tasks
+from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
 from tests.support.folder import Write
 
@@ -239,3 +241,21 @@ def test_fit_prints_every_method(capsys: Captured) -> None:
     shown = capsys.readouterr().out
     assert all(word in shown for word in ("IM2", "IM3", "published", "error of F_N"))
     assert "IM1" not in shown.replace("IM1 on Wh32", "")
+
+
+@pytest.mark.parametrize(
+    ("overall", "converged", "strict", "code"),
+    [(0.5, True, True, 0), (0.002, True, False, 0), (0.002, True, True, 4), (0.002, False, True, 3)],
+)
+def test_strict_ends_with_4_where_a_verdict_is_bad(
+    overall: float, converged: bool, strict: bool, code: int, small_result: Result, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """And only then; a sampling that did not converge is 3 as before."""
+    record = dict(small_result.record)
+    record["predictive_checks"] = {**record["predictive_checks"], "overall": overall}
+    record["verdict"] = {**record["verdict"], "converged": converged}
+    made = replace(small_result, record=record)
+    monkeypatch.setattr("bayesterra.analysis.run.run_study", lambda study, **how: made)
+    words = ["run", str(HIT), "--out", str(tmp_path / "out"), "--quiet", *(["--strict"] if strict else [])]
+    assert main(words) == code

@@ -32,7 +32,7 @@ BROKEN = {
     "identifiability": (inference, "identifiability"),
     "predictive_checks": (validation, "predictive_checks"),
     "prior_checks": (validation, "prior_checks"),
-    "loo": (validation, "leave_one_out"),
+    "loo": (validation, "cross_validate"),
     "derived": (summary, "derive"),
 }
 

@@ -195,7 +195,5 @@ set = "paper-box"
         printed = " ".join(capsys.readouterr().out.split())
         assert f"Warning: {FAULTS['kilograms'][1]}" in printed
 
-    made = SimpleNamespace(
-        study=bt.load_study(tmp_path), record={"verdict": {"converged": True}}, draws={}, converged=True
-    )
+    made = SimpleNamespace(study=bt.load_study(tmp_path), record={}, draws={}, converged=True, verdicts=())
     assert "are loads in kilograms?" in warning(cast("bt.Result", made))

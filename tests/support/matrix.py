@@ -12,7 +12,7 @@ import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 
@@ -21,10 +21,11 @@ import pytest
 import typer
 
 from bayesterra.__main__ import main
-from bayesterra.checking import calibration, holdout, short_runs
+from bayesterra.checking import calibration, holdout, loo, predictive_checks, short_runs
+from bayesterra.checking.predictive import ReplicateOptions
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.pooling import degrees
-from bayesterra.sampling import joint, sampler
+from bayesterra.sampling import importance, joint, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -191,6 +192,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 """Commands that read studies or results; a result is what ``run`` wrote."""
 GROUPED = {"design": ("--group", "Wh11")}
 """What a command must be told of groups."""
+FEW_REPLICATES = ReplicateOptions(number=20, pool=512, draws=100, local=256)
 LITTLE = AdaptationOptions(particles=128, sweeps=1, components=4, refinements=(2,), more=(), shores=2)
 
 
@@ -248,6 +250,11 @@ def quick() -> Iterator[None]:
         patch.setattr(joint, "ROUND_SWEEPS", 60)
         patch.setattr(calibration, "FEWEST", 2)
         patch.setattr(short_runs, "enough", lambda _: True)
+        patch.setattr(predictive_checks, "ReplicateOptions", lambda: FEW_REPLICATES)
+        patch.setattr(loo, "FINAL_DRAWS", (512, 1024))
+        patch.setattr(
+            importance, "REFINEMENT", replace(importance.REFINEMENT, particles=128, refinements=(1,))
+        )
         patch.setattr(calibration, "short_runs", _little_runs, raising=False)
         patch.setattr(holdout, "refits", _little_runs, raising=False)
         yield

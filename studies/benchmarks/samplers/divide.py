@@ -24,7 +24,7 @@ STAGES = {
     "prediction curves": ("bayesterra.analysis.inference", "predict_curves"),
     "validation: predictive checks": ("bayesterra.checking.validation", "predictive_checks"),
     "validation: prior checks": ("bayesterra.checking.validation", "prior_checks"),
-    "validation: leave one out": ("bayesterra.checking.validation", "leave_one_out"),
+    "validation: leave one out": ("bayesterra.checking.validation", "cross_validate"),
     "summary": ("bayesterra.analysis.inference", "summary_table"),
     "files, report and figures": ("bayesterra.study.result:AnalysisResult", "write"),
 }
