@@ -63,15 +63,11 @@ StudyPath = Annotated[Path, argument("STUDY", "A study file, or a folder that ho
 Workers = Annotated[
     int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
 ]
-Scheduler = Annotated[
-    str | None, option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute.")
-]
+Scheduler = Annotated[str | None, option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute.")]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
 Texts = list[str] | None
-Wheels = Annotated[
-    Texts, option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel")
-]
+Wheels = Annotated[Texts, option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel")]
 Group = Annotated[
     str | None, option("NAME", "Group of a joint posterior; by default the wheel's, else one not tested.")
 ]
@@ -177,9 +173,7 @@ def simulate(
     study: StudyPath,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-simulated.")] = None,
     seed: Seed = 1,
-    set_: Annotated[
-        Texts, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")
-    ] = None,
+    set_: Annotated[Texts, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")] = None,
 ) -> None:
     """Make measurements with known parameters, under the conditions and noise of a study."""
     from bayesterra.analysis.simulation import write_simulated
@@ -216,14 +210,10 @@ def _assignment(text: str) -> tuple[str, str]:
 def predict(
     result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
     slip: Annotated[Texts, option("S,S", "Slips, e.g. 0.1,0.3; by default the driven ones.")] = None,
-    load: Annotated[
-        Texts, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')
-    ] = None,
+    load: Annotated[Texts, option("W", 'Vertical load, e.g. "80 N"; may be repeated. By default the study\'s.')] = None,
     wheel: Wheels = None,
     group: Group = None,
-    slip_reference: Annotated[
-        str, option("RADIUS", "Radius behind the slips: rim, tip or shearing.")
-    ] = "shearing",
+    slip_reference: Annotated[str, option("RADIUS", "Radius behind the slips: rim, tip or shearing.")] = "shearing",
     rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
     slope: Annotated[Texts, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")] = None,
     tow: Annotated[Texts, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; else none.')] = None,
@@ -249,17 +239,13 @@ def predict(
     show(made, folder)
 
 
-def check_options(
-    rover: Path | None, of_wheels: Mapping[str, object], of_rovers: Mapping[str, object]
-) -> None:
+def check_options(rover: Path | None, of_wheels: Mapping[str, object], of_rovers: Mapping[str, object]) -> None:
     """Refuse options of wheels beside those of a rover."""
     from bayesterra.errors import StudyError
 
     wrong = [name for name, value in (of_wheels if rover else of_rovers).items() if value]
     if wrong and rover:
-        raise StudyError(
-            f"'{wrong[0]}' does not go with '--rover': a rover's loads and slips follow from its slope"
-        )
+        raise StudyError(f"'{wrong[0]}' does not go with '--rover': a rover's loads and slips follow from its slope")
     if wrong:
         raise StudyError(f"'{wrong[0]}' needs '--rover FILE'")
 
@@ -312,9 +298,7 @@ def identify(
     seed: Seed = 1,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    prior_only: Annotated[
-        bool, flag("--prior-only", "What the design could determine; no readings.")
-    ] = False,
+    prior_only: Annotated[bool, flag("--prior-only", "What the design could determine; no readings.")] = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -346,9 +330,7 @@ def identify(
 
 @app.command(short_help="Rank drives that could come next by what they would tell.")
 def design(
-    study_or_result: Annotated[
-        Path, argument("STUDY|DIR", "A result, whose posterior is built on, or a study.")
-    ],
+    study_or_result: Annotated[Path, argument("STUDY|DIR", "A result, whose posterior is built on, or a study.")],
     about: Annotated[Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all free.")] = None,
     slip: Annotated[Texts, option("S,S", "Candidate slips; by default the driven range and beyond.")] = None,
     load: Annotated[
@@ -375,12 +357,7 @@ def design(
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
     folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
-    asked: dict[str, Any] = {
-        "about": names,
-        "slips": slips_of(slip or ()),
-        "loads": load or (),
-        "group": group,
-    }
+    asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or (), "group": group}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
     with chosen(workers, scheduler) as engine:
         recommendation = design_into(
@@ -437,8 +414,7 @@ def follow(
     what: Annotated[
         Path,
         argument(
-            "STUDY|DIR",
-            "A study (its own measurements are not used), a result folder to go on from, or a stream.",
+            "STUDY|DIR", "A study (its own measurements are not used), a result folder to go on from, or a stream."
         ),
     ],
     data: Annotated[Path, option("FILE", "CSV of rows, read one by one; - is standard input.")],
@@ -447,9 +423,7 @@ def follow(
     particles: Annotated[int | None, option("N", "Parameter sets that stand for the posterior.")] = None,
     false_alarms: Annotated[
         float | None,
-        option(
-            "P", "False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001."
-        ),
+        option("P", "False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001."),
     ] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
     slip_reference: Annotated[

@@ -95,9 +95,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("normal_force", "F_N", r"F_\mathrm{N}", "N", 1.0, "N", "normal force"),
         Channel("sinkage", "z", r"z", "mm", 1e-3, "m", "wheel sinkage"),
         Channel("drawbar_pull", "F_DP", r"F_\mathrm{DP}", "N", 1.0, "N", "drawbar pull"),
-        Channel(
-            "resistance_moment", "M_DR", r"M_\mathrm{DR}", "N m", 1.0, "N m", "driving resistance moment"
-        ),
+        Channel("resistance_moment", "M_DR", r"M_\mathrm{DR}", "N m", 1.0, "N m", "driving resistance moment"),
     )
 }
 OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
@@ -216,18 +214,12 @@ EFFICIENCY = Channel("tractive_efficiency", "η", r"\eta", "-", 1.0, "", "tracti
 DERIVED: dict[str, Parameter] = {
     quantity.name: quantity
     for quantity in (
-        Parameter(
-            "bearing_pressure", "p(10 mm)", r"p_{10}", "kPa", 1e3, "Pa", "bearing pressure at 10 mm sinkage"
-        ),
-        Parameter(
-            "shear_strength", "τ(5 kPa)", r"\tau_{5}", "kPa", 1e3, "Pa", "shear strength at 5 kPa stress"
-        ),
+        Parameter("bearing_pressure", "p(10 mm)", r"p_{10}", "kPa", 1e3, "Pa", "bearing pressure at 10 mm sinkage"),
+        Parameter("shear_strength", "τ(5 kPa)", r"\tau_{5}", "kPa", 1e3, "Pa", "shear strength at 5 kPa stress"),
         Parameter("peak_pull", "max F_DP", r"F_\mathrm{DP}^{max}", "N", 1.0, "N", "greatest drawbar pull"),
         Parameter("peak_pull_slip", "s at max F_DP", r"s^{max}", "-", 1.0, "", "slip of greatest pull"),
         Parameter("peak_efficiency", "max η", r"\eta^{max}", "-", 1.0, "", "greatest tractive efficiency"),
-        Parameter(
-            "peak_efficiency_slip", "s at max η", r"s^{\eta}", "-", 1.0, "", "slip of greatest efficiency"
-        ),
+        Parameter("peak_efficiency_slip", "s at max η", r"s^{\eta}", "-", 1.0, "", "slip of greatest efficiency"),
     )
 }
 

@@ -96,15 +96,11 @@ class WheelSoilModel(ABC):
         pairs = self._pairs(soil, wheel, slip, load=load)
         require(pairs.given > 0, "load", "must be positive", pairs.given.reshape(pairs.shape))
         given = pairs.given[:, None]
-        values, status = batch.response(
-            pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True)
-        )
+        values, status = batch.response(pairs.theta, self._rows(pairs.conditions), given, self._plan(paired=True))
         pairs.check(status)
         return plain(values[:, 0, SINKAGE].reshape(pairs.shape))
 
-    def stresses(
-        self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats
-    ) -> tuple[Floats, Floats]:
+    def stresses(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats, angle: Floats) -> tuple[Floats, Floats]:
         """Normal and shear stress in Pa at `angle` in rad from the vertical; zero off the arc."""
         pairs = self._pairs(soil, wheel, slip, sinkage=sinkage)
         _check_sinkage(pairs, wheel)
@@ -128,9 +124,7 @@ class WheelSoilModel(ABC):
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
-        return batch.forces(
-            batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan
-        )
+        return batch.forces(batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan)
 
     def response_at(
         self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, every_row: bool = False
@@ -139,17 +133,10 @@ class WheelSoilModel(ABC):
         from bayesterra.models import batch
 
         plan = self._plan(every_row=every_row)
-        return batch.response(
-            batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
-        )
+        return batch.response(batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan)
 
     def response_of_pairs(
-        self,
-        theta: ArrayLike,
-        conditions: Conditions,
-        load: ArrayLike,
-        *,
-        mean_load: FloatArray | None = None,
+        self, theta: ArrayLike, conditions: Conditions, load: ArrayLike, *, mean_load: FloatArray | None = None
     ) -> tuple[FloatArray, Codes]:
         """z, F_DP, M_DR (n, 3) and status (n,) of set i in row i alone, under `load` (n,).
 
@@ -167,9 +154,7 @@ class WheelSoilModel(ABC):
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
-        return batch.jacobian(
-            batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan
-        )
+        return batch.jacobian(batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan)
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
         """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
@@ -230,9 +215,7 @@ class WheelSoilModel(ABC):
         values = soil.as_array()
         for i, name in enumerate(LOAD_EFFECT_FIELDS if isinstance(soil, LoadEffectSoil) else ()):
             effect = values[..., len(SOIL_FIELDS) + i]
-            require(
-                effect == 0, name, f"must be 0 with {self.name}, as M2L alone knows the load effect", effect
-            )
+            require(effect == 0, name, f"must be 0 with {self.name}, as M2L alone knows the load effect", effect)
         return values[..., : len(SOIL_FIELDS)]
 
     def _start_radius(self, wheel: Wheel | Conditions, slip: Floats) -> Floats:

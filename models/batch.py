@@ -16,9 +16,7 @@ Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes],
 
 def parameters(theta: ArrayLike, columns: int = 9) -> FloatArray:
     """`theta` as a C-contiguous, writable (n, columns) array."""
-    array = np.require(
-        theta, dtype=np.float64, requirements=["C", "W"]
-    )  # one kernel: read-only is another type
+    array = np.require(theta, dtype=np.float64, requirements=["C", "W"])  # one kernel: read-only is another type
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"'theta' must have shape (n, {columns}) (got {array.shape})")
     return array
@@ -40,9 +38,7 @@ def forces(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) 
     return run(drivers.forces, theta, rows, sinkage, plan, (3,))
 
 
-def components(
-    theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan
-) -> tuple[FloatArray, Codes]:
+def components(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> tuple[FloatArray, Codes]:
     """The three forces and the eight components (n, m, 11) and status."""
     return run(drivers.forces, theta, rows, sinkage, plan, (11,))
 
@@ -71,9 +67,6 @@ def warm_up() -> None:
     rows = np.array([[0.2, 0.2, 0.157, 0.165, 0.167, 0.1635]])
     for model in (1, 2, 3, 4):
         if model == 4:  # the load effect has parameters and a column of the rows of its own
-            theta, rows = (
-                np.pad(theta, ((0, 0), (0, 4))),
-                np.pad(rows, ((0, 0), (0, 1)), constant_values=80.0),
-            )
+            theta, rows = (np.pad(theta, ((0, 0), (0, 4))), np.pad(rows, ((0, 0), (0, 1)), constant_values=80.0))
         response_jacobian(theta, rows, 80.0, (model, 0, False))
         components(theta, rows, 0.01, (model, 0, False))

@@ -48,9 +48,7 @@ class Conditions:
         slips = np.atleast_1d(as_floats("slip", np.asarray(slip, dtype=np.float64)))
         require((slips >= 0) & (slips < 1), "slip", "must lie in [0, 1)", slips)
         rows = [wheels] * slips.size if isinstance(wheels, Wheel) else list(wheels)
-        require(
-            len(rows) == slips.size, "wheels", f"must be one wheel or one per row ({slips.size})", len(rows)
-        )
+        require(len(rows) == slips.size, "wheels", f"must be one wheel or one per row ({slips.size})", len(rows))
         return cls(
             slips,
             np.array([float(wheel.radius) for wheel in rows]),

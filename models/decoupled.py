@@ -59,12 +59,7 @@ class Contact:
 
     @classmethod
     def of(
-        cls,
-        model: WheelSoilModel,
-        rows: Conditions,
-        sinkage: FloatArray,
-        normal: FloatArray,
-        moment: FloatArray,
+        cls, model: WheelSoilModel, rows: Conditions, sinkage: FloatArray, normal: FloatArray, moment: FloatArray
     ) -> "Contact":
         """Contact of every row, with the transition slips and the shear start of `model`."""
         start_radius = shear_start_radius(

@@ -313,11 +313,7 @@ def positions(rover: Rover, sinkage: FloatArray) -> tuple[tuple[FloatArray, Floa
     distance = np.hypot(rover.wheelbase, rise)
     tilt = np.arcsin((rise + sinkage[:, 1] - sinkage[:, 0]) / distance) - np.arcsin(rise / distance)
     cos, sin = np.cos(tilt), np.sin(tilt)
-    places = (
-        (rover.wheelbase, rise),
-        (rover.centre_ahead, rover.centre_height - r_r),
-        (0.0, rover.tow_height - r_r),
-    )
+    places = ((rover.wheelbase, rise), (rover.centre_ahead, rover.centre_height - r_r), (0.0, rover.tow_height - r_r))
     return tuple((x * cos - y * sin, x * sin + y * cos) for x, y in places)
 
 
@@ -425,9 +421,7 @@ def _brackets(traction: Sweep, values: FloatArray) -> tuple[IntArray, IntArray]:
     return np.maximum(at - 1, 0), outcome.astype(np.int64)
 
 
-def _refined(
-    rover: Rover, ground: Ground, soils: IntArray, low: IntArray, slope: FloatArray, tow: FloatArray
-) -> State:
+def _refined(rover: Rover, ground: Ground, soils: IntArray, low: IntArray, slope: FloatArray, tow: FloatArray) -> State:
     """Find the slip between ``SLIPS[low]`` and the next at which forces balance: false position, guarded.
 
     Illinois' rule: an end that stays has its misfit halved; every third step cuts the bracket in the middle.

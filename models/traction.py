@@ -13,9 +13,7 @@ from bayesterra.models.wheel import Wheel
 SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 
-def traction(
-    model: WheelSoilModel, wheel: Wheel, load: float, parameters: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def traction(model: WheelSoilModel, wheel: Wheel, load: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Drawbar pull and efficiency (n, slips) of a wheel under ``load`` (N) over ``SLIP_GRID``.
 
     ``parameters`` (n, k) are those of the model. NaN where it has no answer, and where the load is not known.

@@ -16,10 +16,7 @@ SCRIPT = (("{folder}/run.py",),)
 COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "tutorial": (("{folder}/tutorial.py",),),
     "hit-wh32": (RUN,),
-    "cmu-grouser": (
-        RUN,
-        ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result"),
-    ),
+    "cmu-grouser": (RUN, ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result")),
     "paper/sensitivity": SCRIPT,
     "paper/identification": SCRIPT,
     "paper/variants": SCRIPT,
@@ -43,9 +40,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "faults": SCRIPT,
     "faults/hostile-input": SCRIPT,
     "benchmarks/kernel": SCRIPT,
-    "benchmarks/samplers": tuple(
-        ("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")
-    ),
+    "benchmarks/samplers": tuple(("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")),
     "benchmarks/scale-out": SCRIPT,
     "paper": SCRIPT,  # last: it gathers the statements of the others
 }

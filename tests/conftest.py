@@ -24,9 +24,7 @@ from tests.support.adaptation import little_adaptation as with_little_adaptation
 if TYPE_CHECKING:
     from tests.support.shared import Shared
 
-pytest_plugins = [
-    f"tests.support.{name}" for name in ("one_wheel", "two_wheels", "folder", "followed", "shared")
-]
+pytest_plugins = [f"tests.support.{name}" for name in ("one_wheel", "two_wheels", "folder", "followed", "shared")]
 """Fixtures of several rooms."""
 
 HIT = STUDIES / "hit-wh32"
@@ -79,9 +77,7 @@ def small_result(tmp_path_factory: pytest.TempPathFactory, shared: Shared) -> Re
     """A short run on the shipped HIT study: 400 effective draws of ensembles of 32 walkers."""
     folder = tmp_path_factory.mktemp("small")
     study = (HIT / "study.toml").read_text(encoding="utf-8")
-    (folder / "study.toml").write_text(
-        f"{study}\n[sampling]\ntarget_ess = 400\nwalkers = 32\n", encoding="utf-8"
-    )
+    (folder / "study.toml").write_text(f"{study}\n[sampling]\ntarget_ess = 400\nwalkers = 32\n", encoding="utf-8")
     (folder / "measurements.csv").write_bytes((HIT / "measurements.csv").read_bytes())
 
     def made() -> Result:

@@ -102,11 +102,7 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
 def test_nothing_is_imported_before_it_is_needed(options: list[str], code: str, absent: set[str]) -> None:
     """A name of the package brings what it runs, and no page, plot or other room."""
     program = f"import sys; {code}; print(*sys.modules)"
-    command = (
-        [sys.executable, "-S", "-c", program]
-        if code == "import bayesterra"
-        else [sys.executable, "-c", program]
-    )
+    command = [sys.executable, "-S", "-c", program] if code == "import bayesterra" else [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert "bayesterra" in done.stdout.split()
     assert absent & set(done.stdout.split()) == set()

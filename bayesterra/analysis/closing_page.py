@@ -39,17 +39,13 @@ def methods_section(result: Result) -> Blocks:
     """Least squares side by side."""
     notes: list[Block] = [Text(Markup("{}: {}.").format(name, angles("; ".join(fit["notes"]))))
                           for name, fit in result.record["fits"].items() if fit["notes"]]  # fmt: skip
-    refused: list[Block] = [
-        Text(Markup("Not fitted: {}").format(line)) for line in result.record["refused_fits"]
-    ]
+    refused: list[Block] = [Text(Markup("Not fitted: {}").format(line)) for line in result.record["refused_fits"]]
     return (_values(result), _standing(result), *notes, *refused)
 
 
 def _values(result: Result) -> Table:
     points = estimates(result)
-    rows = [
-        _value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())
-    ]
+    rows = [_value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())]
     caption = (
         "Point estimates beside the posterior, with the digits that the posterior's interval supports. "
         "= held at this value; | at a bound."

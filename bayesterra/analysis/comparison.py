@@ -310,12 +310,7 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
 
 
 def compare_folders(
-    folders: Sequence[Path],
-    out: Path,
-    *,
-    load: str | None = None,
-    wheel: str | None = None,
-    overwrite: bool = False,
+    folders: Sequence[Path], out: Path, *, load: str | None = None, wheel: str | None = None, overwrite: bool = False
 ) -> Comparison:
     """Compare result folders and write the page and its tables to ``out``; options as :func:`compare`."""
     check_free(out, overwrite=overwrite, mark=Comparison.MARK)

@@ -55,9 +55,7 @@ def _warning(comparison: Comparison) -> Markup:
     unfinished = [name for name, result in comparison.results.items() if not result.converged]
     if not unfinished:
         return Markup("")
-    return Markup("The sampling of {} has <b>not converged</b>: what follows may be wrong.").format(
-        listed(unfinished)
-    )
+    return Markup("The sampling of {} has <b>not converged</b>: what follows may be wrong.").format(listed(unfinished))
 
 
 def _readings(comparison: Comparison) -> Verdict:
@@ -128,9 +126,7 @@ def _moves(comparison: Comparison) -> Verdict:
         for row in moved.head(4).to_dict("records")
     ]
     more = "" if len(moved) <= len(shifts) else " and more"
-    sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(
-        MOVED, first, listed(shifts), more
-    )
+    sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(MOVED, first, listed(shifts), more)
     return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "doubtful", sentence)
 
 

@@ -88,9 +88,7 @@ def _row(comparison: Comparison, name: str) -> tuple[Cell, ...]:
     draw = contrast_derived if name in DERIVED else contrast
     described = QUANTITIES[name].description
     picture = drawing(draw(comparison, name), f"{described} in all results")
-    image = Markup('<img class="drawn" src="{}" alt="{}" width="{}">').format(
-        picture.data, picture.alt, picture.width
-    )
+    image = Markup('<img class="drawn" src="{}" alt="{}" width="{}">').format(picture.data, picture.alt, picture.width)
     cells = _cells(comparison, name) + list(_fixed(comparison, name))
     columns = (Markup("<br>").join(column) for column in zip(*cells, strict=True))
     return (Markup("{}<small>{}</small>").format(with_unit(name), angles(described)), image, *columns)
@@ -116,11 +114,7 @@ def predictions_section(comparison: Comparison) -> Blocks:
         "per result: {}. Dots: readings of that wheel under that load. Where bands lie apart, the choice "
         "matters for driving."
     ).format(given(round(curve.load, 1)), Markup(" ").join(keys(comparison)))
-    notes = [
-        Text(Markup("Note ({}): {}.").format(n, note))
-        for n, p in comparison.points.items()
-        for note in p.notes
-    ]
+    notes = [Text(Markup("Note ({}): {}.").format(n, note)) for n, p in comparison.points.items() for note in p.notes]
     return (Gallery("half", pictures, caption), _predicted(comparison), *notes)
 
 
@@ -386,9 +380,7 @@ def _common(axes: list[Axis]) -> Axis:
     )
 
 
-def _lane(
-    ax: Axes, along: Axis, lane: int, values: FloatArray, ends: tuple[float, float], median: float
-) -> None:
+def _lane(ax: Axes, along: Axis, lane: int, values: FloatArray, ends: tuple[float, float], median: float) -> None:
     """Density of values (n,), and under it their interval and median, in the colour of a lane."""
     colour, heights, height = COLOURS[lane], density(values, along), -_LANE * (lane + 1)
     ax.fill_between(along.grid(200), heights, color=colour, alpha=0.28, linewidth=0)

@@ -70,9 +70,7 @@ def _prior_layer(figure: Figure, draws: FloatArray, ranges: list[tuple[float, fl
     )  # fmt: skip
 
 
-def _posterior_layer(
-    figure: Figure, draws: FloatArray, limits: list[tuple[float, float]], labels: list[str]
-) -> None:
+def _posterior_layer(figure: Figure, draws: FloatArray, limits: list[tuple[float, float]], labels: list[str]) -> None:
     corner_library.corner(
         draws, fig=figure, range=limits, bins=36, smooth=1.2, smooth1d=1.0, levels=PROBABILITIES,
         no_fill_contours=True, color=POSTERIOR, labels=labels, **_COMMON,
@@ -101,9 +99,7 @@ def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
         if i == j:
             axes[i, i].axvline(rows[x].mode, color=POSTERIOR, linewidth=0.9, linestyle=(0, (4, 2)))
             continue
-        axes[i, j].plot(
-            rows[x].mode, rows[y].mode, "P", color=POSTERIOR, markersize=6.5, markeredgecolor="white"
-        )
+        axes[i, j].plot(rows[x].mode, rows[y].mode, "P", color=POSTERIOR, markersize=6.5, markeredgecolor="white")
         for method, values in estimates(result).items():
             mark, at = MARKS[method], {**nan, **values}
             axes[i, j].plot(
@@ -215,8 +211,6 @@ def ranks(result: Result, name: str, ax: Axes | None = None) -> Axes:
         ax.stairs(heights, edges, color=SHADES[i % len(SHADES)], linewidth=1.0, baseline=None)
     ax.axhline(1, color=INK, linewidth=0.5)
     reach = max(0.25, 2.5 * spread)
-    ax.set(
-        xlabel=f"rank of {label(PARAMETERS[name], unit=False)} among all draws", ylabel="relative frequency"
-    )
+    ax.set(xlabel=f"rank of {label(PARAMETERS[name], unit=False)} among all draws", ylabel="relative frequency")
     ax.set(xlim=(0, 1), ylim=(max(0.0, 1 - reach), 1 + reach))
     return ax

@@ -48,9 +48,7 @@ def determined(result: Result) -> Markup:
     if not names:
         return Markup("No parameter on its own; see the combinations below.")
     rows = summary_rows(result)
-    intervals = (
-        Markup("{} ({})").format(symbol(name), amount(name, interval(*rows[name].hdi))) for name in names
-    )
+    intervals = (Markup("{} ({})").format(symbol(name), amount(name, interval(*rows[name].hdi))) for name in names)
     return Markup("{}; 90 % HDI in brackets.").format(listed(intervals))
 
 
@@ -71,9 +69,9 @@ def traded(result: Result) -> Markup:
     if not pairs:
         return Markup("")
     trades = (Markup("{} with {} ({})").format(symbol(a), symbol(b), signed(r)) for a, b, r in pairs)
-    return Markup(
-        "{}. The data fix these combinations better than either member; correlation in brackets."
-    ).format(listed(trades))
+    return Markup("{}. The data fix these combinations better than either member; correlation in brackets.").format(
+        listed(trades)
+    )
 
 
 def from_the_prior(result: Result) -> Markup:
@@ -144,9 +142,7 @@ def _held(result: Result) -> Iterator[Markup]:
             value = given(float(f"{values[name] / PARAMETERS[name].scale:.6g}"))
             groups.setdefault((name, value), []).append(method)
     for (name, value), methods in groups.items():
-        yield Markup("{} held {} at {} (hollow marks).").format(
-            listed(methods), symbol(name), amount(name, value)
-        )
+        yield Markup("{} held {} at {} (hollow marks).").format(listed(methods), symbol(name), amount(name, value))
 
 
 def _open(result: Result, judged: list[str]) -> Iterator[Markup]:
@@ -194,17 +190,13 @@ def _at_bounds(result: Result, names: list[str]) -> Iterator[Markup]:
             groups.setdefault(parameters, []).append(name)
     if groups:
         cases = (
-            Markup("{} in {}").format(symbols(parameters), listed(methods))
-            for parameters, methods in groups.items()
+            Markup("{} in {}").format(symbols(parameters), listed(methods)) for parameters, methods in groups.items()
         )
         yield Markup("At a bound of the prior: {}.").format(Markup("; ").join(cases))
 
 
 ADVICE = (
-    (
-        {"c", "phi"},
-        "runs under a second load, or a shear test at another normal stress, would help to part {}",
-    ),
+    ({"c", "phi"}, "runs under a second load, or a shear test at another normal stress, would help to part {}"),
     ({"phi", "K"}, "readings at small slip, where the shear stress still builds up, would help to part {}"),
     ({"c", "K"}, "readings at small slip, where the shear stress still builds up, would help to part {}"),
     ({"Ks", "n0"}, "a plate-sinkage test, or a wheel of another width or load, would help to part {}"),

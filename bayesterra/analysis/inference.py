@@ -93,14 +93,10 @@ def run(
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
     spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
-    mode = failures.attempt(
-        "mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced)
-    )
+    mode = failures.attempt("mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced))
     densities = Target(target, samples.coordinates).densities
     integral = failures.attempt(
-        "evidence",
-        lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)),
-        lambda: None,
+        "evidence", lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)), lambda: None
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
@@ -133,11 +129,7 @@ class Analysis:
     failures: Failures
 
     def result(
-        self,
-        seed: int,
-        rng: Generator,
-        streams: tuple[SeedSequence, SeedSequence, SeedSequence],
-        started: float,
+        self, seed: int, rng: Generator, streams: tuple[SeedSequence, SeedSequence, SeedSequence], started: float
     ) -> RunResult:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 

@@ -66,8 +66,7 @@ def sampling_section(result: Result) -> Blocks:
     )
     spoken = {"lp": "the log density", **{name: PARAMETERS[name].description for name in names}}
     traces = tuple(
-        photograph(analysis_figures.trace(result, name), f"Trace of {words}")
-        for name, words in spoken.items()
+        photograph(analysis_figures.trace(result, name), f"Trace of {words}") for name, words in spoken.items()
     )
     return (
         _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
@@ -181,8 +180,7 @@ def _bands(result: Result, wheel: str) -> Gallery:
     channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
     drawn = {name: validation_page.predictive(result, name, wheel=wheel) for name in channels}
     pictures = tuple(
-        drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}")
-        for name, axes in drawn.items()
+        drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
     )
     caption = Markup(
         "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
@@ -213,9 +211,7 @@ def _lines(result: Result) -> Markup:
 
 def _residuals(result: Result) -> Gallery:
     pictures = tuple(
-        drawing(
-            validation_page.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}"
-        )
+        drawing(validation_page.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}")
         for name in result.study.noise
     )
     marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))

@@ -8,13 +8,7 @@ from markupsafe import Markup
 
 from bayesterra.analysis.closing_page import added_sections, methods_section, prior_section, reproduce_section
 from bayesterra.analysis.findings_page import Finding, findings, strip
-from bayesterra.analysis.outputs_page import (
-    Driving,
-    driving,
-    posterior_section,
-    predictive_section,
-    sampling_section,
-)
+from bayesterra.analysis.outputs_page import Driving, driving, posterior_section, predictive_section, sampling_section
 from bayesterra.checking.validation import estimates, spread_draws
 from bayesterra.checking.validation_page import cross_validation_section, misfit_warning, missed_sections
 from bayesterra.identifiability.evidence_page import identifiability_section
@@ -49,9 +43,7 @@ def run_page(result: Result) -> Page:
     draft = Draft(result)
     failures = draft.failures
     judged = failures.attempt("report: verdicts", lambda: result.verdicts, tuple[Verdict, ...])
-    shown = failures.attempt(
-        "report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ())
-    )
+    shown = failures.attempt("report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ()))
     driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
     statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
     sections = _sections(draft)
@@ -95,9 +87,7 @@ def _facts(result: Result) -> tuple[str, ...]:
 def warning(result: Result) -> Markup:
     """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
     misfit = (
-        misfit_warning(verdict.html)
-        for verdict in result.verdicts
-        if verdict.name == "Fit" and verdict.grade == "bad"
+        misfit_warning(verdict.html) for verdict in result.verdicts if verdict.name == "Fit" and verdict.grade == "bad"
     )
     unsettled = unconverged(
         result,

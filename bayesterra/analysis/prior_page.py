@@ -124,12 +124,9 @@ def _prior_section(result: PriorResult) -> Blocks:
     )
     header = ("", "parameter", "stated law", "median", "mean", "sd", "90 % HDI")
     pictures = tuple(
-        drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}")
-        for name in result.names
+        drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}") for name in result.names
     )
-    shown = (
-        "Grey: draws of the prior after the physical cut. Line: the law as stated. Where they differ, physics"
-    )
+    shown = "Grey: draws of the prior after the physical cut. Line: the law as stated. Where they differ, physics"
     return (
         Table(caption, "lllrrrr", header, body),
         *prior_sources(result.study),
@@ -152,8 +149,7 @@ def _predictive_section(result: PriorResult) -> Blocks:
     galleries = []
     for wheel in result.study.wheels:
         pictures = tuple(
-            drawing(prior_bands(result, n, wheel=wheel), f"{CHANNELS[n].description}, wheel {wheel}")
-            for n in channels
+            drawing(prior_bands(result, n, wheel=wheel), f"{CHANNELS[n].description}, wheel {wheel}") for n in channels
         )
         caption = Markup(
             "Wheel {}: what the prior predicts over slip at the given load or sinkage: 50 and 90 % bands and "
@@ -169,9 +165,7 @@ def _rows(result: PriorResult) -> Table:
     for row in result.predictive.to_dict("records"):
         what = (str(row["row"]), row["wheel"], f"{row['slip']:.4g}", with_unit(row["channel"]))
         body.append((*what, *estimate(row["q50"], row["q05"], row["q95"]), share(row["no_answer"])))
-    caption = (
-        "Readings of every row that the prior predicts, noise included; share of draws without an answer."
-    )
+    caption = "Readings of every row that the prior predicts, noise included; share of draws without an answer."
     header = ("row", "wheel", symbol("slip"), "channel", "median", "90 %", "no answer")
     return Table(caption, "llrlrrr", header, tuple(body))
 
@@ -183,8 +177,7 @@ def _derived_section(result: PriorResult) -> Blocks:
         for name, row in rows.items()
     )
     caption = (
-        "Quantities that follow from the soil, for the first wheel under the load of the table, before any "
-        "reading."
+        "Quantities that follow from the soil, for the first wheel under the load of the table, before any reading."
     )
     header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
     return (Table(caption, "lllrrrr", header, body),)
@@ -216,9 +209,7 @@ def prior_density(result: PriorResult, name: str, ax: Axes | None = None) -> Axe
 
 
 @styled
-def prior_bands(
-    result: PriorResult, channel: str, ax: Axes | None = None, *, wheel: str | None = None
-) -> Axes:
+def prior_bands(result: PriorResult, channel: str, ax: Axes | None = None, *, wheel: str | None = None) -> Axes:
     """Draw what the prior predicts for one channel of one wheel over slip.
 
     Dark and pale: 50 and 90 % of the modelled values; broken lines: 90 % of readings, noise included; line:
@@ -229,8 +220,7 @@ def prior_bands(
     curves = result.draws["curves"].sel(wheel=wheel)
     slip = curves["slip"].to_numpy()
     bands, noisy = (
-        field_values(channel, curves[kind].sel(outcome=channel).to_numpy())
-        for kind in ("modelled", "readings")
+        field_values(channel, curves[kind].sel(outcome=channel).to_numpy()) for kind in ("modelled", "readings")
     )
     fan(ax, slip, bands, PRIOR, (0.25, 0.45))
     ax.plot(slip, bands[2], color=INK)

@@ -312,9 +312,7 @@ def read_result(folder: Path) -> RunResult:
                 f"'{folder}' holds a joint posterior of several groups ([pooling]): give one without groups"
             )
         if is_prior(folder):
-            raise ResultError(
-                f"'{folder}' holds a prior without readings (run --prior-only): there is no posterior"
-            )
+            raise ResultError(f"'{folder}' holds a prior without readings (run --prior-only): there is no posterior")
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")
     with damage(ResultError, folder):
         content = _content(folder, RunResult)
@@ -407,10 +405,7 @@ def draws_tree(
             }
         ),
         "log_prior": labelled_dataset(
-            {
-                name: (("chain", "draw"), law.log_density(chains[:, :, i]))
-                for i, (name, law) in enumerate(laws.items())
-            }
+            {name: (("chain", "draw"), law.log_density(chains[:, :, i])) for i, (name, law) in enumerate(laws.items())}
         ),
         "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
         "prior": parameter_dataset(posterior.names, prior[None]),
@@ -464,7 +459,5 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
         }
     )
     return dataset.assign_coords(
-        wheel=[curve.wheel for curve in curves],
-        quantile=list(CURVE_QUANTILES),
-        outcome=list(curves[0].outcomes),
+        wheel=[curve.wheel for curve in curves], quantile=list(CURVE_QUANTILES), outcome=list(curves[0].outcomes)
     )

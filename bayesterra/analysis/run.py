@@ -25,11 +25,7 @@ from bayesterra.study.study import STUDY_FILE, Study, load_study
 
 
 def run(
-    study: Study,
-    *,
-    seed: int = 1,
-    progress: Callable[[Progress], None] = lambda update: None,
-    crosscheck: bool = False,
+    study: Study, *, seed: int = 1, progress: Callable[[Progress], None] = lambda update: None, crosscheck: bool = False
 ) -> Result:
     """Sample the posterior of a study and compare it with least squares.
 

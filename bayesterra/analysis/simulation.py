@@ -91,9 +91,7 @@ def groups_of(study: Study) -> tuple[str, ...]:
     return study.observations.label(study.pooling.by)
 
 
-def _from_populations(
-    study: Study, stated: Mapping[str, float], own: Sequence[str], seed: int
-) -> dict[str, float]:
+def _from_populations(study: Study, stated: Mapping[str, float], own: Sequence[str], seed: int) -> dict[str, float]:
     """Values of groups from populations whose mean and spread are stated."""
     rng, drawn = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,))), {}
     for name in own:

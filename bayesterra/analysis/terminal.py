@@ -161,12 +161,8 @@ def _law(name: str, law: Law) -> str:
         unit = PARAMETERS[name].unit.removesuffix("-")
         return f"{law.dist}: median {middle:.4g}, 90 % {low:.4g} to {high:.4g} {unit}".rstrip()
     scaled = ("loc", "scale")
-    arguments = [
-        f"{k} {PARAMETERS[name].field_text(v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()
-    ]
+    arguments = [f"{k} {PARAMETERS[name].field_text(v) if k in scaled else f'{v:g}'}" for k, v in law.shape.items()]
     if np.isfinite([law.lower, law.upper]).any():
         cut = "" if law.dist in RANGED else "cut to "
-        arguments.append(
-            f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {PARAMETERS[name].field_text(law.upper)}"
-        )
+        arguments.append(f"{cut}{law.lower / PARAMETERS[name].scale:.6g} to {PARAMETERS[name].field_text(law.upper)}")
     return f"{law.dist}: {', '.join(arguments)}"

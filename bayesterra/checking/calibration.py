@@ -60,9 +60,7 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
 def quantity_names(study: Study) -> tuple[str, ...]:
     """All test quantities: free parameters, log likelihood, log prior, two predictive ones of each group."""
     target = whole_posterior(study)
-    predictive = (
-        name_in_group(name, group) for group in target.groups for name in predictive_names(study.drive)
-    )
+    predictive = (name_in_group(name, group) for group in target.groups for name in predictive_names(study.drive))
     return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
 
 
@@ -117,11 +115,7 @@ class Outcome:
         """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
         outcome = cls(**content)
         ranks = {str(name): float(rank) for name, rank in outcome.ranks.items()}
-        if (
-            outcome.status not in (CONVERGED, UNCONVERGED, FAILED)
-            or type(outcome.task) is not int
-            or outcome.task < 1
-        ):
+        if outcome.status not in (CONVERGED, UNCONVERGED, FAILED) or type(outcome.task) is not int or outcome.task < 1:
             raise ValueError(f"no outcome of a replication: {outcome!r:.60}")
         if any(rank < 0 or rank > 1 for rank in ranks.values()):
             raise ValueError(f"no ranks: {ranks!r:.60}")
@@ -247,9 +241,7 @@ def check(study: Study, n: int) -> None:
 
 
 def _calibrated(
-    job: CalibrationRequest,
-    finished: Iterable[Outcome],
-    report: Callable[[Sequence[Outcome], Progress], None],
+    job: CalibrationRequest, finished: Iterable[Outcome], report: Callable[[Sequence[Outcome], Progress], None]
 ) -> Calibration:
     """Do what is left beside ``finished``; ``report`` is told of new outcomes, at the start of none."""
     study, n = job.study, job.n
@@ -264,9 +256,7 @@ def _calibrated(
         pace = (time.perf_counter() - started) / (len(outcomes) - before)
         report([outcome for _, outcome in batch], _progress(outcomes, n, pace * (n - len(outcomes))))
     return Calibration(
-        study,
-        table([outcomes[task] for task in sorted(outcomes)], study),
-        origin_of(study, job.seed, job.fit),
+        study, table([outcomes[task] for task in sorted(outcomes)], study), origin_of(study, job.seed, job.fit)
     )
 
 

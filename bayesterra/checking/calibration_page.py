@@ -117,9 +117,9 @@ def _sampling(calibration: Calibration) -> Verdict:
     n = len(calibration.table)
     unsettled, failed = calibration.unsettled, n - calibration.ranked
     but = f", but for {failed} that failed" if failed else ""
-    sentence = Markup(
-        "{} of {} replications did not converge; at most {} % may. They are ranked too{}."
-    ).format(unsettled, n, f"{100 * UNSETTLED:g}", but)
+    sentence = Markup("{} of {} replications did not converge; at most {} % may. They are ranked too{}.").format(
+        unsettled, n, f"{100 * UNSETTLED:g}", but
+    )
     grade = "good" if not unsettled else "doubtful" if unsettled <= UNSETTLED * n else "bad"
     return Verdict("Sampling", f"{n - unsettled} of {n} converged", grade, sentence)
 
@@ -248,9 +248,7 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
             "simultaneous bands: Säilynoja et al. 2022, from {} simulations. Ties are broken at random."
         ).format(SIMULATIONS)
     )
-    caption = (
-        "The same study, seed and versions give the same ranks on one machine, with any number of workers."
-    )
+    caption = "The same study, seed and versions give the same ranks on one machine, with any number of workers."
     return (method, Table(caption, "ll", ("", ""), rows))
 
 
@@ -271,9 +269,7 @@ def rank_ecdf(calibration: Calibration, quantity: str, ax: Axes | None = None) -
     share = np.concatenate([[0.0], test.below(ranks) / len(ranks), [1.0]])
     ax.axhline(0, color=INK, linewidth=0.7)
     failing = quantity in calibration.failing
-    ax.plot(
-        points, share - points, color="#D55E00" if failing else POSTERIOR, linewidth=1.6 if failing else 1.3
-    )
+    ax.plot(points, share - points, color="#D55E00" if failing else POSTERIOR, linewidth=1.6 if failing else 1.3)
     ax.set(xlim=(0, 1), xticks=[0, 0.5, 1], xticklabels=["0", "0.5", "1"])
     ax.set(xlabel="rank among draws", ylabel="share below − uniform")
     ax.set_title(_name(quantity), loc="left")

@@ -102,15 +102,11 @@ def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
         known = rows.use & (loads > 0)
         return _clustered("load {:.4g} N", loads, np.log(np.where(known, loads, 1)), known, SAME_LOAD)
     if by != "slip":
-        raise StudyError(
-            f"'by' must be {', '.join(WAYS)} or groups of rows (got '{by}'){did_you_mean(by, WAYS)}"
-        )
+        raise StudyError(f"'by' must be {', '.join(WAYS)} or groups of rows (got '{by}'){did_you_mean(by, WAYS)}")
     return _clustered("slip {:.3f}", rows.slip, rows.slip, rows.use, tolerance)
 
 
-def _clustered(
-    name: str, values: FloatArray, along: FloatArray, chosen: BoolArray, tolerance: float
-) -> list[Fold]:
+def _clustered(name: str, values: FloatArray, along: FloatArray, chosen: BoolArray, tolerance: float) -> list[Fold]:
     """Levels of the chosen rows: clusters ``along`` a scale (m,), named by their mean of ``values`` (m,)."""
     number = np.full(len(values), -1)
     number[chosen] = clusters(along[chosen], tolerance)
@@ -155,9 +151,7 @@ REFITS = ShortRuns(
     long=SamplingOptions(target_ess=1000, walkers=64, max_steps=8000),
 )
 """The sampler of every run, until there are 1000 effective draws."""
-GROUP_REFITS = ShortGroupRuns(
-    short=SamplingOptions(target_ess=1000, walkers=32, max_steps=120), long=REFITS.long
-)
+GROUP_REFITS = ShortGroupRuns(short=SamplingOptions(target_ess=1000, walkers=32, max_steps=120), long=REFITS.long)
 """The same for a joint posterior."""
 
 
@@ -243,9 +237,7 @@ class LeaveOneOut:
         absent = [group for group in self.study.by_group() if group not in target.groups]
         note = f"not in the fit: {', '.join(absent)}" if absent else ""
         rows += baselines
-        return Outcome(
-            fold.name, fitted.status, fitted.ess, fitted.r_hat, seconds, note, tuple(rows), tuple(bands)
-        )
+        return Outcome(fold.name, fitted.status, fitted.ess, fitted.r_hat, seconds, note, tuple(rows), tuple(bands))
 
 
 @dataclass(frozen=True)
@@ -400,9 +392,7 @@ class Predictives:
         return Mixture(self.centre[kept, row, channel], self.scale[kept, row, channel], self.tails[channel])
 
 
-def predictives(
-    study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray, rng: Generator
-) -> Predictives:
+def predictives(study: Study, posterior: Posterior, draws: FloatArray, left: BoolArray, rng: Generator) -> Predictives:
     """Predict the rows in ``left`` (m,) by draws (n, d) of a posterior that does not know their readings.
 
     The slip of a left-out row is known, and its load; with the drive ``both`` its normal force as it was

@@ -205,9 +205,7 @@ def _at_work(done: int, of: int) -> str:
     return f"leaving out {of} levels: {done} done"
 
 
-def leave_out_into(
-    path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any
-) -> Holdout:
+def leave_out_into(path: Path, out: Path, *, overwrite: bool = False, quiet: bool = False, **asked: Any) -> Holdout:
     """Leave levels of the study at a path, or of the one in a result folder, out into a new folder.
 
     ``asked``: keywords of :func:`leave_out`, all but ``fit`` and ``progress``.

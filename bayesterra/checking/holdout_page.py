@@ -59,9 +59,7 @@ def _warning(holdout: Holdout) -> Markup:
     wrong = [outcome.level for outcome in holdout.outcomes if outcome.status != "converged"]
     if not wrong:
         return Markup("")
-    return Markup("The fit has <b>not converged</b> without {}: do not rely on its predictions.").format(
-        listed(wrong)
-    )
+    return Markup("The fit has <b>not converged</b> without {}: do not rely on its predictions.").format(listed(wrong))
 
 
 def _prediction(holdout: Holdout) -> Verdict:
@@ -300,9 +298,7 @@ def bands_without(holdout: Holdout) -> FloatArray:
     """
     names, panels = channels(holdout.table), _panels(holdout)
     figure = new_figure(max(1.75 * len(panels), 3.0) + 0.5, 1.75 * len(names) + 0.5)
-    axes = np.asarray(
-        figure.subplots(len(names), max(len(panels), 1), squeeze=False, sharex=True, sharey="row")
-    )
+    axes = np.asarray(figure.subplots(len(names), max(len(panels), 1), squeeze=False, sharex=True, sharey="row"))
     for column, (title, fold, bands) in zip(axes.T, panels, strict=False):
         column[0].set_title(title, fontsize=8.5)
         for ax, name in zip(column, names, strict=True):

@@ -232,9 +232,7 @@ class TrainingRows:
 
     def take(self, keep: BoolArray) -> TrainingRows:
         """Some of the rows."""
-        return TrainingRows(
-            self.conditions[keep], self.readings[keep], self.level[keep], self.slip_level[keep]
-        )
+        return TrainingRows(self.conditions[keep], self.readings[keep], self.level[keep], self.slip_level[keep])
 
 
 @dataclass(frozen=True)
@@ -307,9 +305,7 @@ def _regressed(design: FloatArray, readings: FloatArray, at: FloatArray) -> tupl
     leverage = (np.linalg.solve(r.T, at.T) ** 2).sum(axis=0)
     scales = spread * np.sqrt(1 + leverage)
     pairs = zip(at @ coefficients, scales, strict=True)
-    return tuple(
-        Mixture(np.array([centre]), np.array([scale]), StudentT(float(dof))) for centre, scale in pairs
-    )
+    return tuple(Mixture(np.array([centre]), np.array([scale]), StudentT(float(dof))) for centre, scale in pairs)
 
 
 def gaussian_process(training: TrainingRows, new: FloatArray) -> Answer:

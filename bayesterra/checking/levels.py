@@ -62,11 +62,7 @@ def places(study: Study, fold: Fold) -> Level:
 def parts_of(study: Study, leaving: Mapping[str, tuple[Fold, ...]]) -> dict[str, IntArray]:
     """Number of the level of every row in the fit, by way; slips aside."""
     used = study.observations.use
-    return {
-        by: np.argmax([fold.left[used] for fold in folds], axis=0)
-        for by, folds in leaving.items()
-        if by != "slip"
-    }
+    return {by: np.argmax([fold.left[used] for fold in folds], axis=0) for by, folds in leaving.items() if by != "slip"}
 
 
 def rests(study: Study, leaving: Mapping[str, tuple[Fold, ...]]) -> dict[Level, Likelihood]:

@@ -66,14 +66,10 @@ def predict_rows(
     likelihood = likelihood_of(study, study.observations)
     noise, soil = posterior.noise_values(draws), posterior.prior.soil_values(draws)
     outcomes = likelihood.imagined(soil, noise, rng) if before else likelihood.explained(soil, noise, rng)
-    return RowPredictions(
-        likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng)
-    )
+    return RowPredictions(likelihood.channels, likelihood.predicted(outcomes), likelihood.draw(outcomes, noise, rng))
 
 
-def predict_at_read_loads(
-    study: Study, posterior: Posterior, draws: FloatArray, rng: Generator
-) -> RowPredictions:
+def predict_at_read_loads(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> RowPredictions:
     """Predictions before any reading but that of the normal force, drive ``both``.
 
     A load is drawn given its row's normal force alone. That law, unlike the flat one, does not hang on how
@@ -144,9 +140,7 @@ class Curves:
     given: FloatArray
 
 
-def predict_curves(
-    study: Study, posterior: Posterior, draws: FloatArray, rng: Generator
-) -> tuple[Curves, ...]:
+def predict_curves(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> tuple[Curves, ...]:
     """Model every wheel over the slips it was driven at, at its median load.
 
     In the sinkage drive the measured sinkages are joined by straight lines over slip. Sinkages are as read,
@@ -178,9 +172,7 @@ def curve_forward(study: Study, wheel: str) -> Forward:
     else:
         load = float(np.median(observations.known_loads[mine]))
         driven = np.full(GRID, study.middle_load if np.isnan(load) else load)
-    return Forward(
-        study.model, study.drive.with_load, Conditions.of(study.wheels[wheel], slip), driven, as_read=True
-    )
+    return Forward(study.model, study.drive.with_load, Conditions.of(study.wheels[wheel], slip), driven, as_read=True)
 
 
 T = TypeVar("T")

@@ -23,14 +23,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtri
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, spaced
-from bayesterra.checking.predictive import (
-    FORCE,
-    Modelled,
-    Replicate,
-    ReplicateOptions,
-    RowPredictions,
-    replicates,
-)
+from bayesterra.checking.predictive import FORCE, Modelled, Replicate, ReplicateOptions, RowPredictions, replicates
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.study.observations import LABELS
 from bayesterra.study.study import Study
@@ -364,9 +357,7 @@ def prior_checks(study: Study, predictions: RowPredictions) -> PriorChecks:
     (:func:`bayesterra.checking.predictive.predict_at_read_loads`).
     """
     rows, checks, latent = study.observations, [], study.drive.latent_load
-    told = (
-        ~np.isnan(rows.values[FORCE]) if latent and FORCE in rows.values else np.full(len(rows), not latent)
-    )
+    told = ~np.isnan(rows.values[FORCE]) if latent and FORCE in rows.values else np.full(len(rows), not latent)
     for column, name in enumerate(predictions.channels):
         if latent and name == FORCE:
             continue

@@ -309,11 +309,7 @@ class Calibration(AnalysisResult):
             "replications": len(self.table),
             "not_converged": self.unsettled,
             "failed": len(self.table) - self.ranked,
-            "thresholds": {
-                "level": LEVEL,
-                "p_value_per_quantity": self.threshold,
-                "share_not_converged": UNSETTLED,
-            },
+            "thresholds": {"level": LEVEL, "p_value_per_quantity": self.threshold, "share_not_converged": UNSETTLED},
             "tests": [
                 {str(name): value for name, value in row.items() if not pd.isna(value)}
                 for row in self.tests.to_dict("records")

@@ -201,10 +201,7 @@ def validate(
         prior = None
         if "prior_predictive" not in failures:
             prior = failures.attempt("prior_checks", lambda: prior_checks(study, before), lambda: None)
-        loo, predicting_rng = (
-            failures.attempt("loo", left_out, lambda: None),
-            np.random.default_rng(predicting),
-        )
+        loo, predicting_rng = (failures.attempt("loo", left_out, lambda: None), np.random.default_rng(predicting))
         if "loo" in failures:
             return Validation(checks, prior, loo)
         return Validation(checks, prior, loo, failures.attempt(
@@ -219,9 +216,7 @@ MANY = {"sinkage": "sinkages", "normal_force": "normal forces", "drawbar_pull": 
 """Readings of a channel, in words."""
 
 
-def fit_verdict(
-    checks: PredictiveChecks | None, readings: int = 0, free: int = 0, failed: str = ""
-) -> Verdict:
+def fit_verdict(checks: PredictiveChecks | None, readings: int = 0, free: int = 0, failed: str = "") -> Verdict:
     """Verdict on whether the readings look as the model says that they look.
 
     ``readings`` and ``free`` parameters are numbers; ``failed`` says why there are no checks.
@@ -262,9 +257,7 @@ def prediction_verdict(levels: Sequence[Mapping[str, Any]] | None, model: str, f
         return Verdict("Prediction", "not tested", "note", said)
     found = counts(levels, model)
     if not found:
-        return Verdict(
-            "Prediction", "not tested", "note", "All readings are of one level: none can be left out."
-        )
+        return Verdict("Prediction", "not tested", "note", "All readings are of one level: none can be left out.")
     number = len(found)
     few, many = (min(1.0, number * min(getattr(count, name) for count in found)) for name in ("few", "many"))
     parts = []
@@ -284,9 +277,7 @@ def prediction_verdict(levels: Sequence[Mapping[str, Any]] | None, model: str, f
     elif many < DOUBTFUL:
         word, grade, claim = "too wide", "doubtful", f"intervals are too wide for other {off.by}s"
     said = "; ".join(parts)
-    sentence = f"{said[:1].upper()}{said[1:]} inside 90 %" + (
-        f": {claim.partition(' (')[0]}." if claim else "."
-    )
+    sentence = f"{said[:1].upper()}{said[1:]} inside 90 %" + (f": {claim.partition(' (')[0]}." if claim else ".")
     if unsure := sorted({str(row["level"]) for row in levels if not row["reliable"]}):
         sentence += f" Not relied on: {enumerated(unsure)}, without which the posterior is quite another one."
     figures = {"few": few, "many": many}
@@ -394,9 +385,7 @@ def missed(result: Result) -> Iterator[Missed]:
             )  # fmt: skip
 
 
-def trades(
-    names: tuple[str, ...], draws: FloatArray, slip: FloatArray, curve: FloatArray
-) -> tuple[Trade, ...]:
+def trades(names: tuple[str, ...], draws: FloatArray, slip: FloatArray, curve: FloatArray) -> tuple[Trade, ...]:
     """Shares of level and tilt of a curve (n, g) over slips (g,) that go with the parameters of draws (n, d).
 
     Sizes of errors are left out; nothing where no other parameter is free.

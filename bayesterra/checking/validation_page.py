@@ -65,8 +65,7 @@ def _statistics(result: Result, checks: PredictiveChecks) -> Table:
     channels = list(result.study.noise)
     names = [name for name in TEST_STATISTICS if any((channel, name) in cells for channel in channels)]
     rows = tuple(
-        (TEST_STATISTICS[name].words, *(_cell(cells.get((channel, name))) for channel in channels))
-        for name in names
+        (TEST_STATISTICS[name].words, *(_cell(cells.get((channel, name))) for channel in channels)) for name in names
     )
     caption = Markup(
         "Posterior-predictive checks. First figure: share of {} replicated tables, each with a posterior of "
@@ -172,9 +171,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
 def _pit(result: Result, loo: CrossValidation) -> Blocks:
     if not loo.pit:
         return ()
-    pictures = tuple(
-        drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit
-    )
+    pictures = tuple(drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit)
     outside = [name for name, values in loo.pit.items() if not calibrated(values)]
     sentence = Markup("{} leaves the band.").format(symbols(outside) or "No channel")
     caption = Markup(
@@ -314,8 +311,7 @@ def missed_sections(result: Result) -> tuple[Section, ...]:
     several = len(result.study.wheels) > 1
     blocks: list[Block] = [Text(_sentence(result, curve, several=several)) for curve in curves]
     pictures = tuple(
-        drawing(discrepancy(curve), f"Error of the {CHANNELS[curve.channel].description} over slip")
-        for curve in curves
+        drawing(discrepancy(curve), f"Error of the {CHANNELS[curve.channel].description} over slip") for curve in curves
     )
     caption = Markup(
         "Discrepancy <i>δ</i> of the model over slip{}: bands of 50 and 90 % and the median; dots: reading "

@@ -255,9 +255,7 @@ def _row(situation: Situation, row: Candidate) -> Reading:
     """One row by the law of its readings, given those of the table where rows hang together."""
     study, latent = situation.study, situation.study.load_range
     noise, known = row.noise, {NORMAL_FORCE: row.load} if latent else {}
-    if (
-        latent and NORMAL_FORCE not in row.channels
-    ):  # a load that nothing reads is about the one that is meant
+    if latent and NORMAL_FORCE not in row.channels:  # a load that nothing reads is about the one that is meant
         noise = (*noise, Noise(NORMAL_FORCE, sd=latent[1] - latent[0]))
     errors, soil = study.errors.of(row.channels), study.prior.soil_values(situation.draws)
     if study.drive.by_sinkage:

@@ -161,9 +161,7 @@ class Judge:
         judgements = self.estimates("mixture", picks, place)
         effective = [judgement.effective for judgement in judgements if np.isfinite(judgement.values[0])]
         if not effective:
-            raise StudyError(
-                "no drive that was asked for has an answer for enough draws: try other loads or slips"
-            )
+            raise StudyError("no drive that was asked for has an answer for enough draws: try other loads or slips")
         if min(effective) >= EFFECTIVE:
             return self._ranking(judgements, "mixture")
         return self._ranking(self.estimates("regression", picks, place), "regression")

@@ -75,14 +75,10 @@ def estimate(densities: Pairs, interest: Interest) -> Estimate:
     square = np.ix_(kept, kept)
     group = kept * GROUPS // len(densities.answered)
     values = interest.values[kept] - interest.values[kept].mean(axis=0)
-    marginal = _Mixture.of(
-        densities.log[square], np.zeros((1, 1)), group, np.column_stack([values, values**2])
-    )
+    marginal = _Mixture.of(densities.log[square], np.zeros((1, 1)), group, np.column_stack([values, values**2]))
     mixtures, conditional = [marginal], None
     if densities.conditional is not None:
-        conditional = _Mixture.of(
-            densities.conditional[square], interest.log_kernel[square], group, values[:, :0]
-        )
+        conditional = _Mixture.of(densities.conditional[square], interest.log_kernel[square], group, values[:, :0])
         mixtures.append(conditional)
     rows = [_replicate(marginal, conditional, left_out) for left_out in (-1, *range(GROUPS))]
     effective = min(float(np.median(1 / mixture.share(-1))) for mixture in mixtures)

@@ -328,12 +328,8 @@ def design_lines(design: Design) -> list[str]:
     if design.situation.basis:
         lines.append(f"Note: {design.situation.basis}.")
     if design.situation.source == "prior":
-        lines.append(
-            "From the prior alone, no readings used; a result folder in place of the study builds on them."
-        )
+        lines.append("From the prior alone, no readings used; a result folder in place of the study builds on them.")
     marked = sum(1 - estimate.answered > UNANSWERED for estimate in design.ranking.estimates)
     if marked:
-        lines.append(
-            f"! At {marked} candidates the model has no answer for over {UNANSWERED:.0%} of the draws."
-        )
+        lines.append(f"! At {marked} candidates the model has no answer for over {UNANSWERED:.0%} of the draws.")
     return lines

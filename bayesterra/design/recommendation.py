@@ -77,8 +77,7 @@ class DesignRequest:
         """Facts that judged candidates of one design share, by names fit for a message."""
         study, prints = self.situation.study, self.situation.study.fingerprint
         candidates = [
-            (row.wheel, row.wheels, row.slip.tolist(), row.load.tolist(), row.noise)
-            for row in self.candidates
+            (row.wheel, row.wheels, row.slip.tolist(), row.load.tolist(), row.noise) for row in self.candidates
         ]
         return {
             "seed": self.seed,

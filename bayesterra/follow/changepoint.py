@@ -72,9 +72,7 @@ class Candidates:
     @classmethod
     def none(cls, d: int) -> Candidates:
         """No candidate yet."""
-        return cls(
-            np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty((0, d)), np.empty((0, d, d))
-        )
+        return cls(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty((0, d)), np.empty((0, d, d)))
 
     def __len__(self) -> int:
         return len(self.since)
@@ -175,9 +173,7 @@ class Basis:
         offsets = points - candidates.means[:, None, :]
         alive = share.sum(axis=1) > 0
         noise = np.where(alive[:, None], np.einsum("hp,hpk->hk", share, variance), 1.0)
-        expected = np.einsum("hp,hpi,hpj->hij", share, spread, spread) + noise[:, :, None] * np.eye(
-            int(read.sum())
-        )
+        expected = np.einsum("hp,hpi,hpj->hij", share, spread, spread) + noise[:, :, None] * np.eye(int(read.sum()))
         cross = np.einsum("hp,hpi,hpj->hij", share, offsets, spread)
         residual = row.measured[0][read] - mean
         gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(cross, 1, 2)), 1, 2)
@@ -234,9 +230,7 @@ def _log_normal(residual: FloatArray, covariance: FloatArray) -> FloatArray:
     factor = np.linalg.cholesky(covariance)
     standard = np.linalg.solve(factor, residual[:, :, None])[:, :, 0]
     log_det = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    return np.asarray(
-        -0.5 * (standard**2).sum(axis=1) - log_det - 0.5 * residual.shape[1] * np.log(2 * np.pi)
-    )
+    return np.asarray(-0.5 * (standard**2).sum(axis=1) - log_det - 0.5 * residual.shape[1] * np.log(2 * np.pi))
 
 
 EVIDENCE = 0.9
@@ -260,9 +254,7 @@ class ChangeDetector:
         self.basis = 0
         self._based: Basis | None = None
 
-    def see(
-        self, number: int, rows: int, before: Particles, row: Likelihood, log_predictive: float
-    ) -> Alarm | None:
+    def see(self, number: int, rows: int, before: Particles, row: Likelihood, log_predictive: float) -> Alarm | None:
         """Take in a row; an alarm where it first seems that the soil has changed.
 
         Parameters

@@ -360,15 +360,11 @@ def _fitted(
 
 def _spread(u: FloatArray) -> FloatArray:
     """Standard deviation of every coordinate over the prior's draws (k, d) that have one."""
-    deviations = np.array(
-        [column[np.isfinite(column)].std() if np.isfinite(column).any() else 0 for column in u.T]
-    )
+    deviations = np.array([column[np.isfinite(column)].std() if np.isfinite(column).any() else 0 for column in u.T])
     return np.where(deviations > 0, deviations, 1.0)
 
 
-def _proposed(
-    v: FloatArray, proposal: Proposal, independent: bool, rng: Generator
-) -> tuple[FloatArray, FloatArray]:
+def _proposed(v: FloatArray, proposal: Proposal, independent: bool, rng: Generator) -> tuple[FloatArray, FloatArray]:
     """Proposals (n, d), and log of the ratio of their proposal densities, old to new."""
     mixture = proposal.mixture
     if independent:

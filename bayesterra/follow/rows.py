@@ -37,9 +37,7 @@ def table_of(values: Mapping[str, object]) -> pd.DataFrame:
             cells[name] = value
         elif isinstance(value, str) and value.strip()[:1] in ("<", ">"):
             mark, limit = value.strip()[0], table_of({name: value.strip()[1:]})
-            cells |= {
-                header: f"{mark}{cell}" for header, cell in zip(limit.columns, limit.iloc[0], strict=True)
-            }
+            cells |= {header: f"{mark}{cell}" for header, cell in zip(limit.columns, limit.iloc[0], strict=True)}
         elif value is not None and not (isinstance(value, float) and np.isnan(value)):
             channel = CHANNELS.get(name.removesuffix(SD_SUFFIX))
             if channel is None:
@@ -82,9 +80,7 @@ def _check_noise(study: Study, row: Observations) -> None:
     for name, values in row.values.items():
         if name not in study.noise and name not in study.drive.idle and not np.isnan(values[0]):
             channels = ", ".join(study.noise)
-            raise StudyError(
-                f"[noise] has no entry for the measured channel '{name}' (it has {channels}; row 1)"
-            )
+            raise StudyError(f"[noise] has no entry for the measured channel '{name}' (it has {channels}; row 1)")
 
 
 @dataclass

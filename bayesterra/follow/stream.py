@@ -162,9 +162,7 @@ class Stream(AnalysisResult):
         """Monte Carlo standard error of ``log_evidence``."""
         return float(np.sqrt(self._variance + (settled(self._cloud) if self._cloud else 0.0)))
 
-    def add(
-        self, row: Mapping[str, object] | pd.Series | pd.DataFrame | None = None, **values: object
-    ) -> Update:
+    def add(self, row: Mapping[str, object] | pd.Series | pd.DataFrame | None = None, **values: object) -> Update:
         """Learn from one more row.
 
         Parameters

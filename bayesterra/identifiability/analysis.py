@@ -229,9 +229,7 @@ class Assessment:
         local, names = self.spread.table, ("profile", "lower_95", "upper_95", "excluded")
         told = [("", np.nan, np.nan, np.nan)] * len(self.posterior.names)
         if each is not None:
-            told = [
-                (p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, self.prior.T, strict=True)
-            ]
+            told = [(p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, self.prior.T, strict=True)]
         return pd.DataFrame(
             {
                 "structural": [name in seen for name in self.posterior.names],

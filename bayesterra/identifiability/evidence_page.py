@@ -16,14 +16,7 @@ from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis
 from bayesterra.identifiability.identify import Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
 from bayesterra.identifiability.local import CRITICAL, LocalAnalysis
-from bayesterra.identifiability.verdicts import (
-    COUPLED_TO_ALL,
-    DETERMINED,
-    MOVED,
-    SHIFT,
-    WEAK,
-    identifiability,
-)
+from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, MOVED, SHIFT, WEAK, identifiability
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
@@ -48,9 +41,7 @@ def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def identifiability_section(result: Result) -> Blocks:
     """Section on what the data determine."""
     bars = drawing(contraction(result), "Contraction of every parameter")
-    cells = drawing(
-        combinations(result), "Weights of the parameters in the combinations, best determined first"
-    )
+    cells = drawing(combinations(result), "Weights of the parameters in the combinations, best determined first")
     caption = Markup(
         "Left: contraction 1 − var(posterior)/var(prior) of each parameter, of its logarithm where the prior "
         "is a law of that, with the limits {:.1f} and "
@@ -395,9 +386,7 @@ def group_coupling(coupling: Coupling, ax: Axes | None = None) -> Axes:
         table["nearest"], places + 0.14, xerr=table["nearest_error"], fmt="o", color=DATA, markersize=4,
         markerfacecolor="none",
     )  # fmt: skip
-    names = [
-        f"{GROUP_WORDS[a]} –\n{GROUP_WORDS[b]}" for a, b in zip(table["first"], table["second"], strict=True)
-    ]
+    names = [f"{GROUP_WORDS[a]} –\n{GROUP_WORDS[b]}" for a, b in zip(table["first"], table["second"], strict=True)]
     ax.set(yticks=places, yticklabels=names, xlabel="mutual information [nat]")
     ax.set_xlim(left=min(0.0, float(table["nearest"].min())) if len(table) else 0.0)
     ax.tick_params(axis="y", length=0, labelsize=9)

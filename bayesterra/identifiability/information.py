@@ -162,14 +162,10 @@ def _parameters(names: Sequence[str], data: Compared, cut: Compared) -> pd.DataF
     )
 
 
-def _directions(
-    names: Sequence[str], data: Compared, scope: str, columns: Sequence[int], view: str
-) -> pd.DataFrame:
+def _directions(names: Sequence[str], data: Compared, scope: str, columns: Sequence[int], view: str) -> pd.DataFrame:
     contractions, weights = data.directions(columns, view)
     inside = [names[i] for i in columns]
-    gains = [
-        data.divergence(columns, column) if view == MARGINAL else (np.nan, np.nan) for column in weights.T
-    ]
+    gains = [data.divergence(columns, column) if view == MARGINAL else (np.nan, np.nan) for column in weights.T]
     return pd.DataFrame(
         {
             "scope": scope,
@@ -284,9 +280,7 @@ def nearest_information(first: FloatArray, second: FloatArray, k: int = NEIGHBOU
     """
     joint = np.column_stack([first, second])
     radius = cKDTree(joint).query(joint, k + 1, p=np.inf)[0][:, -1] * (1.0 - 1e-12)
-    counts = (
-        cKDTree(part).query_ball_point(part, radius, p=np.inf, return_length=True) for part in (first, second)
-    )
+    counts = (cKDTree(part).query_ball_point(part, radius, p=np.inf, return_length=True) for part in (first, second))
     terms = digamma(k) + digamma(len(joint)) - sum(digamma(count) for count in counts)
     return float(terms.mean()), float(terms.std() / np.sqrt(len(joint)))
 

@@ -221,11 +221,7 @@ def collinearity(local: LocalAnalysis, sets: int = 200) -> Collinearity:
     tables = [_of_size(local.names, unit, k) for k in sizes if comb(len(local.names), k) <= MOST_SUBSETS]
     length = np.median(lengths, axis=0)
     importance = pd.DataFrame(
-        {
-            "parameter": list(local.names),
-            "delta_msqr": length / np.sqrt(max(local.readings, 1)),
-            "length": length,
-        }
+        {"parameter": list(local.names), "delta_msqr": length / np.sqrt(max(local.readings, 1)), "length": length}
     )
     columns = ["size", "subset", "gamma", "highest"]
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)

@@ -22,15 +22,7 @@ from bayesterra.identifiability.evidence_page import (
 from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
 from bayesterra.identifiability.information import ALL
 from bayesterra.identifiability.profiles import LEVELS, NO_PROFILES, Profile, Profiles
-from bayesterra.identifiability.verdicts import (
-    COUPLED_TO_ALL,
-    DETERMINED,
-    EXCLUDED,
-    MOVED,
-    SHIFT,
-    WEAK,
-    WORDS,
-)
+from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, EXCLUDED, MOVED, SHIFT, WEAK, WORDS
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
 from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled

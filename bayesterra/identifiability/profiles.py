@@ -277,9 +277,7 @@ class _Found:
     gain: float
 
     @classmethod
-    def of(
-        cls, names: tuple[str, ...], kind: str, target: Target, traces: Traces, beforehand: FloatArray
-    ) -> _Found:
+    def of(cls, names: tuple[str, ...], kind: str, target: Target, traces: Traces, beforehand: FloatArray) -> _Found:
         """Read the profiles off the traces."""
         possible = np.isfinite(traces.value)
         level, x = np.full(len(possible), -np.inf), np.full(traces.y.shape, np.nan)

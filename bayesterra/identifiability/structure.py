@@ -250,8 +250,7 @@ def design_of(posterior: Whole) -> Design:
     masks = zip(posterior.groups.values(), read_where(posterior), strict=True)
     designs = [_of_likelihood(own.likelihood, read) for own, read in masks]
     slips, widths, given = (
-        np.unique(np.concatenate([getattr(each, name) for each in designs]))
-        for name in ("slips", "widths", "given")
+        np.unique(np.concatenate([getattr(each, name) for each in designs])) for name in ("slips", "widths", "given")
     )
     rows, readings = (sum(getattr(each, name) for each in designs) for name in ("rows", "readings"))
     return replace(designs[0], rows=rows, slips=slips, widths=widths, given=given, readings=readings)

@@ -247,9 +247,7 @@ def _unheld(traces: Traces, mode: FloatArray) -> bool:
     return bool(max(least) > traces.best[1] + MOVED)
 
 
-def _extended(
-    traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray, engine: Engine
-) -> Traces:
+def _extended(traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray, engine: Engine) -> Traces:
     """The traces with more points, found from the mode and from their neighbours."""
     traces = traces.with_points(column, place)
     traces.improved[:] = _beside_new(traces)

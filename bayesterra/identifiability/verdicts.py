@@ -183,8 +183,7 @@ def _tied(own: int, chosen: IntArray, correlations: Correlated) -> tuple[float, 
     block, place = np.ix_(chosen, chosen), int(np.flatnonzero(chosen == own)[0])
     pairs = correlations.plain[own, others]
     after, before = (
-        multiple_correlation(matrix[block])[place]
-        for matrix in (correlations.scores, correlations.prior_scores)
+        multiple_correlation(matrix[block])[place] for matrix in (correlations.scores, correlations.prior_scores)
     )
     return float(pairs[np.abs(pairs).argmax()]), float(after), float(before)
 

@@ -10,15 +10,7 @@ import numpy as np
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError, check_kind
-from bayesterra.least_squares.groupwise import (
-    Passes,
-    Plan,
-    decoupled_steps,
-    integral_steps,
-    iterate,
-    one_pass,
-    plan,
-)
+from bayesterra.least_squares.groupwise import Passes, Plan, decoupled_steps, integral_steps, iterate, one_pass, plan
 from bayesterra.least_squares.joint import JointFit, fit_joint
 from bayesterra.least_squares.results import FORCES, METHODS, Fit
 from bayesterra.least_squares.settings import (
@@ -117,9 +109,7 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
     began = perf_counter()
     settings, rows = iteration_settings(study, overrides), readings(study)
     if method == "IM1":
-        steps = integral_steps(
-            rows, M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)})
-        )
+        steps = integral_steps(rows, M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)}))
     else:
         steps = decoupled_steps(method, rows, study.model)
     todo = plan(method, steps, settings)

@@ -178,9 +178,7 @@ def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
     return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
 
 
-def _residual_sd(
-    posterior: Posterior, misfit: WeightedMisfit, theta: FloatArray, free: int
-) -> dict[str, float]:
+def _residual_sd(posterior: Posterior, misfit: WeightedMisfit, theta: FloatArray, free: int) -> dict[str, float]:
     """Root mean square residual of the channels with estimated noise, inside the ranges of their laws."""
     residual = misfit.measured - misfit.predicted(theta)
     count = int(np.sum(~np.isnan(misfit.measured)))

@@ -59,9 +59,7 @@ class Fit:
 
     def values(self) -> dict[str, float]:
         """Soil parameters by name, SI and radians."""
-        return {
-            name: float(getattr(self.soil, name)) for name in MODEL_PARAMETERS if hasattr(self.soil, name)
-        }
+        return {name: float(getattr(self.soil, name)) for name in MODEL_PARAMETERS if hasattr(self.soil, name)}
 
     def identified(self) -> dict[str, float]:
         """Soil parameters by name without those that the data could not tell."""
@@ -194,10 +192,7 @@ class PointEstimate:
 
 
 def locate(
-    posterior: Posterior,
-    draws: FloatArray,
-    draw_densities: FloatArray,
-    points: Mapping[str, Mapping[str, float]],
+    posterior: Posterior, draws: FloatArray, draw_densities: FloatArray, points: Mapping[str, Mapping[str, float]]
 ) -> dict[str, PointEstimate]:
     """Place point estimates in the posterior.
 
@@ -211,15 +206,10 @@ def locate(
         k_φ, the latter makes up for it. Values of parameters that the study fixes are not used.
     """
     median = dict(zip(posterior.names, np.median(draws, axis=0), strict=True))
-    return {
-        method: _standing(posterior, method, values, median, draw_densities)
-        for method, values in points.items()
-    }
+    return {method: _standing(posterior, method, values, median, draw_densities) for method, values in points.items()}
 
 
-def _completed(
-    posterior: Posterior, median: Mapping[str, float], values: Mapping[str, float]
-) -> dict[str, float]:
+def _completed(posterior: Posterior, median: Mapping[str, float], values: Mapping[str, float]) -> dict[str, float]:
     completed = {**median, **values}
     if "Ks" in values and "kphi" in posterior.names and "kphi" not in values:
         kc = {**posterior.prior.fixed, **completed}["kc"]

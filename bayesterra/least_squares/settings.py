@@ -13,15 +13,7 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import Conditions, LoadEffectSoil, Soil
-from bayesterra.parameters import (
-    HELD,
-    LOAD_EFFECT,
-    MODEL_PARAMETERS,
-    MODULI,
-    OFFSET,
-    PARAMETERS,
-    SOIL_PARAMETERS,
-)
+from bayesterra.parameters import HELD, LOAD_EFFECT, MODEL_PARAMETERS, MODULI, OFFSET, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.entries import prior_set
 from bayesterra.study.observations import Observations
@@ -71,9 +63,7 @@ class Settings:
 
     def at_bound(self, theta: FloatArray, columns: list[int]) -> tuple[str, ...]:
         """Names among ``columns`` whose value is within 1e-4 of the range from a bound."""
-        width = np.subtract(
-            self.upper, self.lower, where=np.isfinite(self.lower), out=np.full_like(theta, np.inf)
-        )
+        width = np.subtract(self.upper, self.lower, where=np.isfinite(self.lower), out=np.full_like(theta, np.inf))
         margin = 1e-4 * np.where(np.isfinite(width), width, 0.0)
         at = (theta < self.lower + margin) | (theta > self.upper - margin)
         return tuple(self.names[i] for i in columns if at[i])
@@ -128,10 +118,7 @@ def _check_known(table: Mapping[str, float], study: Study) -> None:
 def _held_by_study(study: Study) -> dict[str, float]:
     """Parameters that the priors fix, and n1 = 0 where the model's exponent is constant."""
     fixed = {name: value for name, value in study.prior.fixed.items() if name in MODEL_PARAMETERS}
-    if (
-        all(name in study.prior.fixed for name in MODULI)
-        and len({w.width for w in study.wheels.values()}) == 1
-    ):
+    if all(name in study.prior.fixed for name in MODULI) and len({w.width for w in study.wheels.values()}) == 1:
         fixed["Ks"] = study.prior.fixed["kc"] / study.prior.width + study.prior.fixed["kphi"]
     return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
 
@@ -145,9 +132,7 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     """
     asked = overrides.over(study)
     hold = {**HELD, **(asked.hold or {})}
-    box = {
-        n: e.range if isinstance(e, Law) else (HELD[n], HELD[n]) for n, e in prior_set("paper-box").items()
-    }
+    box = {n: e.range if isinstance(e, Law) else (HELD[n], HELD[n]) for n, e in prior_set("paper-box").items()}
     low = {name: (asked.lower or {}).get(name, box[name][0]) for name in SOIL_PARAMETERS}
     high = {name: (asked.upper or {}).get(name, box[name][1]) for name in SOIL_PARAMETERS}
     start = {name: float(np.clip(START[name], low[name], high[name])) for name in SOIL_PARAMETERS}

@@ -92,12 +92,7 @@ class Minimum:
 
 
 def minimise(
-    residual: Curve,
-    start: FloatArray,
-    box: Box,
-    *,
-    tolerance: float = TOLERANCE,
-    evaluations: int = MAX_EVALUATIONS,
+    residual: Curve, start: FloatArray, box: Box, *, tolerance: float = TOLERANCE, evaluations: int = MAX_EVALUATIONS
 ) -> Minimum:
     """Minimise the sum of squares of ``residual`` over the free coordinates of ``box``, from ``start`` (p,).
 

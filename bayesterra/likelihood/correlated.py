@@ -226,9 +226,7 @@ class CorrelatedLikelihood(Likelihood):
             discrepancies[good] = law.draw(self.measured, rng, wheel, slip).elsewhere
         return discrepancies
 
-    def fresh(
-        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
-    ) -> FloatArray:
+    def fresh(self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
         """Draw ripple and effect of slip errors (n, g, k) of readings of another sweep, each by itself.
 
         A channel that is no outcome of ``forward``, as its other drive is given it, has no effect of slip.
@@ -306,9 +304,7 @@ class CorrelatedLikelihood(Likelihood):
     def sizes(self, n: int, noise_values: FloatArray) -> FloatArray:
         """Standard deviations (n, j) of discrepancies, ripples and slip errors, given or estimated."""
         columns = iter(noise_values.T[sum(noise.parameter is not None for noise in self.noise) :])
-        sizes = [
-            np.full(n, error.size.sd) if error.parameter is None else next(columns) for error in self.errors
-        ]
+        sizes = [np.full(n, error.size.sd) if error.parameter is None else next(columns) for error in self.errors]
         return np.column_stack([np.empty((n, 0)), *sizes])
 
     @cached_property
@@ -328,10 +324,7 @@ class CorrelatedLikelihood(Likelihood):
     @cached_property
     def _given_noise(self) -> FloatArray | None:
         """Noise (m, k) where it does not depend on the parameters; else None."""
-        if (
-            any(noise.sd is None or noise.tails != GAUSSIAN for noise in self.noise)
-            or self.intervals is not None
-        ):
+        if any(noise.sd is None or noise.tails != GAUSSIAN for noise in self.noise) or self.intervals is not None:
             return None
         return np.asarray(self.scales(np.zeros((1, *self.measured.shape)), np.empty((1, 0)))[0])
 
@@ -369,9 +362,7 @@ class CorrelatedLikelihood(Likelihood):
             return self
         return replace(self, forward=replace(self.forward, given=given[chosen]))
 
-    def _drawn(
-        self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool
-    ) -> Outcomes:
+    def _drawn(self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool) -> Outcomes:
         outcomes = self.forward(soil, every_row=True)
         for good, law in self._laws(soil, noise_values, outcomes):
             drawn: Drawn = law.draw(self.measured if conditioned else None, rng)

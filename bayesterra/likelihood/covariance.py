@@ -99,9 +99,7 @@ class Stack:
         if self.axes is not None:
             which, values, vectors, level = self.axes
             spread = 1.0 + sizes[:, which, None, None] ** 2 * values
-            return Whitening(
-                vectors / np.sqrt(spread)[..., None], level + 0.5 * np.log(spread).sum(axis=(1, 2))
-            )
+            return Whitening(vectors / np.sqrt(spread)[..., None], level + 0.5 * np.log(spread).sum(axis=(1, 2)))
         lower = np.linalg.cholesky(self.covariance(scale, sizes, effects))
         level = np.log(np.einsum("nbqq->nbq", lower)).sum(axis=(1, 2))
         return Whitening(np.linalg.inv(lower), np.asarray(level))
@@ -399,9 +397,7 @@ class TableLaw:
     def pulls(self, residuals: FloatArray) -> FloatArray:
         """K⁻¹ times residuals (n, m, k), 0 where there is no reading."""
         pulls = np.zeros(residuals.shape)
-        for stack, whitening, white in zip(
-            self.layout.stacks, self.whitenings, self.white(residuals), strict=True
-        ):
+        for stack, whitening, white in zip(self.layout.stacks, self.whitenings, self.white(residuals), strict=True):
             pulls[:, stack.rows, stack.columns] = whitening.back(white)
         return pulls
 

@@ -100,9 +100,7 @@ class Forward:
     as_read: bool = False
 
     @classmethod
-    def of(
-        cls, model: WheelSoilModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]
-    ) -> Forward:
+    def of(cls, model: WheelSoilModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> Forward:
         """Hold ``model`` at the rows of ``observations``, whose sinkages are readings.
 
         With a latent load that is the one that a row knows best.

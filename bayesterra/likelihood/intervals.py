@@ -100,16 +100,12 @@ class Intervals:
             level = self.noise[i].tails.log_between(low[:, rows], high[:, rows])
             density[:, rows, i] = level - np.where(limited[rows, i], 0.0, np.log(self.steps[i] or 1.0))
 
-    def replace_pulls(
-        self, pull: FloatArray, stretch: FloatArray, predicted: FloatArray, scale: FloatArray
-    ) -> None:
+    def replace_pulls(self, pull: FloatArray, stretch: FloatArray, predicted: FloatArray, scale: FloatArray) -> None:
         """Put derivatives of log probabilities of the readings by place and scale in place of densities'."""
         for i, rows in self.channels(self.readings):
             low, high = self.between(i, self.readings, predicted, scale)
             by_place, by_scale = self.noise[i].tails.pulls_between(low[:, rows], high[:, rows])
-            pull[:, rows, i], stretch[:, rows, i] = (
-                part / scale[:, rows, i] for part in (by_place, by_scale)
-            )
+            pull[:, rows, i], stretch[:, rows, i] = (part / scale[:, rows, i] for part in (by_place, by_scale))
 
     def at_middles(self, standard: FloatArray, predicted: FloatArray, scale: FloatArray) -> FloatArray:
         """Standardised residuals (n, m, k), those of readings known by a limit put at its middle."""

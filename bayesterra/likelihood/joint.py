@@ -13,14 +13,7 @@ from scipy.special import ndtri
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, SupportError
-from bayesterra.likelihood.posterior import (
-    INSIDE,
-    OUTSIDE_PRIOR,
-    Posterior,
-    checked_sets,
-    likelihood_of,
-    posterior,
-)
+from bayesterra.likelihood.posterior import INSIDE, OUTSIDE_PRIOR, Posterior, checked_sets, likelihood_of, posterior
 from bayesterra.stats.dependence import MixtureCopula, Split
 from bayesterra.stats.laws import Law, log_population, population_score, population_value
 from bayesterra.study.groups import Pooling

@@ -158,9 +158,7 @@ class Likelihood:
         """Discrepancy (n, g, channels) of a wheel at slips (g,); None where the study has none."""
         return None
 
-    def fresh(
-        self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator
-    ) -> FloatArray | None:
+    def fresh(self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray | None:
         """What new readings at the rows of ``forward`` have beside outcomes and noise; None for nothing."""
         return None
 
@@ -361,9 +359,7 @@ fraction (m, k) of the modelled value; codes of the laws (k,), and logs of their
 
 
 @compiled
-def likelihoods(
-    theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out: FloatArray, status: Codes
-) -> None:
+def likelihoods(theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out: FloatArray, status: Codes) -> None:
     """Fill `out` (n, m, 2): log likelihood of every row, and a drawn load in place of a uniform number."""
     at.screen(theta, rows, plan, status)
     workspace = np.zeros(lv.DESK_SIZE)

@@ -269,9 +269,7 @@ def forget(workspace: Lanes) -> None:
 
 
 @compiled
-def search(
-    workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
-) -> tuple[bool, bool]:
+def search(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
     """Scan a panel; tell whether there may be weight to its left and to its right.
 
     ``how`` says whether few nodes suffice, and whether F_N may fall.
@@ -341,9 +339,7 @@ def excess(workspace: Lanes, k: int, count: int) -> float:
 
 
 @compiled
-def solve(
-    workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float
-) -> tuple[float, float, int]:
+def solve(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[float, float, int]:
     """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
     The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range,

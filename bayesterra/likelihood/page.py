@@ -49,9 +49,9 @@ def _readings(study: Study) -> Table:
         noise = noise_text(study.noise.get(name))
         table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise]
     table["in the fit"] = [*("yes" if use else "no" for use in rows.use), ""]
-    caption = Markup(
-        "Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}"
-    ).format(_origin(study))
+    caption = Markup("Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}").format(
+        _origin(study)
+    )
     align = "l" + "l" * many + "r" * (len(columns) + 1) + "c"
     return Table(caption, align, tuple(table), tuple(zip(*table.values(), strict=True)))
 
@@ -81,9 +81,7 @@ def _wheels(study: Study) -> Table:
             name,
             *(given(length * 1e3) for length in (wheel.radius, wheel.width, wheel.lug_height)),
             str(wheel.lug_count),
-            NOTHING
-            if wheel.shearing_radius_coefficient is None
-            else f"{wheel.shearing_radius_coefficient:.3g}",
+            NOTHING if wheel.shearing_radius_coefficient is None else f"{wheel.shearing_radius_coefficient:.3g}",
             f"{float(wheel.shearing_radius()) * 1e3:.4g}",
         )
         for name, wheel in study.wheels.items()
@@ -94,9 +92,7 @@ def _wheels(study: Study) -> Table:
 
 
 def _model(study: Study) -> Markup:
-    options = ", ".join(
-        f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items()
-    )
+    options = ", ".join(f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items())
     return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
                   "{} noise of the standard deviation in the last line of the table.").format(
         study.model.name, study.model.equations, options, study.drive.sentence, _law_of_noise(study)

@@ -143,9 +143,7 @@ class Posterior:
         """Outcomes behind the readings of the rows in the fit; a latent load is drawn given ``x`` and row."""
         return self.likelihood.explained(self.prior.soil_values(x), self.noise_values(x), rng)
 
-    def drive(
-        self, forward: Forward, outcomes: Outcomes, x: FloatArray, wheel: str | None, rng: Generator
-    ) -> Outcomes:
+    def drive(self, forward: Forward, outcomes: Outcomes, x: FloatArray, wheel: str | None, rng: Generator) -> Outcomes:
         """Readings of a new drive of a wheel, NaN for channels that have no noise; ``outcomes`` are changed.
 
         What the model says at the rows of ``forward`` becomes that and the discrepancy: as the readings of
@@ -274,9 +272,7 @@ def _no_support(counts: Mapping[int, int], tried: int) -> str:
     reached = {code: count for code, count in counts.items() if count}
     shares = _percentages(reached, tried)
     listed = [f"{shares[code]}: {REASONS[code]}" for code in sorted(reached, key=lambda code: -reached[code])]
-    return (
-        f"no parameter set of the prior fits the conditions of the data: of {tried} draws {', '.join(listed)}"
-    )
+    return f"no parameter set of the prior fits the conditions of the data: of {tried} draws {', '.join(listed)}"
 
 
 def _percentages(counts: Mapping[int, int], tried: int) -> dict[int, str]:

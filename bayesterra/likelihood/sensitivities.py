@@ -320,8 +320,7 @@ def _bends(posterior: Posterior, law: TableLaw, x: FloatArray) -> FloatArray:
     ends = np.maximum(rows.slip - STEP, 0.0), np.where(rows.slip + STEP < 1.0, rows.slip + STEP, rows.slip)
     moved = (replace(likelihood, forward=likelihood.forward.at_slip(slip)) for slip in ends)
     low, high = (
-        sensitivities(replace(posterior, likelihood=at), x).of(likelihood.channels).by_parameter
-        for at in moved
+        sensitivities(replace(posterior, likelihood=at), x).of(likelihood.channels).by_parameter for at in moved
     )
     size = law.sizes[:, -1, None, None]
     bends = np.nan_to_num((high - low) / (ends[1] - ends[0])[:, None, None]) * size[..., None]
@@ -353,9 +352,7 @@ def _scatter(
             by_size = stack.by_size(which, law.sizes)
             if column is not None and by_size is not None:
                 moved[column] = moved.get(column, 0.0) + by_size
-        whitened = {
-            i: whitening.matrix @ part @ whitening.matrix.swapaxes(-1, -2) for i, part in moved.items()
-        }
+        whitened = {i: whitening.matrix @ part @ whitening.matrix.swapaxes(-1, -2) for i, part in moved.items()}
         for i, first in whitened.items():
             square = np.einsum("nbq,nbqr,nbr->n", w, first, w)
             gradient[:, i] += 0.5 * (square - np.einsum("nbqq->n", first))

@@ -78,12 +78,7 @@ class Sites:
 
     @classmethod
     def begun(
-        cls,
-        side: FloatArray,
-        readings: FloatArray,
-        scale: FloatArray,
-        sd: FloatArray,
-        tails: tuple[Tails, ...],
+        cls, side: FloatArray, readings: FloatArray, scale: FloatArray, sd: FloatArray, tails: tuple[Tails, ...]
     ) -> Sites:
         """Where they begin, with standard deviations ``sd`` (n, m, k).
 
@@ -145,12 +140,7 @@ class Sites:
 
 @compiled
 def numbers(
-    off: FloatArray,
-    left: FloatArray,
-    scale: FloatArray,
-    parts: FloatArray,
-    shares: FloatArray,
-    out: FloatArray,
+    off: FloatArray, left: FloatArray, scale: FloatArray, parts: FloatArray, shares: FloatArray, out: FloatArray
 ) -> None:
     """Fill `out` (n, q, 4) for numbers that are ``off`` (n, q) what all else tells with a variance ``left``.
 

@@ -145,9 +145,7 @@ class Target:
         below, above = (prior.scores(self.chart.to_physical(middle + h)) for h in (-PRIOR_STEP, PRIOR_STEP))
         stretch[:, prior.correlated] = ((above - below) / (2 * PRIOR_STEP))[:, prior.correlated]
         slope, curvature = prior.slope_and_curvature(prior.scores(self.chart.to_physical(y)))
-        return np.nan_to_num(stretch * slope), np.nan_to_num(
-            stretch[:, :, None] * curvature * stretch[:, None, :]
-        )
+        return np.nan_to_num(stretch * slope), np.nan_to_num(stretch[:, :, None] * curvature * stretch[:, None, :])
 
 
 TAIL = 1e-4
@@ -207,8 +205,7 @@ class Chart:
         unit = np.eye(len(self.low))
         free: list[tuple[None, None]] = [(None, None)] * len(unit)
         extremes = [
-            [linprog(sign * axis, self.rows, self.limits, bounds=free).fun for sign in (1, -1)]
-            for axis in unit
+            [linprog(sign * axis, self.rows, self.limits, bounds=free).fun for sign in (1, -1)] for axis in unit
         ]
         ends = np.array([(0.0, -1.0) if None in pair else pair for pair in extremes], dtype=np.float64)
         return np.asarray(np.clip(ends * np.array([1.0, -1.0]), 0.0, 1.0))

@@ -32,14 +32,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.pooling.evidence import (
-    PriorShares,
-    Weighed,
-    joint_shares,
-    plain_shares,
-    weigh_joint,
-    weigh_plain,
-)
+from bayesterra.pooling.evidence import PriorShares, Weighed, joint_shares, plain_shares, weigh_joint, weigh_plain
 from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.importance import Evidence, summed
@@ -80,17 +73,13 @@ class Level:
 UNKNOWN = Level(np.nan, np.nan, reliable=False)
 
 
-def with_roles(
-    joint: JointPosterior, shared: Sequence[str], hierarchical: Mapping[str, Population]
-) -> JointPosterior:
+def with_roles(joint: JointPosterior, shared: Sequence[str], hierarchical: Mapping[str, Population]) -> JointPosterior:
     """The same groups; some parameters are shared, some have a population, all others are separate."""
     names = joint.first.names
     separate = tuple(name for name in names if name not in shared and name not in hierarchical)
     ordered = {name: hierarchical[name] for name in names if name in hierarchical}
     common = tuple(name for name in names if name in shared)
-    return replace(
-        joint, pooling=replace(joint.pooling, shared=common, separate=separate, hierarchical=ordered)
-    )
+    return replace(joint, pooling=replace(joint.pooling, shared=common, separate=separate, hierarchical=ordered))
 
 
 def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Generator) -> Level:
@@ -128,9 +117,7 @@ def _some(chain: FloatArray, rng: Generator) -> FloatArray:
     return flat[rng.choice(len(flat), size=min(STARTS, len(flat)), replace=False)]
 
 
-def _moved(
-    family: JointFamily, ensemble: PooledEnsemble, alone: Draws, sweeps: int, rng: Generator
-) -> OuterLaws:
+def _moved(family: JointFamily, ensemble: PooledEnsemble, alone: Draws, sweeps: int, rng: Generator) -> OuterLaws:
     """Laws to weigh with, fitted to where an ensemble went."""
     D, L, _ = ensemble.run(sweeps)
     flat = D.reshape(-1, D.shape[-1])
@@ -139,9 +126,7 @@ def _moved(
     return outer_laws(family, ensemble.laws, alone, flat, own, rng)
 
 
-def _weights(
-    family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator
-) -> FloatArray:
+def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator) -> FloatArray:
     """Log weights (n,) of shared values (n, k) with log densities ``log_law`` (n,), locals integrated out."""
     total, repeated = family.log_prior(D) - log_law, np.repeat(D, INNER, axis=0)
     for g, law in enumerate(laws.locals):
@@ -261,9 +246,7 @@ def _degree(
     return Degree(log_z, error, evidence.reliable, name=name, converged=converged, left_out=table)
 
 
-def _apart(
-    joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, Evidence, PriorShares]]
-) -> Degree:
+def _apart(joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed, Evidence, PriorShares]]) -> Degree:
     entries, log_z, variance, reliable = [], 0.0, 0.0, True
     for (group, own), (weighed, evidence, shares) in zip(joint.groups.items(), alone, strict=True):
         log_z += evidence.log_z - shares.whole

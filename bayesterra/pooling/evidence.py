@@ -193,8 +193,7 @@ def weigh_plain(
         total = np.where(inside, likelihood, -np.inf)
         levels.append(total.reshape(shape))
         without = [
-            np.where(inside, total - term, -np.inf).reshape(shape)
-            for term in np.where(inside[:, None], terms, 0.0).T
+            np.where(inside, total - term, -np.inf).reshape(shape) for term in np.where(inside[:, None], terms, 0.0).T
         ]
         rows.append(np.array(without))
     return Weighed(base.reshape(shape), np.array(levels), tuple(rows))
@@ -217,9 +216,7 @@ def joint_shares(joint: JointPosterior, rng: Generator, *, outer: int = 4000, in
     return _shares(np.array(inside))
 
 
-def plain_shares(
-    joint: JointPosterior, groups: Sequence[str], rng: Generator, *, draws: int = 40000
-) -> PriorShares:
+def plain_shares(joint: JointPosterior, groups: Sequence[str], rng: Generator, *, draws: int = 40000) -> PriorShares:
     """Of the prior of a posterior in which some groups share every parameter."""
     x = joint.first.prior.sample(draws, rng)
     return _shares(np.array([(joint.groups[name].reasons(x) == INSIDE).astype(float) for name in groups]))

@@ -100,9 +100,7 @@ class PopulationChain:
             level = self.fitted[i].log_density(others, w) - coordinates.to_physical(w)[1]
             if i < len(self.family.joint.populations):
                 share = self._share(i, shared)
-                level = np.logaddexp(
-                    np.log(share) + self._log_population(i, shared, own), np.log1p(-share) + level
-                )
+                level = np.logaddexp(np.log(share) + self._log_population(i, shared, own), np.log1p(-share) + level)
             total, others = total + level, np.concatenate([others, w], axis=1)
         return total
 

@@ -66,9 +66,7 @@ def pooled_page(result: PooledResult) -> VerdictPage:
 
 def _sampling(result: PooledResult) -> Verdict:
     convergence = result.record["verdict"]
-    figures_ = Markup("R-hat {}, {} effective draws").format(
-        plain(convergence["r_hat"], 4), plain(convergence["ess"])
-    )
+    figures_ = Markup("R-hat {}, {} effective draws").format(plain(convergence["r_hat"], 4), plain(convergence["ess"]))
     beside = [name for name, good in convergence["compared_with"].items() if not good]
     rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
     if result.converged:
@@ -196,8 +194,7 @@ def _groups_section(result: PooledResult) -> Blocks:
     for chosen, title in ((shared, "Shared"), (own, "Each group's own")):
         if chosen:
             pictures = tuple(
-                drawing(group_strip(result, name), f"{PARAMETERS[name].description} by group")
-                for name in chosen
+                drawing(group_strip(result, name), f"{PARAMETERS[name].description} by group") for name in chosen
             )
             caption = Markup(
                 "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group "
@@ -213,8 +210,7 @@ def _degrees_section(result: PooledResult) -> Blocks:
     for row in result.pooling.to_dict("records"):
         evidence = _with_error(row["log_evidence"], row["log_evidence_error"], row["evidence_reliable"])
         elpds = (
-            _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0)
-            for of in ("rows", "groups")
+            _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0) for of in ("rows", "groups")
         )
         body.append((WORDS[row["pooling"]], "yes" if row["converged"] else "no", evidence, *elpds))
     caption = (
@@ -242,10 +238,7 @@ def _by_group(result: PooledResult) -> Table:
     body = []
     for group in result.groups:
         own = some[some["label"].astype(str) == group].set_index("pooling")
-        cells = [
-            _with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"]))
-            for d in degrees
-        ]
+        cells = [_with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"])) for d in degrees]
         body.append((group, *cells))
     caption = "Log density of all readings of one group as predicted from the others, ± Monte Carlo error."
     return Table(caption, "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
@@ -303,13 +296,10 @@ def joined_laws(study: Study) -> Markup | str:
     if not study.prior.correlated:
         return "independent of each other"
     named = [
-        Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value)
-        for pair, value in study.prior.correlation.items()
+        Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value) for pair, value in study.prior.correlation.items()
     ]
     named += [
-        Markup("{} by a mixture of {} normal laws of scores").format(
-            symbols(names.split(", ")), len(mixture.weights)
-        )
+        Markup("{} by a mixture of {} normal laws of scores").format(symbols(names.split(", ")), len(mixture.weights))
         for names, mixture in study.prior.mixtures.items()
     ]
     return Markup(

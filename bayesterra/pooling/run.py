@@ -15,13 +15,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import known
-from bayesterra.likelihood.joint import (
-    SPREAD,
-    JointPosterior,
-    draw_joint_prior,
-    joint_posterior,
-    name_in_group,
-)
+from bayesterra.likelihood.joint import SPREAD, JointPosterior, draw_joint_prior, joint_posterior, name_in_group
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
 from bayesterra.pooling.degrees import (
@@ -210,9 +204,7 @@ def run_pooled(
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     lone = (plan or PoolingOptions()).lone
     complete = failures.attempt(
-        "complete",
-        lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store),
-        lambda: None,
+        "complete", lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store), lambda: None
     )
     report(Progress("comparing", 1.0))
     degrees: tuple[Degree, ...] = ()
@@ -288,8 +280,7 @@ def sentence(verdicts: Sequence[Sharing]) -> str:
     clauses = []
     for word in dict.fromkeys(verdict.verdict for verdict in verdicts):
         named = [
-            " and ".join(PARAMETERS[n].symbol for n in sharing.names)
-            + (" together" if len(sharing.names) > 1 else "")
+            " and ".join(PARAMETERS[n].symbol for n in sharing.names) + (" together" if len(sharing.names) > 1 else "")
             for sharing in verdicts
             if sharing.verdict == word
         ]

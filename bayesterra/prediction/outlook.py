@@ -149,8 +149,7 @@ class RoverOutlook(AnalysisResult):
             named = ", ".join(_place(self.asked, i) for i in (beyond if len(beyond) < 4 else beyond[:3]))
             more = "" if len(beyond) < 4 else " and more"
             yield (
-                f"at {named}{more} the median slip lies above the driven slips, {low:.3g} to {high:.3g}:"
-                " extrapolated"
+                f"at {named}{more} the median slip lies above the driven slips, {low:.3g} to {high:.3g}: extrapolated"
             )
         above = float((self.slopes.slip > high).mean())
         if above > UNANSWERED:
@@ -421,9 +420,7 @@ def _over_tow(rover: Rover, ground: Ground, slope: float, tows: FloatArray, flat
 def _joined(states: Sequence[State]) -> State:
     """States (n, k) side by side."""
     names = [field.name for field in fields(State)]
-    return State(
-        **{name: np.concatenate([getattr(state, name) for state in states], axis=1) for name in names}
-    )
+    return State(**{name: np.concatenate([getattr(state, name) for state in states], axis=1) for name in names})
 
 
 def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterator[str]:
@@ -435,8 +432,7 @@ def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterat
     if ends and loads.size and not (0.999 * ends[0] <= loads.min() and loads.max() <= 1.001 * ends[1]):
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield (
-            f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N:"
-            " extrapolated"
+            f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N: extrapolated"
         )
     for wheel in dict.fromkeys(rover.wheels):
         yield from wheel_remarks(study, wheel, known=known)

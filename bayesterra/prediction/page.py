@@ -41,9 +41,7 @@ _PALE: dict[str, Any] = {"color": GRID, "alpha": 0.45, "linewidth": 0, "zorder":
 
 
 @styled
-def prediction(
-    curve: Prediction, quantity: str, ax: Axes | None = None, *, at: Prediction | None = None
-) -> Axes:
+def prediction(curve: Prediction, quantity: str, ax: Axes | None = None, *, at: Prediction | None = None) -> Axes:
     """Draw one quantity of a prediction over slip.
 
     Parameters
@@ -129,9 +127,7 @@ def hatch_failing(ax: Axes, x: FloatArray, shares: FloatArray, colour: str = DOU
     """Hatch the stretches of ``x`` (k,) in which over ``UNANSWERED`` of the draws fail; the worst share."""
     left, right = ax.get_xlim()
     for low, high, share in _stretches(x, shares):
-        ax.axvspan(
-            low, high, facecolor="none", edgecolor=colour, hatch="////", alpha=0.5, linewidth=0, zorder=5
-        )
+        ax.axvspan(low, high, facecolor="none", edgecolor=colour, hatch="////", alpha=0.5, linewidth=0, zorder=5)
         ax.text(
             min(max(0.5 * (low + high), left), right), 0.97, f"{100 * share:.0f} %", color=colour,
             transform=ax.get_xaxis_transform(), ha="center", va="top", fontsize=7.5, zorder=7,
@@ -250,9 +246,7 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
 
 def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> None:
     x = states.slope[0] / DEGREE if over == "slope" else states.tow[0]
-    fixed = (
-        f"{states.tow[0, 0]:.3g} N tow" if over == "slope" else f"slope {states.slope[0, 0] / DEGREE:.3g}°"
-    )
+    fixed = f"{states.tow[0, 0]:.3g} N tow" if over == "slope" else f"slope {states.slope[0, 0] / DEGREE:.3g}°"
     for ax, (field, title) in zip(axes, _LABELS.items(), strict=False):
         alike = field == "slip" and outlook.rover.equal_slip
         for axle in (1,) if alike else (0, 1):

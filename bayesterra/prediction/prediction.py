@@ -32,10 +32,7 @@ from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range, m
 
 UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
-PREDICTED: dict[str, Channel] = {
-    **{name: CHANNELS[name] for name in Drive.LOAD.outcomes},
-    EFFICIENCY.name: EFFICIENCY,
-}
+PREDICTED: dict[str, Channel] = {**{name: CHANNELS[name] for name in Drive.LOAD.outcomes}, EFFICIENCY.name: EFFICIENCY}
 """Outcomes that are predicted, the last axis of predictions."""
 _MODELLED, _READING = "modelled", "reading"
 
@@ -50,9 +47,7 @@ class Predicted(AnalysisResult):
     """Predictions that are shown and saved together."""
 
     MARK = "prediction.json"
-    RECORD = Record.having(
-        kind=Literal["prediction"], title=str, bayesterra=str, predictions=list[PredictedCase]
-    )
+    RECORD = Record.having(kind=Literal["prediction"], title=str, bayesterra=str, predictions=list[PredictedCase])
     VIEW = "bayesterra.prediction.page:forecast"
     PAGE = ""
     PLOT = "prediction.png"
@@ -152,10 +147,7 @@ class Prediction(Predicted):
         if not beyond.size:
             return self.remarks
         named = ", ".join(f"{slip:.3g}" for slip in (beyond if beyond.size < 4 else beyond[[0, -1]]))
-        return (
-            f"slip {named} lies outside the driven slips, {low:.3g} to {high:.3g}: extrapolated",
-            *self.remarks,
-        )
+        return (f"slip {named} lies outside the driven slips, {low:.3g} to {high:.3g}: extrapolated", *self.remarks)
 
     def at(self, slip: FloatArray) -> Prediction:
         """The same prediction at some of its slips only."""

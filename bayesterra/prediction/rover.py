@@ -18,17 +18,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Wheel, WheelSoilModel, statics
-from bayesterra.study.schema import (
-    Acceleration,
-    Force,
-    Length,
-    Mass,
-    Number,
-    Table,
-    Text,
-    checked_by,
-    read_toml,
-)
+from bayesterra.study.schema import Acceleration, Force, Length, Mass, Number, Table, Text, checked_by, read_toml
 from bayesterra.study.units import text
 from bayesterra.study.wheels import resolved, wheel_of
 
@@ -179,16 +169,12 @@ def _left_out(file: _File) -> Iterator[Assumption]:
         yield Assumption("gravity", f"{EARTH} m/s²", "none is given, so the Earth's is taken")
     if file.tow_height is None:
         height = str(text(file.centre_of_gravity.height, "m"))
-        yield Assumption(
-            "tow_height", height, "none is given, so the height of the centre of gravity is taken"
-        )
+        yield Assumption("tow_height", height, "none is given, so the height of the centre of gravity is taken")
     if file.front_to_rear_speed == 1:
         yield Assumption("front_to_rear_speed", "1", "all wheels turn at one speed and slip alike")
 
 
-def _wheel(
-    content: Mapping[str, Any], axle: str, wheels: Mapping[str, Wheel], phi: float
-) -> tuple[str, Wheel]:
+def _wheel(content: Mapping[str, Any], axle: str, wheels: Mapping[str, Wheel], phi: float) -> tuple[str, Wheel]:
     """Name and dimensions of the wheels of an axle, its own or those of both."""
     keys = [key for key in (f"{axle}_wheel", "wheel") if key in content]
     if not keys:

@@ -116,9 +116,7 @@ def _set(cell: Cell) -> Markup:
 
 
 def _set_table(block: Table) -> str:
-    lines = Markup("").join(
-        Markup("<tr>{}</tr>").format(_cells("td", row, block)) for row in block.rows if row
-    )
+    lines = Markup("").join(Markup("<tr>{}</tr>").format(_cells("td", row, block)) for row in block.rows if row)
     filled = Markup("<div><b>{}</b><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>")
     return str(filled.format(_set(block.caption), _cells("th", block.header, block), lines))
 

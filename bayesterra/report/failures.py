@@ -112,10 +112,7 @@ class Failures:
 
     def record(self) -> dict[str, Any]:
         """The entry ``failures`` of a record; nothing where nothing failed."""
-        kept = {
-            part: {**asdict(failure), "trace": list(failure.trace)}
-            for part, failure in self._failures.items()
-        }
+        kept = {part: {**asdict(failure), "trace": list(failure.trace)} for part, failure in self._failures.items()}
         return {"failures": kept} if kept else {}
 
 

@@ -7,22 +7,9 @@ from collections.abc import Iterable
 
 from markupsafe import Markup, escape
 
-from bayesterra.parameters import (
-    CHANNELS,
-    DERIVED,
-    EFFICIENCY,
-    PARAMETERS,
-    Channel,
-    Parameter,
-    whole_and_part,
-)
+from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, PARAMETERS, Channel, Parameter, whole_and_part
 
-QUANTITIES: dict[str, Parameter | Channel] = {
-    **CHANNELS,
-    **PARAMETERS,
-    **DERIVED,
-    EFFICIENCY.name: EFFICIENCY,
-}
+QUANTITIES: dict[str, Parameter | Channel] = {**CHANNELS, **PARAMETERS, **DERIVED, EFFICIENCY.name: EFFICIENCY}
 PLAIN = {parameter.symbol: name for name, parameter in PARAMETERS.items()}
 """Parameters by their plain symbols."""
 _PLAIN = re.compile(

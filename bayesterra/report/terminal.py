@@ -95,9 +95,7 @@ def note(sentence: str) -> None:
 
 
 @contextmanager
-def task_bar(
-    stage: str, tasks: str, *, show: bool
-) -> Iterator[Callable[[str, int, int, float | None, str], None]]:
+def task_bar(stage: str, tasks: str, *, show: bool) -> Iterator[Callable[[str, int, int, float | None, str], None]]:
     """A bar of finished tasks and the time left on standard error, on a terminal and with ``show`` only.
 
     It is told the stage, how many tasks of how many are done, the seconds left, and a remark.

@@ -80,9 +80,7 @@ def sampling_verdict(record: Mapping[str, Any]) -> Verdict:
     if verdict["converged"]:
         return Verdict("Sampling", "converged", "good", f"{figures}. {UNSEEN}", "", behind, asked)
     sentence = f"{figures}. Failed: {enumerated(failed)}."
-    return Verdict(
-        "Sampling", "not converged", "bad", sentence, "the sampling has not converged", behind, asked
-    )
+    return Verdict("Sampling", "not converged", "bad", sentence, "the sampling has not converged", behind, asked)
 
 
 def quotable(verdicts: Sequence[Verdict], scope: str, notes: Sequence[str]) -> str:

@@ -422,7 +422,5 @@ def _work_at(path: Path) -> Path:
 
 def _flat(content: Mapping[str, Any]) -> dict[str, Any]:
     """A row of a table: mappings become columns."""
-    inner = {
-        name: value for part in content.values() if isinstance(part, dict) for name, value in part.items()
-    }
+    inner = {name: value for part in content.values() if isinstance(part, dict) for name, value in part.items()}
     return {name: value for name, value in content.items() if not isinstance(value, dict)} | inner

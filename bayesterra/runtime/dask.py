@@ -157,8 +157,7 @@ def _compare(versions: Any) -> None:
             if there != here[name]:
                 what = f"{name} {there}" if there else f"no {name}"
                 raise EngineError(
-                    f"{where} has {what}, here is {here[name]}: install the same everywhere, or results may"
-                    " differ"
+                    f"{where} has {what}, here is {here[name]}: install the same everywhere, or results may differ"
                 )
 
 

@@ -297,9 +297,7 @@ def ended(
     yield from _elsewhere(content, todo, engine)
 
 
-def _here(
-    task: Callable[[N], T], todo: Iterator[N], seconds: float = math.inf
-) -> Iterator[list[tuple[N, T]]]:
+def _here(task: Callable[[N], T], todo: Iterator[N], seconds: float = math.inf) -> Iterator[list[tuple[N, T]]]:
     """Run tasks in this process, begin none after some seconds."""
     end = time.monotonic() + seconds
     with threadpool_limits(1):

@@ -73,8 +73,7 @@ def _check_replaceable(folder: Path, mark: str) -> None:
 def _check_all_ours(folder: Path, names: frozenset[str]) -> None:
     for path in strangers(folder, names):
         raise ResultError(
-            f"'{path}' was not written by bayesterra and is left alone:"
-            " move it away, or give another folder with --out"
+            f"'{path}' was not written by bayesterra and is left alone: move it away, or give another folder with --out"
         )
 
 

@@ -125,9 +125,7 @@ def adapt(
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    proposal, efficiency, log_evidence, draws = refine(
-        proposal, particles.u, widths, densities, options, rng, watch
-    )
+    proposal, efficiency, log_evidence, draws = refine(proposal, particles.u, widths, densities, options, rng, watch)
     evaluations += draws + options.shores * (len(start) // 2)
     return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
 
@@ -330,9 +328,7 @@ class _Points:
     dof: float
 
     @classmethod
-    def of(
-        cls, proposal: Proposal, mixture: StudentMixture, u: FloatArray, log_target: FloatArray
-    ) -> _Points:
+    def of(cls, proposal: Proposal, mixture: StudentMixture, u: FloatArray, log_target: FloatArray) -> _Points:
         v, log_jacobian = proposal.transport_map.inverse(u)
         level = log_target + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)

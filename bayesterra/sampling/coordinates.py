@@ -212,9 +212,7 @@ class Moduli:
         """See :class:`Block`."""
         kc, cohesive_term = self.score.to_physical(u[:, :1])
         others, inner_term = self.inner.to_physical(u[:, 1:])
-        return np.column_stack(
-            [kc, others[:, :1] - kc / self.width, others[:, 1:]]
-        ), cohesive_term + inner_term
+        return np.column_stack([kc, others[:, :1] - kc / self.width, others[:, 1:]]), cohesive_term + inner_term
 
 
 @dataclass(frozen=True)

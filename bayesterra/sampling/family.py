@@ -90,9 +90,7 @@ class JointFamily:
     def shared_from_physical(self, x: FloatArray) -> FloatArray:
         """Coordinates of physical shared values (n, k)."""
         k = len(self.joint.shared)
-        return np.concatenate(
-            [self._shared.from_physical(x[:, :k]), self._hyper.from_physical(x[:, k:])], axis=1
-        )
+        return np.concatenate([self._shared.from_physical(x[:, :k]), self._hyper.from_physical(x[:, k:])], axis=1)
 
     def group_to_physical(self, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Physical locals (n, d) of a group and log Jacobian (n,)."""
@@ -131,9 +129,7 @@ class JointFamily:
             likelihood[alive] = self.joint.log_likelihood_of_group(name, shared[alive], own[alive])
         return population, likelihood
 
-    def rescaled(
-        self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`bayesterra.sampling.moves.Family`."""
         own, log_jacobian = self.group_to_physical(group, L)
         before, after = self.shared_to_physical(D)[0], self.shared_to_physical(new)[0]

@@ -165,9 +165,7 @@ class Evidence:
         return replace(self, error=error, spread=spread)
 
 
-def evidence(
-    densities: Densities, proposals: Sequence[ProposalLaw], rng: Generator, draws: int = DRAWS
-) -> Evidence:
+def evidence(densities: Densities, proposals: Sequence[ProposalLaw], rng: Generator, draws: int = DRAWS) -> Evidence:
     """Weigh fresh draws, as many from each proposal, against the mixture of them all.
 
     No fit has seen these draws. A part of the posterior that one proposal misses is covered by the others

@@ -22,15 +22,7 @@ from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
-from bayesterra.sampling.moves import (
-    Counts,
-    Family,
-    Laws,
-    PooledEnsemble,
-    Walkers,
-    begun_or_saved,
-    load_or_run_segment,
-)
+from bayesterra.sampling.moves import Counts, Family, Laws, PooledEnsemble, Walkers, begun_or_saved, load_or_run_segment
 from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
@@ -166,9 +158,7 @@ def sample_joint(
         report(Progress("adapting", 0.0))
         ensembles = list(pool.map(begun, range(options.ensembles)))
         adapted = time.perf_counter()
-        chains, acceptance, diagnosis, ensembles = _produced(
-            family, ensembles, options, pool, report, checkpoint_store
-        )
+        chains, acceptance, diagnosis, ensembles = _produced(family, ensembles, options, pool, report, checkpoint_store)
     accepted, tried = Counter[str](), Counter[str]()
     for ensemble in ensembles:
         accepted.update(ensemble.counts.accepted)
@@ -212,9 +202,7 @@ def _produced(
         number += 1
         length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
         names = [f"joint-{e + 1}-round-{number:04d}" for e in range(len(ensembles))]
-        segments = list(
-            pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length))
-        )
+        segments = list(pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length)))
         ensembles = [segment.end.ensemble(family) for segment in segments]
         kept.physical.append(np.array([_physical(family, segment.D, segment.L) for segment in segments]))
         kept.shares.append(np.array([segment.share for segment in segments]))
@@ -323,9 +311,7 @@ def group_coordinates(
     return family._shared.from_physical(x[:, shared]), family.group_from_physical(group, x[:, local])
 
 
-def _common(
-    family: JointFamily, laws: list[ConditionalLaw], candidates: FloatArray, rng: Generator
-) -> FloatArray:
+def _common(family: JointFamily, laws: list[ConditionalLaw], candidates: FloatArray, rng: Generator) -> FloatArray:
     """Shared coordinates (n, k) drawn from the candidates by the product of the groups' densities."""
     joint, k = family.joint, len(family.joint.shared)
     x, log_jacobian = family._shared.to_physical(candidates)
@@ -362,9 +348,7 @@ def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> La
     D, L = D[::every], L[:, ::every]
     components = min(max(FEWEST, len(D) // DRAWS_PER_COMPONENT), MOST)
     proposal = fit_proposal(D, np.ones(len(D)), D.std(axis=0) + 1e-300, components, 0.1, rng)
-    following = [
-        fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)
-    ]
+    following = [fit_conditional(D, L[g], family.widths, rng, components=components) for g in range(family.groups)]
     return Laws(proposal, tuple(following))
 
 

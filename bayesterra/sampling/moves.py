@@ -69,9 +69,7 @@ class Family(Protocol):
     def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the group's log likelihood (n,); the latter −inf outside its support."""
 
-    def rescaled(
-        self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Locals at new shared values, (value − mean)/spread of each population as before; log |dL'/dL| (n,).
 
         NaN where a value would leave its range.

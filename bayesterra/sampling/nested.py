@@ -55,9 +55,7 @@ class Weighted:
     error: float
 
     @classmethod
-    def independent(
-        cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float
-    ) -> Weighted:
+    def independent(cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float) -> Weighted:
         """Independent draws with weights; their effective number is Kish's."""
         size = effective_number(weights)
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
@@ -199,9 +197,7 @@ def nested(posterior: Whole, live: int, seed: SeedSequence) -> Weighted:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its remarks on progress and plateaus
-        sampler = NestedSampler(
-            log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=moves
-        )
+        sampler = NestedSampler(log_likelihood, physical, d, nlive=live, rstate=default_rng(seed), sample=moves)
         sampler.run_nested(print_progress=False, dlogz=0.1)
         results = sampler.results
     weights = np.asarray(results.importance_weights())

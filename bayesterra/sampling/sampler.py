@@ -293,9 +293,7 @@ class _Task:
         ensembles = [walk.ensemble for walk in walks]
 
         def taken() -> SamplingRound:
-            return SamplingRound(
-                tuple(pool.map(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed()
-            )
+            return SamplingRound(tuple(pool.map(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed())
 
         saved = self.checkpoint_store.holds(name := f"round-{number:04d}")
         taken_or_saved = load_or_compute(self.checkpoint_store, name, SamplingRound, taken)

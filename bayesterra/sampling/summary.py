@@ -51,11 +51,7 @@ def summary_table(
 
 
 def parameter_rows(
-    quantities: Sequence[Parameter],
-    chains: FloatArray,
-    prior: FloatArray,
-    mode: FloatArray,
-    diagnosis: Diagnosis,
+    quantities: Sequence[Parameter], chains: FloatArray, prior: FloatArray, mode: FloatArray, diagnosis: Diagnosis
 ) -> list[dict[str, Any]]:
     """One :func:`summary_row` per parameter (d,) of chains (chains, draws, d) and prior draws (n, d)."""
     sizes = zip(diagnosis.ess_bulk, diagnosis.ess_tail, diagnosis.r_hat, strict=True)

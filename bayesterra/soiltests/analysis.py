@@ -27,16 +27,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.sampling import importance, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.importance import ensembles_evidence
-from bayesterra.sampling.sampler import (
-    PRIOR_DRAWS,
-    Progress,
-    Samples,
-    Target,
-    ThinnedDraws,
-    progress_bar,
-    sample,
-    thin,
-)
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, progress_bar, sample, thin
 from bayesterra.sampling.summary import parameter_rows, summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, marginal_sd, structural
@@ -127,9 +118,7 @@ def analyse(
     kept = thin(samples.chains)
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     left_out = failures.attempt(
-        "left_out",
-        lambda: leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving),
-        lambda: none_left_out(test.kind),
+        "left_out", lambda: leave_out(posterior, kept.spaced(4 * BAND_DRAWS), leaving), lambda: none_left_out(test.kind)
     )
 
     def integral() -> dict[str, Any]:
@@ -225,9 +214,7 @@ class _Parts:
         kind, path = self.test.kind, float(np.exp(np.median(np.log(self.test.readings.path))))
 
         def stress(x: FloatArray) -> FloatArray:
-            curve = self.test.readings.model.log_stress(
-                self.posterior.soil(x), np.array([path]), np.array([level])
-            )
+            curve = self.test.readings.model.log_stress(self.posterior.soil(x), np.array([path]), np.array([level]))
             return np.asarray(np.exp(curve[:, 0]))
 
         chains = stress(self.kept.flat).reshape(self.kept.chains.shape[:2])
@@ -310,13 +297,11 @@ class _Parts:
             "sample_stats": labelled_dataset(
                 {name: (two, each) for name, each in {"lp": density.reshape(shape), **kept.labels}.items()}
             ),
-            "log_likelihood": labelled_dataset(
-                {"test": ((*two, "name"), tests.reshape(*shape, -1))}
-            ).assign_coords(name=list(readings.tests)),
-            "observed_data": of_readings({stress: readings.stress}),
-            "constant_data": of_readings(
-                {path: readings.path, level: readings.level, "number": readings.test}
+            "log_likelihood": labelled_dataset({"test": ((*two, "name"), tests.reshape(*shape, -1))}).assign_coords(
+                name=list(readings.tests)
             ),
+            "observed_data": of_readings({stress: readings.stress}),
+            "constant_data": of_readings({path: readings.path, level: readings.level, "number": readings.test}),
         }
         return labelled_tree(groups)
 

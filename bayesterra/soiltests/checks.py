@@ -54,9 +54,7 @@ def fit(readings: Readings) -> Fitted:
 def _plate(readings: Readings) -> Fitted:
     z, p, b = np.log(readings.path), np.log(readings.stress), readings.level
     radii = np.unique(b)
-    lines = [
-        np.polyfit(z[b == radius], p[b == radius], 1) if _line(z[b == radius]) else None for radius in radii
-    ]
+    lines = [np.polyfit(z[b == radius], p[b == radius], 1) if _line(z[b == radius]) else None for radius in radii]
     slopes = [line[0] for line in lines if line is not None]
     if not slopes:
         return Fitted({}, ("least squares need two readings of a plate at least",))
@@ -222,9 +220,7 @@ def _anew(posterior: TestPosterior, number: int, stream: SeedSequence) -> FloatA
     return flat[:: max(1, len(flat) // DRAWS)]
 
 
-def _predicted(
-    posterior: TestPosterior, number: int, x: FloatArray, log_weights: FloatArray
-) -> dict[str, float]:
+def _predicted(posterior: TestPosterior, number: int, x: FloatArray, log_weights: FloatArray) -> dict[str, float]:
     """One test beside its prediction, from draws (n, d) with log weights (n,) that sum to one."""
     readings = posterior.readings
     chosen = readings.test == number
@@ -242,9 +238,7 @@ def _predicted(
     residual = np.log(readings.stress[chosen]) - mean
     law = covariance(path, spread)
     inside = ndtr(residual / marginal_sd(path, spread)).mean(axis=0)
-    covered = {
-        f"covered_{100 * band:.0f}": float((np.abs(inside - 0.5) <= band / 2).mean()) for band in BANDS
-    }
+    covered = {f"covered_{100 * band:.0f}": float((np.abs(inside - 0.5) <= band / 2).mean()) for band in BANDS}
     count = int(chosen.sum())
     mean = np.full(count, 1.0 / count)
     half = count // 2

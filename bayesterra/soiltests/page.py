@@ -17,18 +17,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
-from bayesterra.report.blocks import (
-    Blocks,
-    Cell,
-    Gallery,
-    Overview,
-    Record,
-    Table,
-    Text,
-    drawing,
-    photograph,
-    records,
-)
+from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, photograph, records
 from bayesterra.report.failures import failed
 from bayesterra.report.figures import (
     DATA,
@@ -122,9 +111,9 @@ def _fit(result: SoilTestResult) -> Verdict:
     """Verdict on new tests: predicted as well as the intervals say, or not."""
     table, checks = result.left_out, result.record["checks"]
     inside = int(((table["level_pit"] > 0.05) & (table["level_pit"] < 0.95)).sum())
-    text = Markup(
-        "Every test predicted from the others: the level of {} of {} lies in its 90 % interval."
-    ).format(inside, len(table))
+    text = Markup("Every test predicted from the others: the level of {} of {} lies in its 90 % interval.").format(
+        inside, len(table)
+    )
     if not checks:
         return Verdict("New tests", "too few to tell", "doubtful", text)
     worst = min(checks, key=lambda name: checks[name])
@@ -219,8 +208,7 @@ def _test_row(row: Record, level: str) -> tuple[Cell, ...]:
 def _parameters(result: SoilTestResult) -> Blocks:
     pairs = combinations([name for name in result.test.soil if name in result.names], 2)
     pictures = tuple(
-        photograph(pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}")
-        for a, b in pairs
+        photograph(pair(result, a, b), f"{QUANTITIES[a].symbol} against {QUANTITIES[b].symbol}") for a, b in pairs
     )
     caption = (
         "Soil parameters against each other: prior after the physical cut (grey), posterior (blue), least "
@@ -283,8 +271,7 @@ def _assumptions(result: SoilTestResult) -> Blocks:
     ]
     if result.test.independent:
         rows[1:3] = [
-            "Readings are independent of each other, as [noise] says: where they are not, intervals are far "
-            "too narrow."
+            "Readings are independent of each other, as [noise] says: where they are not, intervals are far too narrow."
         ]
     text, line = Markup("").join(Markup("{}<br>").format(row) for row in rows), Markup("{}: {}<br>")
     prior = Markup("").join(

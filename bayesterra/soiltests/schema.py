@@ -147,9 +147,7 @@ class NoiseTable(Table):
     """Scatter of tests: laws of unknown parameters, values of fixed ones; see ``scatter.Scatter``."""
 
     independent: StrictBool = False
-    values: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, _NOISE))] = Field(
-        default_factory=dict
-    )
+    values: Annotated[dict[str, Law | float], PlainValidator(partial(_entries, _NOISE))] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)

@@ -33,15 +33,7 @@ from bayesterra.soiltests.schema import (
 )
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import assignments, law_entry, toml_table
-from bayesterra.study.observations import (
-    Column,
-    labels,
-    named_columns,
-    read_table,
-    required,
-    unit_scale,
-    used_rows,
-)
+from bayesterra.study.observations import Column, labels, named_columns, read_table, required, unit_scale, used_rows
 from bayesterra.study.schema import SamplingOptions, read_toml
 from bayesterra.study.units import text
 
@@ -102,9 +94,7 @@ class SoilTest:
         return KINDS[self.kind]
 
 
-def soil_test(
-    table: pd.DataFrame, tables: Mapping[str, Any], *, bare: bool = True, text: str = ""
-) -> SoilTest:
+def soil_test(table: pd.DataFrame, tables: Mapping[str, Any], *, bare: bool = True, text: str = "") -> SoilTest:
     """A soil test from a table of readings and the tables of its file.
 
     Parameters
@@ -139,9 +129,7 @@ def _entries(content: Content) -> dict[str, Law | float]:
     for table, stated, names in (("priors", priors, soil), ("noise", noise.values, NOISE[kind])):
         for name in stated:
             if name not in names:
-                raise StudyError(
-                    f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(names)})"
-                )
+                raise StudyError(f"[{table}] '{name}' is no parameter of {kind} tests (known: {', '.join(names)})")
     for name in soil:
         if name not in priors:
             raise StudyError(f"[priors] needs '{name}', e.g. {name} = {EXAMPLES[name]}")
@@ -160,9 +148,7 @@ def _reference(content: Content) -> float:
     sinkage = content.priors.get(REFERENCE)
     if not isinstance(sinkage, int | float):
         return 1.0
-    if content.test == "shear" or any(
-        not isinstance(content.priors.get(name), Law) for name in KINDS["plate"]
-    ):
+    if content.test == "shear" or any(not isinstance(content.priors.get(name), Law) for name in KINDS["plate"]):
         raise StudyError(f"[priors] '{REFERENCE}' goes with plate tests whose kc, kphi and n all have laws")
     if sinkage <= 0:
         raise StudyError(f"[priors] '{REFERENCE}' must be above 0 (got {sinkage:g} m)")
@@ -242,10 +228,7 @@ WANTED = {
 """Columns that a table may have, by kind of test."""
 GIVEN = {"plate": "plate_diameter", "shear": "normal_stress"}
 """Column that is the same in all rows of a test."""
-LIMITS = {
-    "plate_diameter": (1e-6, 1e3, "from 0.001 mm to 1 km"),
-    "normal_stress": (1e-6, 1e15, "from 1e-6 to 1e15 Pa"),
-}
+LIMITS = {"plate_diameter": (1e-6, 1e3, "from 0.001 mm to 1 km"), "normal_stress": (1e-6, 1e15, "from 1e-6 to 1e15 Pa")}
 
 
 @dataclass(frozen=True)
@@ -370,9 +353,7 @@ def _kept(
     if bounds is not None:
         ranged = stress if kind == "plate" else path
         inside = (ranged >= bounds[0]) & (ranged <= bounds[1])
-        notes.append(
-            f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out"
-        )
+        notes.append(f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out")
         kept &= inside
     return np.asarray(kept), notes
 

@@ -475,9 +475,7 @@ def _fitted(z: FloatArray, components: int) -> MixtureCopula:
     """The fit by expectation–maximisation, rounded to what a file says."""
     root, weights = np.asarray(np.linalg.cholesky(np.corrcoef(z.T))), np.ones(len(z))
     u = np.asarray(np.linalg.solve(root, z.T).T, dtype=np.float64)
-    mixture = fit_mixture(
-        u, weights, components, default_rng(0), dof=np.inf, steps=EM_STEPS, gain=1e-4, floor=FLOOR
-    )
+    mixture = fit_mixture(u, weights, components, default_rng(0), dof=np.inf, steps=EM_STEPS, gain=1e-4, floor=FLOOR)
     factors = root @ mixture.factors
     covariances = np.round(factors @ factors.swapaxes(1, 2) + THINNEST * np.eye(z.shape[1]), 8)
     shares, means = np.round(mixture.weights, 8), np.round(mixture.means @ root.T, 8)

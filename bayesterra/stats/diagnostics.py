@@ -198,12 +198,7 @@ class Diagnosis:
 
 
 def diagnose(
-    names: Sequence[str],
-    chains: FloatArray,
-    accepted: FloatArray,
-    target_ess: float,
-    *,
-    going_on: bool = False,
+    names: Sequence[str], chains: FloatArray, accepted: FloatArray, target_ess: float, *, going_on: bool = False
 ) -> Diagnosis:
     """Judge ensembles.
 

@@ -160,9 +160,7 @@ class Law:
         if self.dist == "loguniform" and self.lower <= 0:
             raise StudyError(f"'lower' of a loguniform law must be above 0 (got {self.lower:g})")
         if self.dist in RANGED and self.shape:
-            raise StudyError(
-                f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})"
-            )
+            raise StudyError(f"a {self.dist} law takes 'lower' and 'upper' only (got {', '.join(self.shape)})")
         self._check_mass()
 
     @property
@@ -181,8 +179,7 @@ class Law:
             raise StudyError(f"{self.dist} is not defined for {_listed(self.shape)}")
         if mass <= 0:
             raise StudyError(
-                f"{self.dist} with {_listed(self.shape)} has no probability"
-                f" between {self.lower:g} and {self.upper:g}"
+                f"{self.dist} with {_listed(self.shape)} has no probability between {self.lower:g} and {self.upper:g}"
             )
         if sum(self.crowds) > TOO_CROWDED:
             raise StudyError(
@@ -335,9 +332,7 @@ class Law:
     def score(self, x: FloatArray) -> FloatArray:
         """Normal scores Φ⁻¹(cdf) of values ``x`` (any shape)."""
         below, above = (np.clip(tail(x), 1e-300, 1.0) for tail in (self.cdf, self.survival))
-        return np.asarray(
-            np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5)))
-        )
+        return np.asarray(np.where(below < above, ndtri(np.minimum(below, 0.5)), -ndtri(np.minimum(above, 0.5))))
 
     def at_score(self, z: FloatArray) -> FloatArray:
         """Values at normal scores ``z`` (any shape), the inverse of :meth:`score`."""
@@ -421,11 +416,7 @@ def _ends(mean: FloatArray, spread: FloatArray, limits: Range) -> tuple[FloatArr
 
 
 def _within(
-    q: FloatArray,
-    ends: tuple[FloatArray, FloatArray, BoolArray],
-    mean: FloatArray,
-    spread: FloatArray,
-    limits: Range,
+    q: FloatArray, ends: tuple[FloatArray, FloatArray, BoolArray], mean: FloatArray, spread: FloatArray, limits: Range
 ) -> FloatArray:
     """Values between which and the end of the range with the digits a share ``q`` of a population lies."""
     low, high, flipped = ends

@@ -76,9 +76,7 @@ class StudentMixture:
         if np.isinf(self.dof):
             constants = -0.5 * d * np.log(2 * np.pi)
         else:
-            constants = (
-                gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
-            )
+            constants = gammaln(0.5 * (self.dof + d)) - gammaln(0.5 * self.dof) - 0.5 * d * np.log(self.dof * np.pi)
         triangles: FloatArray = np.ascontiguousarray(np.moveaxis(inverse, 0, -1), dtype=np.float64)
         return triangles, np.ascontiguousarray(offsets), np.log(self.weights) + constants - log_det
 
@@ -159,9 +157,7 @@ def fit_mixture(
             break
         level = new_level
         mixture = _maximise(points, weights[:, None] * share, distances, mixture, floor)
-    return StudentMixture(
-        mixture.weights, centre + scale * mixture.means, scale[:, None] * mixture.factors, dof
-    )
+    return StudentMixture(mixture.weights, centre + scale * mixture.means, scale[:, None] * mixture.factors, dof)
 
 
 def with_defensive_component(

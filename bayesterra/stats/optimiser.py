@@ -197,9 +197,7 @@ class _Problems:
 
     def take(self, chosen: IntArray) -> _Problems:
         """Some of them."""
-        return _Problems(
-            self.matrix[chosen], self.slope[chosen], self.slack[chosen], self.held[chosen], self.rows
-        )
+        return _Problems(self.matrix[chosen], self.slope[chosen], self.slack[chosen], self.held[chosen], self.rows)
 
     def scaled(self) -> _Problems:
         """The same problems with slopes of order one; their solutions are the same."""

@@ -158,9 +158,7 @@ class _Tail:
         """Values at scores below that of the row."""
         if not self.power:
             return self.x + (z - self.z) * self.slope
-        return np.asarray(
-            self.end + (self.x - self.end) * np.exp(self.power * (log_ndtr(z) - log_ndtr(self.z)))
-        )
+        return np.asarray(self.end + (self.x - self.end) * np.exp(self.power * (log_ndtr(z) - log_ndtr(self.z))))
 
     def score_and_slope(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Score and log dz/dx of values below that of the row."""

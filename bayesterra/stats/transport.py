@@ -209,12 +209,7 @@ class Proposal:
 
 
 def fit_proposal(
-    u: FloatArray,
-    weights: FloatArray,
-    widths: FloatArray,
-    components: int,
-    defensive_weight: float,
-    rng: Generator,
+    u: FloatArray, weights: FloatArray, widths: FloatArray, components: int, defensive_weight: float, rng: Generator
 ) -> Proposal:
     """Straighten weighted points (n, d), fit a mixture to them and add a wide component."""
     transport_map = fit_transport_map(u, weights, widths)

@@ -34,9 +34,7 @@ def effective_number(weights: FloatArray) -> float:
 def log_mean(log_values: ArrayLike, axis: int | None = None) -> FloatArray:
     """Log of the mean of what is given by its log."""
     values = np.asarray(log_values, dtype=np.float64)
-    return np.asarray(
-        logsumexp(values, axis=axis) - np.log(values.size if axis is None else values.shape[axis])
-    )
+    return np.asarray(logsumexp(values, axis=axis) - np.log(values.size if axis is None else values.shape[axis]))
 
 
 def weighted_log_mean(log_weights: FloatArray, log_values: FloatArray) -> tuple[float, float]:
@@ -66,9 +64,7 @@ def systematic(weights: FloatArray, n: int, rng: Generator) -> IntArray:
     return np.minimum(np.searchsorted(steps, (np.arange(n) + rng.random()) / n), len(weights) - 1)
 
 
-def largest_power(
-    log_factors: FloatArray, most: float, wanted: float, log_weights: FloatArray | float = 0.0
-) -> float:
+def largest_power(log_factors: FloatArray, most: float, wanted: float, log_weights: FloatArray | float = 0.0) -> float:
     """Largest power, at most ``most``, of factors (n,) that leaves weights an effective number ``wanted``.
 
     Logs of both are finite.

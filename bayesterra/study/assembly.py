@@ -147,9 +147,7 @@ def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[
     return LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
 
 
-def wheel_soil_model(
-    name: str, options: ModelOptions, rows: Observations
-) -> tuple[WheelSoilModel, list[str]]:
+def wheel_soil_model(name: str, options: ModelOptions, rows: Observations) -> tuple[WheelSoilModel, list[str]]:
     """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
 
     StudyError for a mean load that the model does not know, or none known, and options outside their ranges.
@@ -157,9 +155,7 @@ def wheel_soil_model(
     arguments, notes = asdict(options), []
     mean = arguments.pop("mean_load")
     if name != LOAD_EFFECT_MODEL and mean is not None:
-        raise StudyError(
-            f"[model_options] 'mean_load' belongs to the model '{LOAD_EFFECT_MODEL}' (got '{name}')"
-        )
+        raise StudyError(f"[model_options] 'mean_load' belongs to the model '{LOAD_EFFECT_MODEL}' (got '{name}')")
     if name == LOAD_EFFECT_MODEL:
         if mean is None:
             if np.isnan(rows.carried).all():
@@ -187,9 +183,7 @@ def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     return MODULI
 
 
-def full_prior(
-    soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]
-) -> Prior:
+def full_prior(soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
@@ -204,8 +198,7 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
             shown = PARAMETERS[name].field_text
             inside = f"{shown(law.range[0])} to {shown(law.range[1])}"
             raise StudyError(
-                f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside}"
-                f" (got {shown(value)})"
+                f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside} (got {shown(value)})"
             )
     with errors_after("[priors] "):
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
@@ -225,9 +218,7 @@ def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[
             wheels[name] = with_coefficient(wheel, at)
         if wheels[name] != wheel:
             value = wheels[name].shearing_radius_coefficient
-            notes.append(
-                f"shearing-radius coefficient of {name} from (2) at φ = {np.degrees(at):.3g}°: {value:.4g}"
-            )
+            notes.append(f"shearing-radius coefficient of {name} from (2) at φ = {np.degrees(at):.3g}°: {value:.4g}")
     return wheels, notes
 
 
@@ -239,9 +230,7 @@ def with_coefficient(wheel: Wheel, phi: float) -> Wheel:
     return replace(wheel, shearing_radius_coefficient=coefficient)
 
 
-def conditioned(
-    observations: Observations, drive: Drive, *, expected: bool = False
-) -> tuple[Observations, list[str]]:
+def conditioned(observations: Observations, drive: Drive, *, expected: bool = False) -> tuple[Observations, list[str]]:
     """Rows with what the drive conditions on in place, and notes on columns that stand in or stand idle.
 
     With drive ``load`` and no load, the normal force is the load; with drive ``sinkage`` and no normal
@@ -276,8 +265,7 @@ def _with_condition(observations: Observations, drive: Drive) -> Observations:
     if np.isnan(values).all():
         raise StudyError(f"the drive '{drive}' needs a column {drive.needed} with values")
     return sifted(
-        observations,
-        [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)],
+        observations, [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)]
     )
 
 
@@ -371,9 +359,7 @@ def errors_of_outcomes(
     return errors.of(tuple(noise)), notes + (_several_loads(rows, drive) if errors.discrepancy else [])
 
 
-def check_limits(
-    rows: Observations, noise: Mapping[str, Noise], drive: Drive
-) -> tuple[Observations, list[str]]:
+def check_limits(rows: Observations, noise: Mapping[str, Noise], drive: Drive) -> tuple[Observations, list[str]]:
     """Rows with the limits of measured outcomes only, and notes on readings known by a limit.
 
     StudyError where such a reading is conditioned on.
@@ -385,9 +371,7 @@ def check_limits(
         if not limited.any():
             continue
         if name not in noise and name in (*drive.conditioned(rows), "normal_force"):
-            raise StudyError(
-                f"'{name}' must be a number where the drive conditions on it (a limit in {where})"
-            )
+            raise StudyError(f"'{name}' must be a number where the drive conditions on it (a limit in {where})")
         if name in noise:
             notes.append(f"{name} is known to lie below or above a limit only in {where}")
     return replace(rows, limits={name: ends for name, ends in rows.limits.items() if name in noise}), notes

@@ -129,10 +129,7 @@ def _rows(rows: Observations) -> pd.DataFrame:
 
 
 def _file(
-    head: Mapping[str, object],
-    origin: tuple[str, str],
-    content: Mapping[str, Any],
-    references: Mapping[str, Any],
+    head: Mapping[str, object], origin: tuple[str, str], content: Mapping[str, Any], references: Mapping[str, Any]
 ) -> str:
     """Text of a study file; ``origin``: kind and source of the measurements."""
     data = {"file": "measurements.csv", "slip_reference": "shearing", "sinkage_reference": "rim"}
@@ -333,10 +330,7 @@ def _readings(rows: Observations) -> Iterator[tuple[str, Any]]:
             yield f"{name}_sd {{}} in row {row}", _cell(name, values[i])
         for name, ends in rows.limits.items():
             for word, end in zip(("lower", "upper"), ends[i], strict=True):
-                yield (
-                    f"{word} limit of {name} {{}} in row {row}",
-                    _cell(name, end) if np.isfinite(end) else None,
-                )
+                yield (f"{word} limit of {name} {{}} in row {row}", _cell(name, end) if np.isfinite(end) else None)
 
 
 def _cell(channel: str, value: float) -> str | float | None:

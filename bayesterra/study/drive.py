@@ -64,19 +64,13 @@ class Drive(StrEnum):
         ("load",),
         ("normal_force",),
         "'sinkage' or 'normal_force'",
-        "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment are"
-        " outcomes.",
+        "Slip is given; the load of a row is unknown, and sinkage, normal force, drawbar pull and moment are outcomes.",
         "the median normal force of the readings",
         "slip, wheel and the reading of the normal force, from which each draw’s load is inferred",
     )
 
     def __new__(
-        cls,
-        text: str,
-        idle: tuple[str, ...] = (),
-        kept: tuple[str, ...] = (),
-        needed: str = "",
-        *sentences: str,
+        cls, text: str, idle: tuple[str, ...] = (), kept: tuple[str, ...] = (), needed: str = "", *sentences: str
     ) -> Self:
         """Text by which study files name it, and its facts."""
         member = str.__new__(cls, text)

@@ -15,15 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from bayesterra.errors import (
-    StudyError,
-    check_keys,
-    checked_text,
-    did_you_mean,
-    errors_after,
-    known,
-    suggestion,
-)
+from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, errors_after, known, suggestion
 from bayesterra.parameters import CHANNELS, HELD, LOAD_EFFECT, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula

@@ -54,9 +54,7 @@ class Noise:
             raise StudyError(f"noise of '{self.channel}' must be above 0 (got {self.sd:g})")
         smallest = min(size for size in (self.sd, self.floor or None, np.inf) if size is not None)
         if smallest < LEAST:
-            raise StudyError(
-                f"noise of '{self.channel}' must be at least {LEAST:g} in SI units (got {smallest:g})"
-            )
+            raise StudyError(f"noise of '{self.channel}' must be at least {LEAST:g} in SI units (got {smallest:g})")
         if self.fraction is not None and not (0 < self.fraction < 10 and self.floor > 0):
             raise StudyError(
                 f"noise of '{self.channel}' needs a fraction above 0 and a floor above 0"
@@ -88,9 +86,7 @@ class Noise:
         """Standard deviations (any shape) with that of rounding."""
         return np.sqrt(scale**2 + self.resolution**2 / 12) if self.resolution else scale
 
-    def before_rounding(
-        self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray
-    ) -> FloatArray:
+    def before_rounding(self, predicted: FloatArray, estimated: FloatArray | None, given: FloatArray) -> FloatArray:
         """Standard deviation of every reading, before it is rounded.
 
         Parameters

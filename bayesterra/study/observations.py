@@ -129,9 +129,7 @@ class Observations:
 
         nowhere = np.array([-np.inf, np.inf])
         limits = {
-            name: np.concatenate(
-                [part.limits.get(name, np.tile(nowhere, (len(part), 1))) for part in (self, rows)]
-            )
+            name: np.concatenate([part.limits.get(name, np.tile(nowhere, (len(part), 1))) for part in (self, rows)])
             for name in {**self.limits, **rows.limits}
         }
         return Observations(
@@ -400,9 +398,7 @@ def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, W
         percent = ": percent stand in a column 'slip [%]'" if slip > 1.5 else ""
         return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row}){percent}"
     for name, column in {"load": rows.load, **rows.values}.items():
-        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(
-            name, _most(rows, radius)
-        )
+        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(name, _most(rows, radius))
         if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
             unit = CHANNELS[name].dimension
             return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"

@@ -113,9 +113,7 @@ def strip_row(
 
 def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
     """Looks of prior and posterior in the strip, and the marks of these methods."""
-    small = Markup(
-        '<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>'
-    )
+    small = Markup('<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>')
     fixed = (
         (f'<rect x="-8" y="-4" width="16" height="8" fill="{PRIOR}" fill-opacity=".28"/>', "prior"),
         (f'<path d="M-8 5C-3 5 -3 -5 0 -5S3 5 8 5Z" fill="{POSTERIOR}" fill-opacity=".5"/>', "posterior"),
@@ -210,9 +208,7 @@ def _mark(method: str, value: float, at: tuple[float, float], along: Axis, *, ho
 def _shape(method: str, marker: str, *, hollow: bool = False) -> Markup:
     mark = MARKS[method]
     fill, stroke = ("none", mark.colour) if mark.hollow or hollow else (mark.colour, "none")
-    return Markup('<path d="{}" fill="{}" stroke="{}" stroke-width="1.4"/>').format(
-        SHAPES[marker], fill, stroke
-    )
+    return Markup('<path d="{}" fill="{}" stroke="{}" stroke-width="1.4"/>').format(SHAPES[marker], fill, stroke)
 
 
 def law_text(name: str, law: Law) -> Markup:
@@ -229,9 +225,7 @@ def law_text(name: str, law: Law) -> Markup:
     ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
     if law.dist in RANGED:
         return Markup("{} on {}").format(law.dist, ends)
-    inside = ", ".join(
-        f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items()
-    )
+    inside = ", ".join(f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items())
     cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
     return Markup("{} ({}){}").format(law.dist, inside, cut)
 

@@ -133,9 +133,7 @@ class PosteriorPrior:
         }
 
 
-def taken(
-    source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Collection[str] = ()
-) -> PosteriorPrior:
+def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Collection[str] = ()) -> PosteriorPrior:
     """The joint law that a study takes from an earlier result.
 
     Parameters
@@ -220,9 +218,7 @@ def _names(source: Source, drawn: Drawn, names: tuple[str, ...]) -> dict[str, st
         if here not in PRIOR_PARAMETERS:
             raise StudyError(f"'take': unknown parameter '{here}'{did_you_mean(here, PRIOR_PARAMETERS)}")
         if there not in drawn.draws:
-            raise StudyError(
-                f"'take': {drawn.label} has no draws of '{there}' (has {', '.join(drawn.draws)})"
-            )
+            raise StudyError(f"'take': {drawn.label} has no draws of '{there}' (has {', '.join(drawn.draws)})")
         ours, theirs = PARAMETERS[here].dimension, _dimension(there, drawn.units[there])
         if theirs is not None and theirs != ours:
             kinds = f"{ours or 'pure number'} and {theirs or 'pure number'}"
@@ -328,11 +324,7 @@ def _joint_text(fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fideli
 
 
 def _notes(
-    drawn: Drawn,
-    take: Mapping[str, str],
-    fidelity: Fidelity,
-    mixture: MixtureCopula | None,
-    tried: Fidelity | None,
+    drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fidelity | None
 ) -> list[str]:
     notes = [] if drawn.converged else [f"{drawn.label}, whose posterior is a prior here, has not converged"]
     if {"Ks", "kphi"} & set(take) and "n0" not in take:

@@ -161,10 +161,7 @@ class Prior:
     def sources(self) -> dict[tuple[str, ...], str]:
         """Sources of laws, by the free parameters of which one is said."""
         said = {name: law.source for name, law in self.laws.items() if law.source}
-        return {
-            tuple(name for name in said if said[name] == source): source
-            for source in dict.fromkeys(said.values())
-        }
+        return {tuple(name for name in said if said[name] == source): source for source in dict.fromkeys(said.values())}
 
     @cached_property
     def fixed(self) -> dict[str, float]:

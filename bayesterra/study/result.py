@@ -388,9 +388,7 @@ def shown(verdict: str) -> str:
 def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
     names = [column.name for column in fields(SummaryRow)]
-    return {
-        name: SummaryRow(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)
-    }
+    return {name: SummaryRow(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)}
 
 
 def identifiability_rows(result: Result) -> dict[str, IdentifiabilityRow]:
@@ -422,9 +420,7 @@ COUPLED = 0.8
 PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-base", "arviz-stats", "xarray")
 
 
-def run_record(
-    study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]
-) -> dict[str, Any]:
+def run_record(study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
     """Put together the content of ``run.json``: ``findings`` of the analysis, and ``seconds`` by stage."""
     return {**_origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
 
@@ -479,13 +475,9 @@ Some = Number | None
 """A number; what is not finite stands as null."""
 
 Fingerprints = TypedDict("Fingerprints", {"study": str, "data": str, "run": NotRequired[str]})
-Settings = TypedDict(
-    "Settings", {"target_ess": Count, "ensembles": Count, "walkers": Count, "max_steps": Count}
-)
+Settings = TypedDict("Settings", {"target_ess": Count, "ensembles": Count, "walkers": Count, "max_steps": Count})
 Check = TypedDict("Check", {"name": str, "value": Some, "threshold": Number, "passed": bool, "advice": str})
-SamplingVerdict = TypedDict(
-    "SamplingVerdict", {"converged": bool, "ess": Number, "r_hat": Some, "checks": list[Check]}
-)
+SamplingVerdict = TypedDict("SamplingVerdict", {"converged": bool, "ess": Number, "r_hat": Some, "checks": list[Check]})
 FailureEntry = TypedDict("FailureEntry", {"error": str, "message": str, "trace": list[str]})
 
 

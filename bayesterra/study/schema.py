@@ -56,9 +56,7 @@ def bare_numbers(info: ValidationInfo) -> bool:
 
 
 def _quantity(dimension: str, value: object, info: ValidationInfo) -> float | None:
-    return (
-        None if value is None else quantity(value, dimension, str(info.field_name), bare=bare_numbers(info))
-    )
+    return None if value is None else quantity(value, dimension, str(info.field_name), bare=bare_numbers(info))
 
 
 def _parameters(names: tuple[str, ...], value: object, info: ValidationInfo) -> dict[str, float]:
@@ -298,9 +296,7 @@ class Reference(Table):
     values: AnyValues = Field(default_factory=dict)
 
 
-StatedValues = Annotated[
-    Reference | None, BeforeValidator(partial(gathered, ("source",))), BeforeValidator(_plain)
-]
+StatedValues = Annotated[Reference | None, BeforeValidator(partial(gathered, ("source",))), BeforeValidator(_plain)]
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -321,9 +317,7 @@ class StudyContent(Table):
     discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(partial(_read, discrepancies))] = Field(
         default_factory=dict
     )
-    ripple: Annotated[dict[str, Ripple], PlainValidator(partial(_read, ripples))] = Field(
-        default_factory=dict
-    )
+    ripple: Annotated[dict[str, Ripple], PlainValidator(partial(_read, ripples))] = Field(default_factory=dict)
     slip: Annotated[SlipError | None, PlainValidator(partial(_read, slip_error))] = None
     priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()

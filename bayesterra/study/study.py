@@ -221,9 +221,7 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
 def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
     drive = Drive(content.drive)
-    soil = assembly.soil_prior(
-        content.priors, content.model, constant_exponent=content.model_options.constant_exponent
-    )
+    soil = assembly.soil_prior(content.priors, content.model, constant_exponent=content.model_options.constant_exponent)
     wheels, wheel_notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"])
     with errors_in(content.data.file):
         rows, row_notes = assembly.conditioned(_rows(data, wheels, content.data), drive, expected=expected)
@@ -247,13 +245,7 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     notes += [*limit_notes, *load_notes]
     return {
         **{name: getattr(content, name) for name in _KEPT},
-        **{
-            "drive": drive,
-            "kind": content.data.kind,
-            "source": content.data.source,
-            "model": model,
-            "wheels": wheels,
-        },
+        **{"drive": drive, "kind": content.data.kind, "source": content.data.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,

@@ -77,9 +77,7 @@ def _refuse(ws: Lanes, place: Whole, filled: int, out: FloatArray, status: Codes
 
 
 @compiled
-def response(
-    theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, out: FloatArray, status: Codes
-) -> None:
+def response(theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, out: FloatArray, status: Codes) -> None:
     """Fill `out` (n, m, 3) with z, F_DP, M_DR under `load` (n, m); NaN where `status` (n, m) is not OK."""
     screen(theta, rows, plan, status)
     trays, filled = np.zeros((RULES + 1, at.SIZE)), np.zeros(RULES + 1, np.int64)
@@ -109,12 +107,7 @@ def response(
 
 @compiled
 def _come_near(
-    theta: FloatArray,
-    rows: FloatArray,
-    plan: Plan,
-    state: tuple[Lanes, Whole, Whole],
-    out: FloatArray,
-    status: Codes,
+    theta: FloatArray, rows: FloatArray, plan: Plan, state: tuple[Lanes, Whole, Whole], out: FloatArray, status: Codes
 ) -> None:
     """Solve the rough tray with few nodes, and pass its lanes on to the trays of the rules they need."""
     trays, filled, place = state

@@ -22,9 +22,7 @@ CURVE_SIZE = 2 + 3 * at.LANES
 FREE = CURVE + CURVE_SIZE
 
 POINTS = -np.cos(np.pi * np.arange(at.LANES) / DEGREE)  # Chebyshev's, with both ends
-_POWERS = np.ascontiguousarray(
-    np.linalg.inv(np.vander(POINTS, increasing=True)).T
-)  # from values to powers of t
+_POWERS = np.ascontiguousarray(np.linalg.inv(np.vander(POINTS, increasing=True)).T)  # from values to powers of t
 _SMALLEST = 1e-300
 _BIAS = 0.09  # of the solver's start in log z, which leaves out the shear
 
@@ -79,10 +77,7 @@ def _fit(desk: Lanes, start: int, values: int) -> None:
 @compiled
 def _rule(desk: Lanes) -> int:
     """The quadrature rule that serves the lowest and the highest sinkage of a tray."""
-    theta, row = (
-        desk[at.INPUTS : at.Z : at.LANES],
-        desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES],
-    )
+    theta, row = (desk[at.INPUTS : at.Z : at.LANES], desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES])
     return max(choose_rule(theta, row, desk[at.Z]), choose_rule(theta, row, desk[at.Z + DEGREE]))
 
 

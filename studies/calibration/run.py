@@ -71,9 +71,7 @@ def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Stud
     )
     steps = STEPS if intervals else {}
     tables: dict[str, Any] = {
-        "noise": {
-            name: Noise(name, sd=noise * sd, resolution=steps.get(name, 0.0)) for name, sd in NOISE.items()
-        }
+        "noise": {name: Noise(name, sd=noise * sd, resolution=steps.get(name, 0.0)) for name, sd in NOISE.items()}
     }
     return bt.Study(
         table,
@@ -132,9 +130,7 @@ def latent_loads(*, curves: bool = True) -> bt.Study:
 def heavy_tails(*, known: bool = True) -> bt.Study:
     """Five slips that are read with an error, and Student-t noise on every channel, or Gaussian noise."""
     readings = {"load [N]": 80.0, "sinkage [mm]": 5.0, "drawbar_pull [N]": 10.0}
-    noise: dict[str, Any] = {
-        name: {"sd": sd, **({"dof": DOF} if known else {})} for name, sd in NOISE.items()
-    }
+    noise: dict[str, Any] = {name: {"sd": sd, **({"dof": DOF} if known else {})} for name, sd in NOISE.items()}
     held = {name: ABOUT_WH32[name] for name in ("Ks", "n1", "c", "c1", "c2")}
     return bt.Study(
         pd.DataFrame({"slip": SLIPS[1:]}).assign(**readings, **{"resistance_moment [N m]": 3.0}),
@@ -296,9 +292,7 @@ def judged(case: str) -> Calibration:
     table = pd.read_csv(out / "ranks.csv", dtype={"note": object}, keep_default_na=True)
     table["note"] = table["note"].where(table["note"].notna(), "")
     record = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
-    origin = {
-        name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")
-    }
+    origin = {name: record[name] for name in ("seed", "model", "drive", "fingerprints", "settings", "versions")}
     found = Calibration(CASES[case].study, table, origin)
     memory = out / "memory.csv"
     kept = memory.read_bytes() if memory.is_file() else None

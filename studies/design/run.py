@@ -114,9 +114,7 @@ def posterior_of(study: bt.Study, rng: Generator) -> Weighted:
     return Weighted(density, target.coordinates.to_physical(u[inside])[0], log_weights[inside])
 
 
-def recommended(
-    study: bt.Study, known: Weighted, rng: Generator, *, slips: Sequence[float] = (), **how: Any
-) -> Design:
+def recommended(study: bt.Study, known: Weighted, rng: Generator, *, slips: Sequence[float] = (), **how: Any) -> Design:
     """Rows recommended for c and φ."""
     situation = Situation(study, known.density, known.draws(1000, rng), "posterior")
     return choose(situation, candidates(study, slips), ABOUT, seed=int(rng.integers(2**31)), **how)
@@ -170,10 +168,7 @@ def sets(run: int) -> dict[str, Any]:
     row: dict[str, Any] = {"run": run, "wheel": name}
     for by in CRITERIA:
         ratios = found[by].spread() / found["even"].spread()
-        row |= {
-            f"{by}_slips": " ".join(f"{slip:.3g}" for slip in slips[by]),
-            f"{by}_method": designs[by].method,
-        }
+        row |= {f"{by}_slips": " ".join(f"{slip:.3g}" for slip in slips[by]), f"{by}_method": designs[by].method}
         row |= {f"{by}_{key}_ratio": ratios[i] for i, key in enumerate((*ABOUT, "area"))}
     return {**row, "effective": min(one.effective for one in found.values())}
 

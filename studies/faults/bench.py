@@ -83,9 +83,7 @@ class Bench:
         again = self.saving.again or self.saving.save
         return Process.begun(lambda: again(self.place), self.notes.with_name("notes-again"))
 
-    def judged(
-        self, process: Process, *, killed: bool, removed: frozenset[str] = frozenset()
-    ) -> tuple[str, str]:
+    def judged(self, process: Process, *, killed: bool, removed: frozenset[str] = frozenset()) -> tuple[str, str]:
         """Outcome and detail of a trial whose process has met its fault: look, repeat, look again.
 
         ``removed`` is what someone has taken away on purpose after it was saved.

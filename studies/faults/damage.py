@@ -173,9 +173,7 @@ def fill(table: Table, work: Path, made: Path, *, share: float = 1.0, only: tupl
                 number = max(1, round(share * what.damages.get(kind, 1)))
                 for trial in table.missing(kind, where, (f"{name} {n}" for n in range(1, number + 1))):
                     rng = rng_of(kind, where, trial)
-                    table.add(
-                        kind, where, trial, *read_trial(what, expected, work / "trial", name, kind, rng)
-                    )
+                    table.add(kind, where, trial, *read_trial(what, expected, work / "trial", name, kind, rng))
     resumed(table, work, made, share, only)
 
 

@@ -11,17 +11,7 @@ from pathlib import Path
 
 from bench import Bench, Saving, nothing
 from short_runs import quick_study
-from trials import (
-    Process,
-    Table,
-    command,
-    emptied,
-    kept_replications,
-    kept_segments,
-    on_a_grid,
-    one_study,
-    rng_of,
-)
+from trials import Process, Table, command, emptied, kept_replications, kept_segments, on_a_grid, one_study, rng_of
 
 from bayesterra.checking.calibration import CalibrationRequest, calibrate_study
 from bayesterra.runtime.checkpoints import Checkpoints
@@ -48,9 +38,7 @@ def disturbed(made: Path) -> dict[str, Disturbed]:
     rows = [_first_rows(one, n, made / f"rows-{n}.csv") for n in range(1, ROWS + 1)]
     job = CalibrationRequest(load_study(one), REPLICATIONS, seed=1, fit=on_a_grid)
     calibrate = ("calibrate", one, "-n", REPLICATIONS, "--workers", 1, "--quiet", "--resume")
-    follow = [
-        _into("follow", one, "--data", path, "--particles", 200, "--quiet", "--overwrite") for path in rows
-    ]
+    follow = [_into("follow", one, "--data", path, "--particles", 200, "--quiet", "--overwrite") for path in rows]
     design = ("design", one, "--slip", "0.2,0.4", "--quiet", "--overwrite")
 
     def old(name: str) -> Callable[[Path], None]:

@@ -49,9 +49,7 @@ def in_the_way() -> dict[str, Callable[[Path], None]]:
         "a folder out.part": lambda place: written(place / "out.part" / "notes.txt"),
         "an empty folder out.part": lambda place: (place / "out.part").mkdir(),
         "a file out.part": lambda place: written(place / "out.part"),
-        "a folder out.part with a checkpoint": lambda place: written(
-            place / "out.part" / "checkpoint" / "notes.txt"
-        ),
+        "a folder out.part with a checkpoint": lambda place: written(place / "out.part" / "checkpoint" / "notes.txt"),
         "a link out.part": _linked_part,
     }
 
@@ -70,9 +68,7 @@ def in_a_result(made: Path) -> dict[str, Callable[[Path], None]]:
 
     return {
         "notes in a result": lambda place: written(with_result(place) / "notes.txt"),
-        "a folder checkpoint in a result": lambda place: written(
-            with_result(place) / "checkpoint" / "notes.txt"
-        ),
+        "a folder checkpoint in a result": lambda place: written(with_result(place) / "checkpoint" / "notes.txt"),
         "a folder in a result": lambda place: written(with_result(place) / "figures" / "a" / "notes.txt"),
         "a link in a result": lambda place: (with_result(place) / "mine").symlink_to("/nowhere"),
     }

@@ -129,9 +129,7 @@ def over(scene: Scene, place: Path, notes: Path, before: Callable[[], None]) -> 
     return scene.problem(place, (1, 2)) or scene.ended(place, notes, set(process.saved))
 
 
-def late(
-    scene: Scene, place: Path, notes: Path, before: Callable[[], None], segments: int
-) -> tuple[str, str]:
+def late(scene: Scene, place: Path, notes: Path, before: Callable[[], None], segments: int) -> tuple[str, str]:
     """Kill a run of seed 1 as it ends, then one of seed 2 once it has saved so many segments; then go on."""
     scene.set_up(place, 1)
     Process.begun(scene.run(place, 1, "--resume"), notes, before).code()

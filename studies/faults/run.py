@@ -104,10 +104,7 @@ def counted(trials: pd.DataFrame) -> pd.DataFrame:
 
 def words(table: pd.DataFrame) -> str:
     """The fault table as Markdown."""
-    lines = [
-        "| fault | at | trials | right | clear error, then right | broken |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["| fault | at | trials | right | clear error, then right | broken |", "|---|---|---|---|---|---|"]
     before = ""
     for row in table.to_dict("records"):
         fault = row["fault"] if row["fault"] != before else ""

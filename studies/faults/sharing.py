@@ -14,11 +14,7 @@ from damage import NOBODY
 from moments import disturbed, span_of
 from trials import CLEAR, RIGHT, Process, Table, content, emptied, rng_of, sums_hold
 
-TWO, GONE, TAKEN = (
-    "two processes in one folder",
-    "folder removed while it is written",
-    "folder removed and taken",
-)
+TWO, GONE, TAKEN = ("two processes in one folder", "folder removed while it is written", "folder removed and taken")
 READ_ONLY = "read-only folder"
 NOTED = 0.02
 """Seconds for the note on a task that was saved just before its folder went."""

@@ -60,9 +60,7 @@ def on_a_grid(study: Any, seed: SeedSequence) -> Fitted:
     middles = np.linspace(*law.range, 200)
     density = target.log_density(middles[:, None])
     weights = np.exp(density - density.max())
-    return Fitted(
-        default_rng(seed).choice(middles, 500, p=weights / weights.sum())[:, None], 500.0, 1.0, True
-    )
+    return Fitted(default_rng(seed).choice(middles, 500, p=weights / weights.sum())[:, None], 500.0, 1.0, True)
 
 
 def make_results(made: Path) -> None:
@@ -95,9 +93,7 @@ class Process:
     folder: Path
 
     @classmethod
-    def begun(
-        cls, work: Callable[[], int], notes: Path, before: Callable[[], None] = lambda: None
-    ) -> Process:
+    def begun(cls, work: Callable[[], int], notes: Path, before: Callable[[], None] = lambda: None) -> Process:
         """Fork a process that does some work; ``before`` is called in it just before that."""
         shutil.rmtree(notes, ignore_errors=True)
         notes.mkdir(parents=True)
@@ -269,9 +265,7 @@ def _digest(path: Path) -> str:
 def _timeless(path: Path) -> bytes:
     """What a file says, without times and durations."""
     if path.suffix == ".json":
-        return json.dumps(
-            _without_times(json.loads(path.read_text(encoding="utf-8"))), sort_keys=True
-        ).encode()
+        return json.dumps(_without_times(json.loads(path.read_text(encoding="utf-8"))), sort_keys=True).encode()
     if path.suffix == ".nc":
         import xarray as xr
 
@@ -333,9 +327,7 @@ class Table:
         made = {row["trial"] for row in self.rows if (row["fault"], row["where"]) == (fault, where)}
         return (str(trial) for trial in trials if str(trial) not in made)
 
-    def add(
-        self, fault: str, where: str, trial: object, moment: object, outcome: str, detail: str = ""
-    ) -> None:
+    def add(self, fault: str, where: str, trial: object, moment: object, outcome: str, detail: str = "") -> None:
         """Note a trial."""
         row = dict(zip(COLUMNS, map(str, (fault, where, trial, moment, outcome, detail)), strict=True))
         self.rows.append(row)

@@ -93,9 +93,7 @@ def dask(folder: Path) -> Iterator[tuple[str, list[int]]]:
         line = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *arguments]
         with (folder / f"{what}.log").open("ab") as log:
             processes.append(
-                subprocess.Popen(
-                    line, env=environment, stdout=log, stderr=log, cwd=folder, start_new_session=True
-                )
+                subprocess.Popen(line, env=environment, stdout=log, stderr=log, cwd=folder, start_new_session=True)
             )
         return processes[-1].pid
 

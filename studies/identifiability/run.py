@@ -90,9 +90,7 @@ def study(case: Case, seed: int) -> bt.Study:
     return bt.Study(made, wheels, **tables)
 
 
-def _of_the_truth(
-    blank: pd.DataFrame, wheels: dict[str, bt.Wheel], tables: dict[str, object], case: Case
-) -> bt.Study:
+def _of_the_truth(blank: pd.DataFrame, wheels: dict[str, bt.Wheel], tables: dict[str, object], case: Case) -> bt.Study:
     """The same study with c3 as it is in truth."""
     return bt.Study(blank, wheels, **{**tables, "priors": {"set": "paper-box", "c3": case.true_c3}})
 
@@ -141,9 +139,7 @@ def overview(groups: pd.DataFrame) -> pd.DataFrame:
     chosen = groups[groups["scope"] != "all"]
     texts = chosen.assign(text=chosen["determined"].astype(str))
     wide = texts.groupby(["case", "scope", "view"], sort=False)["text"].agg(" ".join)
-    return wide.unstack(["scope", "view"]).loc[
-        [name for name in (HIT, *CASES) if name in set(chosen["case"])]
-    ]
+    return wide.unstack(["scope", "view"]).loc[[name for name in (HIT, *CASES) if name in set(chosen["case"])]]
 
 
 def draw(directions: pd.DataFrame) -> Figure:

@@ -39,11 +39,7 @@ LEVELS = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 CASES = {
     "one-soil": dict.fromkeys(WHEELS, (0.19, 30.1)),
     "six-soils": dict(
-        zip(
-            WHEELS,
-            ((0.2, 24.0), (1.0, 27.0), (0.2, 36.0), (2.0, 30.0), (0.6, 33.0), (1.5, 22.0)),
-            strict=True,
-        )
+        zip(WHEELS, ((0.2, 24.0), (1.0, 27.0), (0.2, 36.0), (2.0, 30.0), (0.6, 33.0), (1.5, 22.0)), strict=True)
     ),
 }
 """c (kPa) and φ (deg) of every wheel: the mean of Table 10 for all, or made to differ."""
@@ -67,11 +63,7 @@ def simulated(case: str, seed: int = 1) -> bt.Study:
         soil, rng = bt.Soil(**truth(case, name)), np.random.default_rng(stream)
         z = np.asarray(M1().sinkage(soil, WHEELS[name], SLIPS, LOAD))
         forces = M1().forces(soil, WHEELS[name], SLIPS, z)
-        exact = {
-            "sinkage": z,
-            "drawbar_pull": forces.drawbar_pull,
-            "resistance_moment": forces.resistance_moment,
-        }
+        exact = {"sinkage": z, "drawbar_pull": forces.drawbar_pull, "resistance_moment": forces.resistance_moment}
         read = {n: values + NOISE[n] * rng.standard_normal(len(SLIPS)) for n, values in exact.items()}
         frames.append(
             pd.DataFrame(
@@ -161,9 +153,7 @@ def alone(case: str, result: PooledResult) -> pd.DataFrame:
             values = draws.to_numpy().ravel() / scale
             levels = dict(zip(LEVELS, np.quantile(values, list(LEVELS.values())), strict=True))
             true = known(case, f"{name}[{wheel}]" if wheel in WHEELS else name)
-            rows.append(
-                {"case": case, "parameter": name, "how": how, "wheel": wheel, "truth": true, **levels}
-            )
+            rows.append({"case": case, "parameter": name, "how": how, "wheel": wheel, "truth": true, **levels})
     return pd.DataFrame(rows)
 
 
@@ -210,9 +200,7 @@ def judged(case: str, table: pd.DataFrame) -> pd.DataFrame:
 
 def _shown(case: str, progress: Progress) -> None:
     found = progress.diagnosis
-    rest = (
-        "" if found is None else f" {found.steps} steps, {found.ess:.0f} effective, {found.worst_r_hat:.4f}"
-    )
+    rest = "" if found is None else f" {found.steps} steps, {found.ess:.0f} effective, {found.worst_r_hat:.4f}"
     print(f"{case}: {progress.stage} {progress.done:.2f}{rest}", flush=True)
 
 

@@ -35,9 +35,7 @@ SYMBOLS = {"sinkage": "z", "normal_force": "F_N", "drawbar_pull": "F_DP", "resis
 
 def printed(number: int) -> pd.DataFrame:
     """Table 10 or 14 by wheel, columns ``NAMES`` in field units."""
-    table = pd.read_csv(STUDIES / "paper" / "identification" / f"printed-table-{number}.csv").set_index(
-        "wheel"
-    )
+    table = pd.read_csv(STUDIES / "paper" / "identification" / f"printed-table-{number}.csv").set_index("wheel")
     return table.rename(columns={column: name for name, column in COLUMNS.items()})[list(NAMES)]
 
 

@@ -73,10 +73,8 @@ WHY = {
     "F_DPσ is lower than F_DPτ": "G14 at slip 0 pulls backwards, by 1 N",
     "F_DPτ is influenced by P_II only": "P_I and P_III act through the length of the contact",
     "K of G1 is 25 mm (Table 7: 12 mm)": "the print contradicts itself; Table 4 suits 12 mm",
-    "24 errors (16) of z, F_DP, M_DR": "groups that sink deep, as if the paper's deep sinkages were"
-    " 1 % deeper",
-    "18 errors (16) of z, F_DP, M_DR": "G17 suits a c1 of 0.29 to 0.335, probably a misprint; G19,"
-    " G20: deep sinkages",
+    "24 errors (16) of z, F_DP, M_DR": "groups that sink deep, as if the paper's deep sinkages were 1 % deeper",
+    "18 errors (16) of z, F_DP, M_DR": "G17 suits a c1 of 0.29 to 0.335, probably a misprint; G19, G20: deep sinkages",
     "P_III influences F_DP more than z and M_DR": "G20 moves z more than F_DP, in print as well",
     "with an increase in c3 z decreases and F_DP increases": "the sentence is the wrong way round;"
     " Table 8 agrees"
@@ -170,9 +168,7 @@ def of_section_4(folder: Path) -> pd.DataFrame:
     """Statements of the study of Section 4 in the common columns, with the numbers of Tables 4 and 6 to 8."""
     table = pd.read_csv(folder / "index.csv", keep_default_na=False, dtype=str)
     reading = [f"{s} ({r})" if r else s for s, r in zip(table["statement"], table["reading"], strict=True)]
-    why = [
-        WHY[s] if v == "differs" else "" for s, v in zip(table["statement"], table["verdict"], strict=True)
-    ]
+    why = [WHY[s] if v == "differs" else "" for s, v in zip(table["statement"], table["verdict"], strict=True)]
     made = pd.DataFrame(
         {
             "table_or_figure": table["place"], "statement": reading, "printed": table["statement"],
@@ -184,17 +180,13 @@ def of_section_4(folder: Path) -> pd.DataFrame:
         row = made.index[(table["place"] == f"Table {number}") & table["statement"].str.contains("errors")][0]
         parts = {SYMBOLS[name]: each for name, each in some.groupby("outcome", sort=False)}
         made.loc[row, "printed"] = "errors (16): " + _spans(parts, "printed", "{:.1f}") + " %"
-        made.loc[row, "ours"] = (
-            _spans(parts, "ours", "{:.1f}") + " %; inside our bounds " + made.loc[row, "ours"]
-        )
+        made.loc[row, "ours"] = _spans(parts, "ours", "{:.1f}") + " %; inside our bounds " + made.loc[row, "ours"]
         made.loc[row, "difference"] = _spans(parts, "difference", "{:+.1f}") + " points"
     shares = pd.read_csv(folder / "table-4.csv")
     row = made.index[table["place"] == "Table 4"][0]
     for column, name in (("printed", "share_percent"), ("ours", "ours_percent")):
         made.loc[row, column] = f"{shares[name].min():.1f} to {shares[name].max():.1f} %"
-    made.loc[row, "ours"] += (
-        f"; to the last digit {(shares['verdict'] == 'reproduced').sum()} of {len(shares)}"
-    )
+    made.loc[row, "ours"] += f"; to the last digit {(shares['verdict'] == 'reproduced').sum()} of {len(shares)}"
     ends = shares["difference"]
     made.loc[row, "difference"] = f"{ends.min():+.1f} to {ends.max():+.1f} points"
     return made
@@ -205,8 +197,7 @@ SYMBOLS = {"sinkage": "z", "drawbar_pull": "F_DP", "resistance_moment": "M_DR"}
 
 def _spans(parts: dict[str, pd.DataFrame], column: str, form: str) -> str:
     return ", ".join(
-        f"{name} {form.format(each[column].min())} to {form.format(each[column].max())}"
-        for name, each in parts.items()
+        f"{name} {form.format(each[column].min())} to {form.format(each[column].max())}" for name, each in parts.items()
     )
 
 
@@ -237,23 +228,9 @@ def lines(tables: dict[str, pd.DataFrame]) -> list[Line]:
 def blocks(tables: dict[str, pd.DataFrame]) -> dict[str, str]:
     """The tables of the README."""
     index = lines(tables)
-    head = [
-        "where",
-        "what",
-        "printed",
-        "ours",
-        "difference",
-        "verdict",
-        "why it differs",
-        "study",
-        "remade by",
-    ]
+    head = ["where", "what", "printed", "ours", "difference", "verdict", "why it differs", "study", "remade by"]
     rows = [
-        [
-            _link(study),
-            *(f"{(t['verdict'] == word).sum()}" for word in SEVERAL),
-            f"`python studies/remake.py {study}`",
-        ]
+        [_link(study), *(f"{(t['verdict'] == word).sum()}" for word in SEVERAL), f"`python studies/remake.py {study}`"]
         for study, t in tables.items()
     ]
     missing = [name for name in WANTED if name not in {line.place for line in index}]

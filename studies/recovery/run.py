@@ -27,9 +27,7 @@ NOISE = {"sinkage": 0.0005, "normal_force": 1.6, "drawbar_pull": 0.5, "resistanc
 """Standard deviations, SI: half a millimetre, 2 % of the load, 2 to 3 % of the pull and of the moment."""
 
 
-def simulated_study(
-    name: str, model: str, drive: str, rng: np.random.Generator, blur: float = 0.0
-) -> bt.Study:
+def simulated_study(name: str, model: str, drive: str, rng: np.random.Generator, blur: float = 0.0) -> bt.Study:
     """Data made by ``model`` with the soil of ``name``; ``blur`` (m) is noise on a sinkage taken as exact."""
     wheel, truth = WHEELS[name], dict(SOILS[name])
     exact = MODELS[model]().sinkage(bt.Soil(**truth), wheel, SLIPS, LOAD)
@@ -45,9 +43,7 @@ def simulated_study(
     )
     tables = {"model": model, "drive": drive, "noise": NOISE, "truth": truth, "slip_reference": "shearing"}
     tables |= {"kind": "simulated", "source": "studies/recovery/run.py"}
-    study = bt.Study(
-        blank.drop(columns="normal_force [N]") if drive == "load" else blank, {name: wheel}, **tables
-    )
+    study = bt.Study(blank.drop(columns="normal_force [N]") if drive == "load" else blank, {name: wheel}, **tables)
     table = bt.simulate(study, truth, seed=int(rng.integers(2**32)))
     if blur:
         table["sinkage [mm]"] = np.maximum(table["sinkage [mm]"] + 1e3 * blur * rng.standard_normal(8), 0.1)
@@ -68,9 +64,7 @@ def credible_level(study: bt.Study, seed: int) -> tuple[float, bool]:
 def recover(cases: list[tuple[str, str, str, float]], seed: int = 1) -> pd.DataFrame:
     """One row per case (wheel, model, drive, noise on the sinkage that the sinkage drive takes as exact)."""
     rows = []
-    for (wheel, model, drive, blur), stream in zip(
-        cases, np.random.SeedSequence(seed).spawn(len(cases)), strict=True
-    ):
+    for (wheel, model, drive, blur), stream in zip(cases, np.random.SeedSequence(seed).spawn(len(cases)), strict=True):
         study = simulated_study(wheel, model, drive, np.random.default_rng(stream), blur)
         level, converged = credible_level(study, seed)
         rows.append(

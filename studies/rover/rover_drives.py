@@ -11,17 +11,7 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, Wheel
-from bayesterra.models.statics import (
-    OUTCOMES,
-    Greatest,
-    Outcome,
-    SoftGround,
-    Sought,
-    State,
-    greatest,
-    states_at,
-    sweep,
-)
+from bayesterra.models.statics import OUTCOMES, Greatest, Outcome, SoftGround, Sought, State, greatest, states_at, sweep
 from bayesterra.parameters import MODEL_PARAMETERS, soil_array
 from bayesterra.prediction.outlook import DEGREE
 from bayesterra.prediction.rover import Rover, read_rover

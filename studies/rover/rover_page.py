@@ -84,12 +84,8 @@ def answer_block(folder: Path) -> str:
 def statements_block(folder: Path) -> str:
     """Every statement with its verdict."""
     found = pd.read_csv(folder / "statements.csv", keep_default_na=False)
-    found["verdict"] = found["verdict"].where(
-        found["verdict"] == "reproduced", "**" + found["verdict"] + "**"
-    )
-    return markdown(
-        ["where", "the paper says", "printed", "ours", "difference", "verdict", "why"], found.to_numpy()
-    )
+    found["verdict"] = found["verdict"].where(found["verdict"] == "reproduced", "**" + found["verdict"] + "**")
+    return markdown(["where", "the paper says", "printed", "ours", "difference", "verdict", "why"], found.to_numpy())
 
 
 def climbs_block(folder: Path) -> str:
@@ -132,9 +128,4 @@ def greatest_block(folder: Path) -> str:
     return markdown(["", "slips", "5 %", "25 %", "median", "75 %", "95 %", ""], rows)
 
 
-BLOCKS = {
-    "answer": answer_block,
-    "statements": statements_block,
-    "climbs": climbs_block,
-    "greatest": greatest_block,
-}
+BLOCKS = {"answer": answer_block, "statements": statements_block, "climbs": climbs_block, "greatest": greatest_block}

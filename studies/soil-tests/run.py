@@ -122,12 +122,7 @@ def recovery_of(radii: tuple[float, ...], seed: int) -> list[dict[str, Any]]:
 
 def recovery() -> None:
     """Twenty known soils' plate tests, with two radii and with one."""
-    rows = [
-        row
-        for radii in (RADII, RADII[:1])
-        for seed in range(1, SEEDS + 1)
-        for row in recovery_of(radii, seed)
-    ]
+    rows = [row for radii in (RADII, RADII[:1]) for seed in range(1, SEEDS + 1) for row in recovery_of(radii, seed)]
     save(pd.DataFrame(rows), "recovery")
 
 
@@ -157,15 +152,9 @@ def wheel_study(widths: tuple[float, ...], seed: int) -> bt.Study:
         soil = bt.Soil(**{**WHEEL_SOIL, "Ks": MODULI["kc"] / wheel.width + MODULI["kphi"]})
         z = M2().sinkage(soil, wheel, slip, load)
         forces = M2().forces(soil, wheel, slip, z)
-        exact = {
-            "sinkage": z,
-            "drawbar_pull": forces.drawbar_pull,
-            "resistance_moment": forces.resistance_moment,
-        }
+        exact = {"sinkage": z, "drawbar_pull": forces.drawbar_pull, "resistance_moment": forces.resistance_moment}
         units = {"sinkage": "m", "drawbar_pull": "N", "resistance_moment": "N m"}
-        noisy = {
-            f"{k} [{units[k]}]": v + WHEEL_NOISE[k] * rng.standard_normal(len(slip)) for k, v in exact.items()
-        }
+        noisy = {f"{k} [{units[k]}]": v + WHEEL_NOISE[k] * rng.standard_normal(len(slip)) for k, v in exact.items()}
         parts.append(pd.DataFrame({"wheel": name, "slip": slip, "load [N]": load, **noisy}))
     fixed = {name: WHEEL_SOIL[name] for name in ("n0", "c", "c1", "c2", "c3")}
     return bt.Study(
@@ -182,9 +171,7 @@ def wheels_of(which: str, seed: int) -> list[dict[str, Any]]:
     draws = thin(samples.chains).flat
     seen = structure.structure(posterior, prior[: structure.DRAWS])
     ranges = [law.range for law in posterior.prior.laws.values()]
-    found = identifiability(
-        posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined)
-    ).table
+    found = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined)).table
     rows = []
     for name, truth in MODULI.items():
         low, median, high = np.quantile(draws[:, posterior.names.index(name)], [0.05, 0.5, 0.95])
@@ -217,10 +204,7 @@ def files() -> None:
     keys = ["parameter", "unit", "median", "hdi90_lo", "hdi90_hi", "prior_sd"]
     summary = pd.concat([one.summary[keys].assign(file=name) for name, one in found.items()])
     words = pd.concat(
-        [
-            one.identifiability[["parameter", "verdict", "contraction"]].assign(file=name)
-            for name, one in found.items()
-        ]
+        [one.identifiability[["parameter", "verdict", "contraction"]].assign(file=name) for name, one in found.items()]
     )
     save(summary.merge(words, how="left", on=["file", "parameter"]), "posteriors")
     save(pd.concat([one.least_squares.assign(file=name) for name, one in found.items()]), "least_squares")
@@ -251,9 +235,7 @@ def usual_predictions(readings: Readings) -> list[dict[str, float]]:
         own = readings.only(np.arange(len(readings.tests)) == number)
         fitted, law, sd = usual_fit(readings.only(np.arange(len(readings.tests)) != number))
         residual = np.log(own.stress) - usual_curve(fitted, own)
-        slopes = np.array(
-            [usual_curve(fitted + step, own) - usual_curve(fitted - step, own) for step in STEPS]
-        ).T
+        slopes = np.array([usual_curve(fitted + step, own) - usual_curve(fitted - step, own) for step in STEPS]).T
         slopes /= 2 * STEPS[0, 0]
         covariance = slopes @ law @ slopes.T + sd**2 * np.eye(len(own))
         half = len(own) // 2
@@ -261,9 +243,7 @@ def usual_predictions(readings: Readings) -> list[dict[str, float]]:
             "level_pit": np.full(len(own), 1 / len(own)),
             "slope_pit": np.where(np.arange(len(own)) < half, -1 / half, 1 / (len(own) - half)),
         }
-        rows.append(
-            {kind: float(ndtr(residual @ w / np.sqrt(w @ covariance @ w))) for kind, w in weights.items()}
-        )
+        rows.append({kind: float(ndtr(residual @ w / np.sqrt(w @ covariance @ w))) for kind, w in weights.items()})
     return rows
 
 
@@ -302,17 +282,13 @@ def table2() -> None:
     """What the paper's plate test would leave, as it is stated: simulated from Table 2, one set of tests."""
     found = analyse(simulated(RADII, 1), seed=1)
     keys = ["parameter", "unit", "median", "sd", "hdi90_lo", "hdi90_hi"]
-    truth = pd.DataFrame(
-        {"parameter": list(TABLE2), "truth": [TABLE2["kc"] / 1e3, TABLE2["kphi"] / 1e3, TABLE2["n"]]}
-    )
+    truth = pd.DataFrame({"parameter": list(TABLE2), "truth": [TABLE2["kc"] / 1e3, TABLE2["kphi"] / 1e3, TABLE2["n"]]})
     words = found.identifiability[["parameter", "verdict", "contraction"]]
     save(found.summary[keys].merge(truth, how="left").merge(words, how="left"), "table2")
     save(found.least_squares, "table2_least_squares")
     draws = found.values()[:, :3]
     save(
-        pd.DataFrame(np.corrcoef(draws.T), columns=list(TABLE2), index=list(TABLE2)).reset_index(
-            names="parameter"
-        ),
+        pd.DataFrame(np.corrcoef(draws.T), columns=list(TABLE2), index=list(TABLE2)).reset_index(names="parameter"),
         "table2_correlations",
     )
 
@@ -385,11 +361,7 @@ def insertion_of(
         mean = np.log(force(z))
         step = 1e-5
         slope = (np.log(force(z + step)) - mean) / step  # the seating shifts log F by its slope times ζ
-        seat = (
-            spread.shift[:, None] / np.abs(soil[:, 2:]) * slope
-            if spread.shift is not None
-            else np.zeros_like(mean)
-        )
+        seat = spread.shift[:, None] / np.abs(soil[:, 2:]) * slope if spread.shift is not None else np.zeros_like(mean)
         law = covariance(z, Spread(spread.scatter, spread.memory, None)) + seat[:, :, None] * seat[:, None, :]
         residual = np.log(measured) - mean
         known = np.isfinite(residual).all(axis=1)
@@ -404,20 +376,10 @@ def insertion_of(
             for kind, w in weights.items()
         }
         inside = ndtr(residual / np.sqrt(np.einsum("nii->ni", law))).mean(axis=0)
-        covered = {
-            f"covered_{level}": float((np.abs(inside - 0.5) <= level / 200).mean()) for level in (50, 90)
-        }
+        covered = {f"covered_{level}": float((np.abs(inside - 0.5) <= level / 200).mean()) for level in (50, 90)}
         ratio = float(np.exp(np.median(residual.mean(axis=1))))
-        head = {
-            "geometry": geometry,
-            "breadth": breadth,
-            "contact": contact,
-            "test": name,
-            "readings": len(z),
-        }
-        rows.append(
-            {**head, "measured_over_predicted": ratio, **pit, **covered, "unphysical": 1 - known.mean()}
-        )
+        head = {"geometry": geometry, "breadth": breadth, "contact": contact, "test": name, "readings": len(z)}
+        rows.append({**head, "measured_over_predicted": ratio, **pit, **covered, "unphysical": 1 - known.mean()})
     return pd.DataFrame(rows), force
 
 
@@ -455,9 +417,7 @@ def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw_insertion(
-    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]],
-    posterior: TestPosterior,
-    x: np.ndarray,
+    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], posterior: TestPosterior, x: np.ndarray
 ) -> None:
     """Bands of new insertions where b lies between the plates' radii, and all measured insertions."""
     chosen = [key for key in curves if key[:2] in (("50 mm wide", "width"), ("60 mm wide", "half width"))]
@@ -480,9 +440,7 @@ def draw_insertion(
             for _, z, force in insertion_tests():
                 ax.plot(1e3 * z, force, color="#111111", linewidth=0.6)
             where = f"{key[0]}, b = {key[1]},\ncontact along the {key[2]}"
-            ax.set(
-                xscale="log", yscale="log", title=where, xlabel="sinkage of the tips [mm]", ylim=(0.8, 500)
-            )
+            ax.set(xscale="log", yscale="log", title=where, xlabel="sinkage of the tips [mm]", ylim=(0.8, 500))
             ax.set_xticks([3, 5, 10, 20, 30], ["3", "5", "10", "20", "30"])
             ax.xaxis.set_minor_formatter(NullFormatter())
         axes[0].set_ylabel("force [N]")

@@ -104,8 +104,7 @@ def _shear_test() -> list[str]:
         "Section 3.2, Table 2",
         "the greatest moments of an annular plate under 30 to 180 N give c and φ",
         "0.25 kPa, 31.9°",
-        "readings were not published; the Cullinan tests have one normal stress: c and φ "
-        f"{rows.loc['c', 'verdict']}",
+        f"readings were not published; the Cullinan tests have one normal stress: c and φ {rows.loc['c', 'verdict']}",
         "",
         "cannot be checked",
         "",

@@ -119,9 +119,7 @@ def streamed(
     return stream, steps
 
 
-def quantiles_with_errors(
-    x: FloatArray, weights: FloatArray, effective: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def quantiles_with_errors(x: FloatArray, weights: FloatArray, effective: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Quantiles (k, d) of weighted draws (n, d), and their Monte Carlo errors at effective numbers (d,)."""
     found = weighted_quantiles(x, weights, QUANTILES)
     errors = np.empty_like(found)
@@ -172,18 +170,14 @@ def one_by_one() -> None:
         alarm = stream.alarm.row if stream.alarm else None
         told = {"run": name, "log_evidence": stream.log_evidence, "error": stream.log_evidence_error}
         _append("streams-evidence.csv", [{**told, "effective": cloud.effective, "alarm": alarm}])
-        _append(
-            "streams.csv", _quantiles(name, stream.names, quantiles_with_errors(cloud.x, cloud.weights, size))
-        )
+        _append("streams.csv", _quantiles(name, stream.names, quantiles_with_errors(cloud.x, cloud.weights, size)))
     linear = driven(drive(ROWS, default_rng(2015), "M2"), TRUTH, seed=5)
     _, steps = streamed(linear, np.arange(ROWS), seed=1)
     kept = ("row", "cpu_ms", "wall_ms", "sweeps", "steps", "effective")
     _write("rows-M2.csv", [{name: step[name] for name in kept} for step in steps])
 
 
-def _quantiles(
-    run: str, names: tuple[str, ...], found: tuple[FloatArray, FloatArray]
-) -> list[dict[str, Any]]:
+def _quantiles(run: str, names: tuple[str, ...], found: tuple[FloatArray, FloatArray]) -> list[dict[str, Any]]:
     """Every quantile of every parameter and its error, in field units."""
     return [
         {
@@ -277,9 +271,7 @@ def unchanged(soil: int) -> list[dict[str, Any]]:
         stream, found = deepcopy(learned), [learned.watch.candidates.log_statistic]
         possible = learned.cloud.weights * (density.reasons(learned.cloud.x) == 0)
         x = learned.cloud.x[rng.choice(PARTICLES, p=possible / possible.sum())]
-        same = read_off(
-            plan, dict(zip(density.names, map(float, x), strict=True)), seed=int(rng.integers(2**31))
-        )
+        same = read_off(plan, dict(zip(density.names, map(float, x), strict=True)), seed=int(rng.integers(2**31)))
         for index in range(LEARNED, LEARNED + UNCHANGED_ROWS):
             found.append(stream.learn(row(same, index)).log_statistic)
             if stream.alarm:
@@ -342,14 +334,7 @@ def time_png(rows: dict[str, pd.DataFrame]) -> bytes:
     for colour, (model, table) in zip(("#0072B2", "#E69F00"), rows.items(), strict=True):
         moved = table["sweeps"] > 0
         ax.plot(table["row"][~moved], table["cpu_ms"][~moved], ".", color=colour, markersize=2.5, alpha=0.6)
-        ax.plot(
-            table["row"][moved],
-            table["cpu_ms"][moved],
-            "o",
-            color=colour,
-            markersize=4,
-            label=f"{model}, moved",
-        )
+        ax.plot(table["row"][moved], table["cpu_ms"][moved], "o", color=colour, markersize=4, label=f"{model}, moved")
         ax.plot([], [], ".", color=colour, label=f"{model}, weighed only")
     lines = {"IM3, paper": (sum(PAPER_MS.values()), "--"), "IM3, ours, 500 rows": (estimates[ROWS], ":")}
     for label, (level, style) in lines.items():
@@ -365,13 +350,7 @@ def time_png(rows: dict[str, pd.DataFrame]) -> bytes:
 
 def main(names: Sequence[str]) -> None:
     """Do the parts that are named, or all."""
-    parts = {
-        "at_once": at_once,
-        "one_by_one": one_by_one,
-        "changed": changed,
-        "same": same,
-        "figures": figures,
-    }
+    parts = {"at_once": at_once, "one_by_one": one_by_one, "changed": changed, "same": same, "figures": figures}
     for name in names or parts:
         parts[name]()
 

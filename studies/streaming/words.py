@@ -101,9 +101,7 @@ def _evidence(table: pd.DataFrame) -> str:
 
 
 def _time(tables: dict[str, pd.DataFrame], points: pd.Series) -> str:
-    lines = [
-        "| | weighed only, median | moved, median of the last five | moves in 500 rows | mean of all rows |"
-    ]
+    lines = ["| | weighed only, median | moved, median of the last five | moves in 500 rows | mean of all rows |"]
     lines.append("|---|---|---|---|---|")
     for model, table in tables.items():
         moved = table[table["sweeps"] > 0]

@@ -46,8 +46,7 @@ def nested_gain(
     blocks = _predicted(study, posterior, np.concatenate(given), candidate)
     ends = np.cumsum([0, *(len(block) for block in given)])
     log_given = [
-        _log_mean(_part(blocks, slice(first, last)), y[i : i + 1])[0]
-        for i, (first, last) in enumerate(pairwise(ends))
+        _log_mean(_part(blocks, slice(first, last)), y[i : i + 1])[0] for i, (first, last) in enumerate(pairwise(ends))
     ]
     terms = np.array(log_given) - log_p
     return float(terms.mean()), float(terms.std(ddof=1) / np.sqrt(len(terms)))
@@ -64,14 +63,10 @@ def _part(reading: Reading, rows: slice) -> Reading:
 def _log_mean(reading: Reading, y: FloatArray) -> FloatArray:
     """Log of the mean density (m,) of readings (m, k) over draws."""
     blocks = [reading.log_density(y[start : start + 100]) for start in range(0, len(y), 100)]
-    return np.asarray(
-        np.concatenate([logsumexp(block, axis=1) for block in blocks]) - np.log(len(reading.mean))
-    )
+    return np.asarray(np.concatenate([logsumexp(block, axis=1) for block in blocks]) - np.log(len(reading.mean)))
 
 
-def _given(
-    posterior: Posterior, values: FloatArray, columns: list[int], n: int, rng: Generator
-) -> FloatArray:
+def _given(posterior: Posterior, values: FloatArray, columns: list[int], n: int, rng: Generator) -> FloatArray:
     """Draws of the cut prior given some parameters: fresh values of the others, kept inside the support."""
     x = posterior.prior.sample(n, rng)
     x[:, columns] = values

@@ -58,9 +58,7 @@ def read(folder: Path) -> pd.DataFrame:
         raise ValueError(f"'{folder.name}/{FILE}' must have the columns {', '.join(COLUMNS)}")
     odd = [word for word in table["verdict"] if word not in VERDICTS]
     if odd:
-        raise ValueError(
-            f"'{folder.name}/{FILE}': 'verdict' must be one of {', '.join(VERDICTS)} (got {odd[0]!r})"
-        )
+        raise ValueError(f"'{folder.name}/{FILE}': 'verdict' must be one of {', '.join(VERDICTS)} (got {odd[0]!r})")
     return table
 
 

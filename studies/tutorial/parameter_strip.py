@@ -45,9 +45,7 @@ def _row_of_figure(ax: Axes, result: Result, name: str) -> None:
         if name in values:
             value = values[name] / PARAMETERS[name].scale
             _point(ax, method, value, (along.low, along.high), hollow=name in held(result, method))
-    ax.set(
-        xlim=(along.low, along.high), ylim=(-0.75, 1.05), yticks=[], xscale="log" if along.log else "linear"
-    )
+    ax.set(xlim=(along.low, along.high), ylim=(-0.75, 1.05), yticks=[], xscale="log" if along.log else "linear")
     ax.spines["left"].set_visible(False)
     ax.set_ylabel(label(PARAMETERS[name]), rotation=0, ha="right", va="center")
 

@@ -130,9 +130,7 @@ def test_one_wheel_and_load_for_all(wide: Result, narrow: Result, tmp_path: Path
     (tmp_path / "small.toml").write_text('radius = "100 mm"\nwidth = "165 mm"\n', encoding="utf-8")
     results = {"a": wide, "b": narrow}
     found = bt.compare(results, load="60 N", wheel=tmp_path / "small.toml")
-    assert {(curve.name, curve.wheel.radius, curve.load) for curve in found.curves.values()} == {
-        ("small", 0.1, 60.0)
-    }
+    assert {(curve.name, curve.wheel.radius, curve.load) for curve in found.curves.values()} == {("small", 0.1, 60.0)}
     for load, dots in ((80, 5), (60, 0)):
         ax = contents_page.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
         assert [len(np.asarray(line.get_xdata())) for line in ax.get_lines()[2:]] == [dots]

@@ -65,9 +65,7 @@ def test_the_prior_is_the_cut_one(write: Write) -> None:
 def test_other_drives_predict_under_what_is_given(drive: str, write: Write) -> None:
     """With sinkage given forces are predicted, with a latent load what its flat prior leads to."""
     table = "slip,load [N],sinkage [mm]\n0.1,80,5.0\n0.2,80,7.5\n0.4,80,14.0\n"
-    file = write(
-        ("[data]", f'drive = "{drive}"\n[data]'), ("[priors]", 'normal_force = "2 N"\n[priors]'), table=table
-    )
+    file = write(("[data]", f'drive = "{drive}"\n[data]'), ("[priors]", 'normal_force = "2 N"\n[priors]'), table=table)
     found = result_of(file)
     assert set(found.study.noise) == {"normal_force", "drawbar_pull", *(["sinkage"] * (drive == "both"))}
     force = found.predictive[found.predictive["channel"] == "normal_force"]
@@ -83,9 +81,7 @@ def test_what_is_missing_is_said(write: Write) -> None:
     quiet = write(('sinkage = "1 mm"\n', ""), ('drawbar_pull = "1.5 N"', ""), table=PLANNED)
     with pytest.raises(StudyError, match=r"\[noise\] needs an entry for at least one of sinkage"):
         load_study(quiet, prior_only=True)
-    with pytest.raises(
-        StudyError, match=r"at least one reading of sinkage.*\(before that: run --prior-only\)"
-    ):
+    with pytest.raises(StudyError, match=r"at least one reading of sinkage.*\(before that: run --prior-only\)"):
         load_study(write(table=EMPTY))
 
 

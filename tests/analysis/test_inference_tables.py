@@ -70,12 +70,8 @@ def test_verdicts_rest_on_the_spreads_of_the_summary(small_result: Result) -> No
         scale, own = PARAMETERS[name].scale, table.loc[name]
         before, after = small_result.values("prior"), small_result.values()
         i = small_result.names.index(name)
-        np.testing.assert_allclose(
-            [row.prior_sd * scale, row.sd * scale], [own["prior_sd"], own["posterior_sd"]]
-        )
-        np.testing.assert_allclose(
-            [before[:, i].std(), after[:, i].std()], [own["prior_sd"], own["posterior_sd"]]
-        )
+        np.testing.assert_allclose([row.prior_sd * scale, row.sd * scale], [own["prior_sd"], own["posterior_sd"]])
+        np.testing.assert_allclose([before[:, i].std(), after[:, i].std()], [own["prior_sd"], own["posterior_sd"]])
         if not small_result.study.prior.laws[name].logarithmic:
             assert own["contraction"] == pytest.approx(1 - (row.sd / row.prior_sd) ** 2)
 
@@ -102,9 +98,7 @@ def test_least_squares_are_those_of_the_record(small_result: Result) -> None:
         for row in rows.to_dict("records"):
             name = str(row["parameter"])
             if name.startswith("error_"):
-                assert row["value"] == pytest.approx(
-                    fit["errors_percent"][name.removeprefix("error_")], nan_ok=True
-                )
+                assert row["value"] == pytest.approx(fit["errors_percent"][name.removeprefix("error_")], nan_ok=True)
             elif name in standing["values"] and name not in fit["missing"]:
                 assert row["value"] * PARAMETERS[name].scale == pytest.approx(standing["values"][name])
             level = np.nan if standing["filled"] else standing["credible_level"]

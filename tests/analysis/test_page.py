@@ -112,9 +112,7 @@ def test_names_of_a_study_are_escaped_in_every_block(small_result: Result) -> No
     for name, value in (("title", NASTY), ("source", NASTY), ("notes", (NASTY,))):
         object.__setattr__(study, name, value)
     blocks = data_section(replace(small_result, study=study))
-    cells = [
-        escape(b.caption if isinstance(b, Table) else b.text) for b in blocks if not isinstance(b, Gallery)
-    ]
+    cells = [escape(b.caption if isinstance(b, Table) else b.text) for b in blocks if not isinstance(b, Gallery)]
     assert sum("&lt;script&gt;" in cell for cell in cells) == 2
     assert not any("<script" in cell for cell in cells)
 
@@ -148,19 +146,11 @@ def test_a_converged_run_says_so_and_warns_of_nothing(small_result: Result) -> N
 
 def test_a_run_that_did_not_converge_says_so_first_with_advice(small_result: Result, content: Page) -> None:
     """The warning names what to do, and the verdict the check that failed."""
-    check = {
-        "name": "effective draws",
-        "value": 80.0,
-        "threshold": 400.0,
-        "passed": False,
-        "advice": "run longer",
-    }
+    check = {"name": "effective draws", "value": 80.0, "threshold": 400.0, "passed": False, "advice": "run longer"}
     failed = _changed(small_result, converged=False, checks=[check])
     assert sampling_verdict(failed.record).grade == "bad"
     assert "Failed: effective draws" in _plain(sampling_verdict(failed.record).sentence)
-    html = render(
-        replace(content, warning=warning(failed), verdicts=failed.verdicts, sentence=failed.sentence)
-    )
+    html = render(replace(content, warning=warning(failed), verdicts=failed.verdicts, sentence=failed.sentence))
     assert html.index("Do not use: the sampling has not converged") < html.index("not converged</span>")
     assert "run longer" in html[: html.index(">Fit<")]
 
@@ -317,9 +307,7 @@ def test_bands_at_driven_slips_are_ninety_per_cent_of_the_curves(small_result: R
             assert _number(str(cells[1 + 2 * i])) == pytest.approx(at[1], abs=0.51 * step)
 
 
-def test_every_place_says_the_same(
-    small_result: Result, html: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_place_says_the_same(small_result: Result, html: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Cards, sentence, terminal, notebook, record and table of one result: the same words and counts."""
     verdicts, shown = small_result.verdicts, " ".join(_plain(Markup(html)).split())  # noqa: S704 (our own)
     assert [verdict.name for verdict in verdicts] == ["Sampling", "Fit", "Prediction", "Soil"]

@@ -46,10 +46,7 @@ def written(path: Path, **given: Any) -> Study:
     noise = {"sinkage": "1 mm", "drawbar_pull": "1 N", "resistance_moment": "0.2 N m"}
     table = TABLE
     if given.get("drive") == "both":
-        table, noise = (
-            TABLE.rename(columns={"load [N]": "normal_force [N]"}),
-            {**noise, "normal_force": "2 N"},
-        )
+        table, noise = (TABLE.rename(columns={"load [N]": "normal_force [N]"}), {**noise, "normal_force": "2 N"})
     wheel = Wheel(0.135, 0.165, 0.015, 24, 0.75)
     study = Study(table, {"A": wheel}, slip_reference="shearing", model="M2", noise=noise,
                   priors={"set": "paper-box", **HELD}, **given)  # fmt: skip
@@ -72,13 +69,7 @@ def test_rows_of_the_fit_have_one_dimension(drive: str, tmp_path: Path) -> None:
     """Every group has the rows in the fit under ``row``; the one left out is kept, readings too."""
     study = written(tmp_path / "draws.nc", **DRIVES[drive])
     with xr.open_datatree(tmp_path / "draws.nc", engine="h5netcdf") as tree:
-        for name in (
-            "log_likelihood",
-            "prior_predictive",
-            "posterior_predictive",
-            "observed_data",
-            "constant_data",
-        ):
+        for name in ("log_likelihood", "prior_predictive", "posterior_predictive", "observed_data", "constant_data"):
             assert tree[name]["row"].to_numpy().tolist() == [1, 2, 4, 5, 6], name
             for values in tree[name].data_vars.values():
                 assert values.dims[-1] == "row", (name, values.name)

@@ -44,12 +44,7 @@ def quick(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     seeds: list[Any] = []
 
     def run(
-        study: Study,
-        *,
-        seed: int,
-        report: Callable[[Progress], None],
-        checkpoint_store: CheckpointStore,
-        **_: Any,
+        study: Study, *, seed: int, report: Callable[[Progress], None], checkpoint_store: CheckpointStore, **_: Any
     ) -> Result:
         seeds.append(seed)
         report(Progress("adapting", 0.0))
@@ -83,12 +78,7 @@ def test_a_poller_sees_complete_status_files(
         raise AssertionError(f"{word} is no JSON")
 
     def run(
-        study: Study,
-        *,
-        seed: int,
-        report: Callable[[Progress], None],
-        checkpoint_store: CheckpointStore,
-        **_: Any,
+        study: Study, *, seed: int, report: Callable[[Progress], None], checkpoint_store: CheckpointStore, **_: Any
     ) -> Result:
         for progress in (
             Progress("adapting", 0.0),
@@ -134,12 +124,7 @@ def test_a_run_without_support_leaves_no_folder(
     """When the prior turns out to have no support, nothing is left behind, not even the beginnings."""
 
     def run(
-        study: Study,
-        *,
-        seed: int,
-        report: Callable[[Progress], None],
-        checkpoint_store: CheckpointStore,
-        **_: Any,
+        study: Study, *, seed: int, report: Callable[[Progress], None], checkpoint_store: CheckpointStore, **_: Any
     ) -> Result:
         report(Progress("adapting", 0.0))
         raise SupportError("no parameter set fits")
@@ -151,9 +136,7 @@ def test_a_run_without_support_leaves_no_folder(
 
 
 @pytest.mark.usefixtures("plain_report")
-def test_saving_a_loaded_result_gives_the_same_folder(
-    quick: list[int], small_result: Result, tmp_path: Path
-) -> None:
+def test_saving_a_loaded_result_gives_the_same_folder(quick: list[int], small_result: Result, tmp_path: Path) -> None:
     """A result saved, read and saved again has the same tables, record and study, byte for byte."""
     run_study(small_result.study, out=tmp_path / "a", quiet=True)
     report = load_result(tmp_path / "a").save(tmp_path / "b")
@@ -183,9 +166,7 @@ def stopped(quick: list[int], small_result: Result, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.usefixtures("plain_report")
-def test_an_unfinished_run_is_not_lost_silently(
-    stopped: Path, quick: list[int], small_result: Result
-) -> None:
+def test_an_unfinished_run_is_not_lost_silently(stopped: Path, quick: list[int], small_result: Result) -> None:
     """Without a word on it a run refuses, naming both ways out; so does all that would take its place."""
     for attempt in (
         lambda: run_study(small_result.study, out=stopped),
@@ -242,9 +223,7 @@ def test_an_error_after_the_sampling_keeps_what_was_saved(
 
 
 @pytest.mark.usefixtures("plain_report")
-def test_resuming_a_run_that_had_ended_reads_its_result(
-    quick: list[int], small_result: Result, tmp_path: Path
-) -> None:
+def test_resuming_a_run_that_had_ended_reads_its_result(quick: list[int], small_result: Result, tmp_path: Path) -> None:
     """A kill after the last rename costs nothing; the result of another seed is not taken for it."""
     out = tmp_path / "out"
     run_study(small_result.study, out=out, seed=1, resume=True, quiet=True)

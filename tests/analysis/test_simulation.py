@@ -18,17 +18,7 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.study import Study, load_study
 
 HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
-SOIL = {
-    "Ks": 2.5e6,
-    "n0": 0.8,
-    "n1": 1.0,
-    "c": 250.0,
-    "phi": 0.5,
-    "K": 0.011,
-    "c1": 0.4,
-    "c2": -0.1,
-    "c3": 0.0,
-}
+SOIL = {"Ks": 2.5e6, "n0": 0.8, "n1": 1.0, "c": 250.0, "phi": 0.5, "K": 0.011, "c1": 0.4, "c2": -0.1, "c3": 0.0}
 WHEEL = Wheel(0.15735, 0.165, 0.015, 30, 0.75)
 
 
@@ -147,11 +137,7 @@ def test_values_without_an_answer_are_refused() -> None:
 def test_a_simulated_study_reads_back_as_the_same_study(tmp_path: Path, drive: str) -> None:
     """Model, wheels, noise and priors survive the file; the truth stands in it."""
     phi = Law("truncnorm", {"a": -2.0, "b": 2.0, "loc": 0.5, "scale": 0.1})
-    noise = {
-        "drawbar_pull": {"estimate": {"dist": "halfnorm", "scale": 1.0}},
-        "normal_force": 2.0,
-        "sinkage": 1e-3,
-    }
+    noise = {"drawbar_pull": {"estimate": {"dist": "halfnorm", "scale": 1.0}}, "normal_force": 2.0, "sinkage": 1e-3}
     noise["resistance_moment"] = {"fraction": 0.03, "floor": 0.1}
     base = study(
         drive=drive,
@@ -180,9 +166,7 @@ def test_a_simulated_study_reads_back_as_the_same_study(tmp_path: Path, drive: s
     assert_allclose(again.observations.slip, base.observations.slip)
 
 
-def test_simulated_folders_appear_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_simulated_folders_appear_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An existing folder is left alone; a failure half-way leaves no folder of that name."""
     base = study()
     (tmp_path / "old").mkdir()

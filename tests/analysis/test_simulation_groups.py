@@ -84,9 +84,7 @@ def test_unknown_names_are_refused(make: MakeStudy, name: str, message: str) -> 
 
 def test_nothing_is_written_twice(make: MakeStudy, tmp_path: Path) -> None:
     """What is written is what was drawn."""
-    made = write_simulated(
-        make(), tmp_path / "out", seed=4, truth={"phi": 0.5, "K.mean": 0.01, "K.spread": 0.002}
-    )
+    made = write_simulated(make(), tmp_path / "out", seed=4, truth={"phi": 0.5, "K.mean": 0.01, "K.spread": 0.002})
     truth = load_study(tmp_path / "out").truth
     assert truth is not None
     assert truth.values == pytest.approx(dict(made.values), rel=1e-12)

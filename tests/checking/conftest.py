@@ -30,9 +30,7 @@ TABLE = pd.DataFrame(
 MakeStudy = Callable[..., Study]
 
 
-def make(
-    *free: str, noise: Mapping[str, float] | None = None, data: pd.DataFrame = TABLE, **options: Any
-) -> Study:
+def make(*free: str, noise: Mapping[str, float] | None = None, data: pd.DataFrame = TABLE, **options: Any) -> Study:
     """Study of one wheel; ``free`` names the free parameters, all others are held."""
     held = {name: value for name, value in HELD.items() if name not in free}
     return Study(

@@ -48,9 +48,7 @@ def test_an_interrupted_calibration_goes_on_where_it_was(job: CalibrationRequest
     assert finished_tasks(part / "checkpoint") == 12
     status = json.loads((part / "status.json").read_text())
     assert (status["stage"], status["steps"], status["done"]) == ("calibrating", 12, 0.4)
-    with pytest.raises(
-        ResultError, match=r"holds 12 finished replications: add --resume to go on, or --over"
-    ):
+    with pytest.raises(ResultError, match=r"holds 12 finished replications: add --resume to go on, or --over"):
         calibrate_study(job, out, quiet=True)
     seen: list[int] = []
     calibrate_study(job, out, resume=True, quiet=True, watch=lambda progress: seen.append(progress.done))
@@ -104,11 +102,7 @@ def test_a_result_is_saved_whole_and_escapes_what_is_foreign(job: CalibrationReq
     assert Calibration.RECORD.read(tmp_path / "out" / Calibration.MARK) == record
     assert (record["verdict"], record["calibrated"]) == ("not established", False)
     assert (record["not_converged"], record["failed"], record["replications"]) == (20, 10, 40)
-    assert record["thresholds"] == {
-        "level": 0.01,
-        "p_value_per_quantity": 0.0025,
-        "share_not_converged": 0.05,
-    }
+    assert record["thresholds"] == {"level": 0.01, "p_value_per_quantity": 0.0025, "share_not_converged": 0.05}
     assert record["power"][0]["error"] == "standard deviation 10 % too small"
     assert "<script" not in report
     assert "FloatingPointError: log density is NaN" in report
@@ -210,9 +204,7 @@ def test_nothing_is_removed_before_the_folder_has_its_name(
             calibrate_study(job, tmp_path / "out", quiet=True)
     assert len(bt.read_tasks(tmp_path / "out")) == 30
     seen: list[int] = []
-    calibrate_study(
-        job, tmp_path / "out", resume=True, quiet=True, watch=lambda progress: seen.append(progress.done)
-    )
+    calibrate_study(job, tmp_path / "out", resume=True, quiet=True, watch=lambda progress: seen.append(progress.done))
     assert seen == [30]
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
 
@@ -238,6 +230,4 @@ def test_the_exit_code_is_the_verdict(
 def test_too_few_replications_are_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and one line."""
     assert main(["calibrate", "studies/hit-wh32", "-n", "5"]) == 2
-    assert capsys.readouterr().err == (
-        "error: 'n' must be at least 20 replications, better 200 or more (got 5)\n"
-    )
+    assert capsys.readouterr().err == ("error: 'n' must be at least 20 replications, better 200 or more (got 5)\n")

@@ -32,9 +32,7 @@ def fixture_study(make: MakeStudy) -> Study:
 
 def prior_draws(study: Study, seed: SeedSequence) -> Fitted:
     """Draws of the joint prior: the posterior where readings say nothing."""
-    return Fitted(
-        draw_joint_prior(joint_posterior(study), 200, default_rng(seed), batch=200), 200.0, 1.0, True
-    )
+    return Fitted(draw_joint_prior(joint_posterior(study), 200, default_rng(seed), batch=200), 200.0, 1.0, True)
 
 
 def without_correlation(study: Study, seed: SeedSequence) -> Fitted:
@@ -143,9 +141,7 @@ def test_a_prior_that_no_group_bears_is_refused(study: Study, monkeypatch: pytes
     joint = joint_posterior(study)
     monkeypatch.setattr("bayesterra.likelihood.joint.MOST_BATCHES", 3)
     monkeypatch.setattr(type(joint.first), "reasons", lambda self, x: np.ones(len(x), dtype=int))
-    with pytest.raises(
-        SupportError, match=r"^none of 24 draws of the prior fits the conditions of all group"
-    ):
+    with pytest.raises(SupportError, match=r"^none of 24 draws of the prior fits the conditions of all group"):
         draw_joint_prior(joint, 1, default_rng(0), batch=8, most=None)
     monkeypatch.setattr("bayesterra.likelihood.joint.MOST_BATCHES", 100)
     with pytest.raises(SupportError, match=r"^no draw of the prior fits the conditions of group Wh11$"):

@@ -32,9 +32,7 @@ def test_in_the_sinkage_drive_the_sinkage_is_given(make_small: MakeStudy) -> Non
     data = pd.DataFrame({"slip": [0.1, 0.3], "sinkage [mm]": [5.0, 9.0], "normal_force [N]": 80.0})
     study = make_small("phi", data=data, drive="sinkage")
     _, simulated = replicated(study, default_rng(1))
-    np.testing.assert_array_equal(
-        simulated.observations.values["sinkage"], study.observations.values["sinkage"]
-    )
+    np.testing.assert_array_equal(simulated.observations.values["sinkage"], study.observations.values["sinkage"])
     assert (simulated.observations.values["normal_force"] != 80.0).all()
 
 

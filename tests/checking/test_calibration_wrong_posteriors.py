@@ -48,9 +48,7 @@ def test_the_right_posterior_passes(make_small: MakeStudy, quick: ShortRuns) -> 
 
 
 @pytest.mark.slow
-def test_a_dropped_jacobian_fails(
-    make_small: MakeStudy, quick: ShortRuns, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dropped_jacobian_fails(make_small: MakeStudy, quick: ShortRuns, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sampling log K as though the prior were flat there converges, to draws of K that are too low."""
 
     def wrong(posterior: Posterior) -> WithoutJacobian:
@@ -64,9 +62,7 @@ def test_a_dropped_jacobian_fails(
 
 
 @pytest.mark.slow
-def test_a_posterior_that_believes_in_half_of_the_noise_fails(
-    make_small: MakeStudy, quick: ShortRuns
-) -> None:
+def test_a_posterior_that_believes_in_half_of_the_noise_fails(make_small: MakeStudy, quick: ShortRuns) -> None:
     """Its sampling converges, and its intervals are half as wide as they should be."""
     wrong = make_small("n0", noise={"sinkage": 0.5e-3, "drawbar_pull": 0.75})
 

@@ -177,9 +177,7 @@ def test_skill_is_the_share_of_the_score_that_is_saved() -> None:
     """Half the score everywhere is a skill of one half, without spread; coverage is a mean."""
     rows = pd.DataFrame({"level": list("aabbc"), "row": range(5), "extrapolated": [False] * 4 + [True]})
     rows = rows.assign(channel="sinkage", unit="mm", log_score=0.0, covered50=False)
-    model = rows.assign(
-        predictor="M1", crps=[1.0, 2.0, 3.0, 4.0, 5.0], covered90=[True, True, True, True, False]
-    )
+    model = rows.assign(predictor="M1", crps=[1.0, 2.0, 3.0, 4.0, 5.0], covered90=[True, True, True, True, False])
     table = pd.concat([model, model.assign(predictor="mean", crps=2 * model["crps"])])
     one = {row["part"]: row for row in skills(table, "M1").to_dict("records")}
     assert [one["all"][name] for name in ("skill", "skill_lo", "skill_hi")] == pytest.approx([0.5] * 3)
@@ -222,9 +220,7 @@ def test_a_folder_holds_tables_plots_and_the_page(found: Holdout, tmp_path: Path
     assert bt.load_study(tmp_path / "out").observations.use.sum() == 6
 
 
-def test_the_command(
-    make_study: MakeStudy, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command(make_study: MakeStudy, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     """It prints the scores, writes the folder and refuses mistakes in one line."""
     (tmp_path / "made").mkdir()
     write_study(make_study(), tmp_path / "made")

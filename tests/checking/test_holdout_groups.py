@@ -23,9 +23,7 @@ from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
 from tests.support.two_wheels import TABLE, MakeStudy
 
-SENTENCE = (
-    "Refits are of the joint posterior; a wheel that is left out whole is predicted from the population."
-)
+SENTENCE = "Refits are of the joint posterior; a wheel that is left out whole is predicted from the population."
 
 
 def weighed(study: Study, seed: SeedSequence, n: int = 4000, kept: int = 300) -> Fitted:

@@ -126,9 +126,7 @@ def test_of_many_rows_some_are_scored(make_study: MakeStudy, make_table: MakeTab
     assert len(pull) == pytest.approx(ROWS * fold.left.mean(), abs=1)
 
 
-def readings(
-    inside: list[bool], by: str = "slip", channel: str = "drawbar_pull", crps: float = 1.0
-) -> list[Any]:
+def readings(inside: list[bool], by: str = "slip", channel: str = "drawbar_pull", crps: float = 1.0) -> list[Any]:
     """Entries of a record: one reading a level, beside a polynomial whose score is 1."""
     return [
         {

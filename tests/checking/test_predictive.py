@@ -6,13 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.checking.predictive import (
-    RowPredictions,
-    curve_forward,
-    predict_curves,
-    predict_rows,
-    predictive_table,
-)
+from bayesterra.checking.predictive import RowPredictions, curve_forward, predict_curves, predict_rows, predictive_table
 from bayesterra.likelihood.forward import REFERENCE_SINKAGE, REFERENCE_STRESS, derive, reference_load
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.models import M2, Soil, Wheel
@@ -147,9 +141,7 @@ def test_derived_quantities_by_hand(make_study: MakeStudy, truth: Mapping[str, f
     z = model.sinkage(true_soil, wheel, SLIP_GRID, 80.0)
     pull = np.asarray(model.forces(true_soil, wheel, SLIP_GRID, z).drawbar_pull)
     assert pull.max() <= found["peak_pull"][0] == pytest.approx(pull.max(), rel=1e-3)
-    assert found["peak_pull_slip"][0] == pytest.approx(
-        SLIP_GRID[pull.argmax()], abs=SLIP_GRID[1] - SLIP_GRID[0]
-    )
+    assert found["peak_pull_slip"][0] == pytest.approx(SLIP_GRID[pull.argmax()], abs=SLIP_GRID[1] - SLIP_GRID[0])
 
 
 def test_a_soil_that_carries_nowhere_has_no_peak(make_study: MakeStudy, truth: Mapping[str, float]) -> None:

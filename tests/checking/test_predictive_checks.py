@@ -13,13 +13,7 @@ from bayesterra.analysis.simulation import simulate
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import predictive_checks as predictive_checks_module
 from bayesterra.checking.predictive import ReplicateOptions, predict_rows
-from bayesterra.checking.predictive_checks import (
-    ALARM,
-    DOUBT,
-    PredictiveChecks,
-    predictive_checks,
-    prior_checks,
-)
+from bayesterra.checking.predictive_checks import ALARM, DOUBT, PredictiveChecks, predictive_checks, prior_checks
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
@@ -107,9 +101,7 @@ def checked(study: Study, seed: int) -> PredictiveChecks:
 
 
 @pytest.mark.slow
-def test_data_of_the_model_raise_no_alarm(
-    make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
-) -> None:
+def test_data_of_the_model_raise_no_alarm(make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]) -> None:
     """The quick version of studies/misfit/planted, without a misfit."""
     found = checked(make_study(data=campaign(1), noise=NOISE), 1)
     assert found.overall >= DOUBT
@@ -118,9 +110,7 @@ def test_data_of_the_model_raise_no_alarm(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("misfit", ["constant exponent", "pull offset", "sinkage offset", "lugs ignored"])
-def test_planted_misfits_are_found(
-    misfit: str, make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]
-) -> None:
+def test_planted_misfits_are_found(misfit: str, make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]) -> None:
     """The quick version of studies/misfit/planted: all raise the alarm, offsets in their own channel."""
     table = campaign(3)
     if misfit == "pull offset":

@@ -35,9 +35,7 @@ def with_readings(density: Posterior, readings: FloatArray) -> Posterior:
 
 
 @pytest.mark.parametrize("drive", ["load", "sinkage"])
-def test_arithmetic_likelihood_is_the_likelihood(
-    drive: str, make_study: MakeStudy, make_table: MakeTable
-) -> None:
+def test_arithmetic_likelihood_is_the_likelihood(drive: str, make_study: MakeStudy, make_table: MakeTable) -> None:
     """For another table with a missing reading it differs from the exact one by one constant only."""
     table = make_table()
     if drive == "sinkage":
@@ -82,9 +80,7 @@ def test_limits_under_latent_loads_are_linear_enough(latent: Posterior) -> None:
     limited = replace(rows, values={**rows.values, **clipped}, limits=ends)
     density = replace(latent, likelihood=replace(latent.likelihood, observations=limited))
     modelled = Modelled.of(density, x, density.explained(x, default_rng(1)))
-    readings = density.likelihood.draw(
-        density.explained(x[:1], default_rng(3)), np.empty((1, 0)), default_rng(4)
-    )
+    readings = density.likelihood.draw(density.explained(x[:1], default_rng(3)), np.empty((1, 0)), default_rng(4))
     other = readings[0]
     other[0, density.likelihood.channels.index("drawbar_pull")] = pull[0] - 0.5
     other[1, density.likelihood.channels.index("normal_force")] = force[1] + 1.0

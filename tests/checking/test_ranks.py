@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayesterra.checking.ranks import (
-    DRAWS,
-    ERRORS,
-    Error,
-    covered,
-    normalised_rank,
-    rank_test,
-    shift_and_width,
-)
+from bayesterra.checking.ranks import DRAWS, ERRORS, Error, covered, normalised_rank, rank_test, shift_and_width
 
 
 def test_ranks_of_a_right_posterior_are_uniform() -> None:

@@ -29,9 +29,7 @@ def test_p_value_is_that_of_replicated_readings(small_result: Result) -> None:
     z = validation.residuals(small_result)
     replicated = np.random.default_rng(3).standard_normal(z.shape)
     share = np.mean((replicated**2).sum(axis=1) >= (z**2).sum(axis=1), axis=0)
-    assert [misfits(small_result)[name] for name in small_result.study.noise] == pytest.approx(
-        share, abs=0.04
-    )
+    assert [misfits(small_result)[name] for name in small_result.study.noise] == pytest.approx(share, abs=0.04)
 
 
 @pytest.mark.parametrize(("p", "overstated"), [(0.995, True), (0.98, False)])
@@ -82,9 +80,7 @@ def test_curves_of_the_joint_fit_pass_through_the_readings(small_result: Result)
 
 def test_a_record_says_of_rows_left_out_what_its_rows_add_up_to() -> None:
     """Sum, spread and effective parameters of three rows, by hand."""
-    rows = tuple(
-        LeftOut(row, elpd, 0.01, 0.2, refitted=False) for row, elpd in ((1, -2.0), (2, -3.0), (4, -7.0))
-    )
+    rows = tuple(LeftOut(row, elpd, 0.01, 0.2, refitted=False) for row, elpd in ((1, -2.0), (2, -3.0), (4, -7.0)))
     record = validation.Validation(None, None, CrossValidation(rows, (-1.5, -2.0, -5.0), {})).record()["loo"]
     assert record["elpd"] == -12.0
     assert record["effective_parameters"] == 3.5

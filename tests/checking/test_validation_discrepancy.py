@@ -28,9 +28,7 @@ pytestmark = pytest.mark.usefixtures("little_adaptation")
 @pytest.fixture(scope="module")
 def result() -> Result:
     """Pulls of one wheel that lie 4 N above what M2 can say at high slip."""
-    data = TABLE[TABLE["wheel"] == "A"].drop(
-        columns=["resistance_moment [N m]", "resistance_moment_sd [N m]"]
-    )
+    data = TABLE[TABLE["wheel"] == "A"].drop(columns=["resistance_moment [N m]", "resistance_moment_sd [N m]"])
     data = data.assign(use=1, **{"drawbar_pull [N]": [13.6, 19.0, 26.0, 24.0, 27.5]})
     curves = {"drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}
     sampling = {"target_ess": 200, "walkers": 32}
@@ -73,9 +71,7 @@ def test_the_report_names_rows_where_the_first_order_is_doubtful(result: Result)
     study = copy(result.study)
     object.__setattr__(study, "errors", rough)
     shown = str(data_section(replace(result, study=study)))
-    assert (
-        "Note: errors of slip (sd 0.06) are taken to first order, which is doubtful in rows 1, 2, 5" in shown
-    )
+    assert "Note: errors of slip (sd 0.06) are taken to first order, which is doubtful in rows 1, 2, 5" in shown
 
 
 def test_predictions_hold_the_discrepancy_of_the_same_wheel(result: Result) -> None:

@@ -61,13 +61,7 @@ def test_twenty_rows_are_left_out_by_weights_and_have_pit_values(result: Result)
     low, _ = ecdf_band(20)
     assert len(np.asarray(curve)) == len(low)
     page = result.page().html()
-    for text in (
-        "Cross-validation",
-        "LOO-PIT",
-        "Prior-predictive check",
-        "curvature over slip",
-        "not distinguish",
-    ):
+    for text in ("Cross-validation", "LOO-PIT", "Prior-predictive check", "curvature over slip", "not distinguish"):
         assert text in page
 
 
@@ -93,9 +87,7 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     loud = {**checks, "overall": 0.002, "checks": [strangest, *checks["checks"][1:]]}
     alarmed = replace(result, record={**result.record, "predictive_checks": loud})
     opening = alarmed.page().html().split("<main>")[1].lstrip()
-    assert opening.startswith(
-        '<p class="quotable bad">Do not use: the model does not fit: drawbar pull is shifted'
-    )
+    assert opening.startswith('<p class="quotable bad">Do not use: the model does not fit: drawbar pull is shifted')
     assert '<p class="warning" role="alert">The model does <b>not fit</b> these readings:' in opening
     show(alarmed.overview())
     said = capsys.readouterr().err

@@ -64,10 +64,7 @@ def test_a_curve_takes_from_what_a_drive_tells() -> None:
     assert gains[0] > gains[1] + 0.05 > gains[2] + 0.1
     known = study(discrepancy={"drawbar_pull": {"sd": 4.0, "length": 0.3}})
     spread = [
-        1
-        / readings_of(Situation(known, posterior(known), draws()[:, :1], source), grid[0])[0].whitening[
-            0, 1, 1
-        ]
+        1 / readings_of(Situation(known, posterior(known), draws()[:, :1], source), grid[0])[0].whitening[0, 1, 1]
         for source in ("prior", "posterior")
     ]
     assert spread[0] == pytest.approx(np.hypot(4.0, 0.5), rel=0.02)

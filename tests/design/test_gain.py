@@ -19,9 +19,7 @@ from bayesterra.study.study import Study
 Make = Callable[..., Study]
 NOISE = {"sinkage": 0.002, "drawbar_pull": 3.0, "resistance_moment": 0.8}
 SLOPES = np.array([[0.6, 0.3, 0.0, 0.2], [0.0, 0.5, 0.4, 0.0], [0.3, -0.2, 0.0, 0.5]])
-COVARIANCE = np.array(
-    [[1.0, 0.6, 0.0, 0.2], [0.6, 1.5, 0.3, 0.0], [0.0, 0.3, 0.8, 0.1], [0.2, 0.0, 0.1, 1.0]]
-)
+COVARIANCE = np.array([[1.0, 0.6, 0.0, 0.2], [0.6, 1.5, 0.3, 0.0], [0.0, 0.3, 0.8, 0.1], [0.2, 0.0, 0.1, 1.0]])
 ABOUT = (0, 1)
 
 
@@ -70,9 +68,7 @@ def test_few_draws_give_no_bias() -> None:
     for seed in range(30):
         interest, (one,) = linear(300, seed)
         sharp = Reading(2.5 * one.mean, one.whitening, one.noise)
-        found.append(
-            estimate(pairs((sharp,), interest, np.random.default_rng(99 + seed)), interest).values[1]
-        )
+        found.append(estimate(pairs((sharp,), interest, np.random.default_rng(99 + seed)), interest).values[1])
     exact = 0.5 * np.linalg.slogdet(np.eye(3) + slopes @ COVARIANCE @ slopes.T)[1]
     assert np.mean(found) == pytest.approx(exact, abs=0.03)
 
@@ -92,9 +88,7 @@ def test_brute_force_agrees(two_free: Study, about: tuple[str, ...]) -> None:
 def test_draws_without_an_answer_have_no_part() -> None:
     """Draws whose prediction is missing change the share of answers and nothing else."""
     interest, (reading,) = linear(1000, 3)
-    lost = Reading(
-        np.where(np.arange(1000)[:, None] % 4 == 0, np.nan, reading.mean), reading.whitening, reading.noise
-    )
+    lost = Reading(np.where(np.arange(1000)[:, None] % 4 == 0, np.nan, reading.mean), reading.whitening, reading.noise)
     found = estimate(pairs((lost,), interest, np.random.default_rng(1)), interest)
     assert found.answered == 0.75
     assert np.all(np.abs(found.values - closed_form()) < 3 * found.errors + 0.02)
@@ -103,9 +97,7 @@ def test_draws_without_an_answer_have_no_part() -> None:
 def test_too_few_answers_give_nothing() -> None:
     """With fewer than 50 answers there is no estimate."""
     interest, (reading,) = linear(500, 3)
-    lost = Reading(
-        np.where(np.arange(500)[:, None] > 40, np.nan, reading.mean), reading.whitening, reading.noise
-    )
+    lost = Reading(np.where(np.arange(500)[:, None] > 40, np.nan, reading.mean), reading.whitening, reading.noise)
     assert np.isnan(estimate(pairs((lost,), interest, np.random.default_rng(1)), interest).values).all()
 
 

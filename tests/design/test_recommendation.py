@@ -27,9 +27,7 @@ def saved(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return folder
 
 
-def test_a_result_is_built_on(
-    saved: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_is_built_on(saved: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranking, plan, plot, page and record are written, the best is printed with errors; not twice."""
     monkeypatch.chdir(tmp_path)
     asked = ["design", str(saved), "--about", "c,phi", "--slip", "0.1,0.3", "--load", "60 N", "-n", "2"]

@@ -66,9 +66,7 @@ def test_an_interrupted_design_goes_on_where_it_was(tmp_path: Path) -> None:
         design_into(bt.load_study(HIT), out, quiet=True, resume=True, seed=2, **WISHES)
     with pytest.raises(ResultError, match="was begun with another list of candidates"):
         design_into(bt.load_study(HIT), out, quiet=True, resume=True, **WISHES | {"slips": [0.1, 0.3, 0.45]})
-    design_into(
-        bt.load_study(HIT), out, quiet=True, resume=True, watch=lambda now: seen.append(now.judged), **WISHES
-    )
+    design_into(bt.load_study(HIT), out, quiet=True, resume=True, watch=lambda now: seen.append(now.judged), **WISHES)
     assert seen[:2] == [3, 5]  # the first three are there, then two of the next
     assert {path.name for path in out.parent.iterdir()} == {"out"}
     design_into(bt.load_study(HIT), tmp_path / "other", quiet=True, **WISHES)

@@ -23,10 +23,7 @@ from typing import Any
 import atheris
 
 ROOT = Path(__file__).parents[2]
-COMPILED = [
-    "bayesterra.models",
-    "bayesterra.likelihood.likelihood",
-]  # numba compiles their byte code as it stands
+COMPILED = ["bayesterra.models", "bayesterra.likelihood.likelihood"]  # numba compiles their byte code as it stands
 
 with atheris.instrument_imports(include=["bayesterra", "tomllib", "csv"], exclude=COMPILED):
     from bayesterra.analysis.inference import run
@@ -65,9 +62,7 @@ class Search:
             self.write()
 
     def _keep(self, data: bytes, error: Exception) -> None:
-        where = [f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_tb(error.__traceback__)][
-            -4:
-        ]
+        where = [f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_tb(error.__traceback__)][-4:]
         name = sha256(" ".join([type(error).__name__, *where]).encode()).hexdigest()[:10]
         if name not in self.found:
             self.found[name] = f"{type(error).__name__}: {str(error)[:200]}"
@@ -114,9 +109,7 @@ def _with_other_token(data: bytes, rng: random.Random) -> bytes:
     if rng.random() < 0.1:
         other = rng.choice(NASTY)
     else:  # a value for a value and a word for a word, so that most files stay files of their kind
-        alike = [
-            token[0] for token in tokens if (VALUE.match(token[0]) is None) == (VALUE.match(one[0]) is None)
-        ]
+        alike = [token[0] for token in tokens if (VALUE.match(token[0]) is None) == (VALUE.match(one[0]) is None)]
         other = rng.choice(alike if rng.random() < 0.3 else VALUES if VALUE.match(one[0]) else NAMES)
     return data[: one.start()] + other + data[one.end() :]
 

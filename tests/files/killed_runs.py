@@ -83,9 +83,7 @@ def damaged(rng: Generator) -> str | None:
     return path.name
 
 
-def one_run(
-    span: float, plan: int, wait_for: int, rng: Generator, expected: dict[str, bytes]
-) -> dict[str, Any] | None:
+def one_run(span: float, plan: int, wait_for: int, rng: Generator, expected: dict[str, bytes]) -> dict[str, Any] | None:
     """Kill a run at a random moment, resume it to its end, compare; None if it was too quick to be killed.
 
     ``plan`` 1: its resumption is killed as well; 2: one of its segments is damaged. ``wait_for`` above 0: the

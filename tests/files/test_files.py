@@ -105,9 +105,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind", ["pipe", "folder", "loop", "nowhere", "/dev/zero", "/dev/stdin", "/proc/self/mem"]
-)
+@pytest.mark.parametrize("kind", ["pipe", "folder", "loop", "nowhere", "/dev/zero", "/dev/stdin", "/proc/self/mem"])
 @pytest.mark.parametrize("reader", READERS)
 def test_what_is_no_file_is_refused(reader: str, kind: str, tmp_path: Path) -> None:
     """Pipes, devices and links in a circle in place of files that people write."""
@@ -122,9 +120,7 @@ def test_what_is_no_file_is_refused(reader: str, kind: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "loop", "/dev/zero"])
 @pytest.mark.parametrize("name", ["run.json", "draws.nc", "summary.csv", "study.toml"])
-def test_result_folders_of_no_files_are_refused(
-    base: targets.Base, name: str, kind: str, tmp_path: Path
-) -> None:
+def test_result_folders_of_no_files_are_refused(base: targets.Base, name: str, kind: str, tmp_path: Path) -> None:
     """The same in a result folder, whoever reads it."""
     folder = tmp_path / "r"
     shutil.copytree(base.folder, folder)
@@ -234,16 +230,9 @@ def test_draws_that_are_elsewhere_are_refused(base: targets.Base, way: str, tmp_
         elif way == "filter":
             group.create_dataset("c", data=np.zeros((4, 120)), chunks=(4, 120), scaleoffset=3)
         else:
-            link = (
-                h5py.ExternalLink("/etc/passwd", "/x")
-                if way == "external link"
-                else h5py.SoftLink("/prior/c")
-            )
+            link = h5py.ExternalLink("/etc/passwd", "/x") if way == "external link" else h5py.SoftLink("/prior/c")
             group["c"] = link
-    with (
-        in_time(),
-        pytest.raises(ResultError, match=r"is damaged: 'c' (is a link|has its|asks|holds neither)"),
-    ):
+    with in_time(), pytest.raises(ResultError, match=r"is damaged: 'c' (is a link|has its|asks|holds neither)"):
         load_result(folder)
 
 
@@ -353,9 +342,7 @@ def test_absurd_inputs_on_the_command_line(base: targets.Base, tmp_path: Path) -
     assert list(work.iterdir()) == []
 
 
-def test_a_bug_is_a_line_and_a_file(
-    monkeypatch: pytest.MonkeyPatch, capsys: Captured, tmp_path: Path
-) -> None:
+def test_a_bug_is_a_line_and_a_file(monkeypatch: pytest.MonkeyPatch, capsys: Captured, tmp_path: Path) -> None:
     """What nobody foresaw ends with 1, one line, and a file with all about it; never with a traceback."""
 
     def broken(path: object, **options: object) -> None:

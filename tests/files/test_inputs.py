@@ -24,17 +24,11 @@ WORDS = (Path(__file__).parent / "words.txt").read_text(encoding="ascii").splitl
 texts = st.one_of(
     st.sampled_from([word.strip('"') for word in WORDS]),
     st.text(max_size=30),
-    st.sampled_from(
-        ["", " ", "\t=1+1", "../../etc/passwd", "/dev/zero", "a" * 20_000, "[/]", "{{7*7}}", "$x$"]
-    ),
-    st.sampled_from(
-        ["\x00", "\x1b[2J", "\u202e", "\r", "1" * 5000 + " mm", " " * 5000, "m^9^9^9", "1 m**99"]
-    ),
+    st.sampled_from(["", " ", "\t=1+1", "../../etc/passwd", "/dev/zero", "a" * 20_000, "[/]", "{{7*7}}", "$x$"]),
+    st.sampled_from(["\x00", "\x1b[2J", "\u202e", "\r", "1" * 5000 + " mm", " " * 5000, "m^9^9^9", "1 m**99"]),
 )
 numbers = st.one_of(
-    st.sampled_from(
-        [0, 1, -1, 0.5, 1e308, -1e308, 1e-320, float("nan"), float("inf"), 10**400, 2**63, 1e200]
-    ),
+    st.sampled_from([0, 1, -1, 0.5, 1e308, -1e308, 1e-320, float("nan"), float("inf"), 10**400, 2**63, 1e200]),
     st.floats(),
     st.integers(),
 )
@@ -47,13 +41,7 @@ values = st.recursive(
 
 def places(content: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Paths to everything in nested tables and lists."""
-    inner = (
-        content.items()
-        if isinstance(content, dict)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
+    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     return [one for key, item in inner for one in ((*path, key), *places(item, (*path, key)))]
 
 
@@ -125,9 +113,7 @@ def spoilt_table(draw: st.DrawFn, content: bytes) -> bytes:
             st.sampled_from([cell, '"' + cell.replace('"', '""') + '"', f"{rows[row][column]},{cell}"])
         )
     text = draw(st.sampled_from(["\n", "\r\n", "\r"])).join(",".join(row) for row in rows)
-    encoded = text.encode(
-        draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"])), errors="replace"
-    )
+    encoded = text.encode(draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"])), errors="replace")
     return encoded[: draw(st.integers(0, len(encoded)))] if draw(st.booleans()) else encoded
 
 
@@ -176,9 +162,7 @@ def test_records_of_results(base: targets.Base, data: st.DataObject) -> None:
     targets.result(b"\0" + json.dumps(content, default=str).encode())
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(i, marks=[pytest.mark.slow] if i > 2 else []) for i in range(1, 7)]
-)
+@pytest.mark.parametrize("number", [pytest.param(i, marks=[pytest.mark.slow] if i > 2 else []) for i in range(1, 7)])
 @FEW
 @given(data=st.data())
 def test_tables_of_results(base: targets.Base, number: int, data: st.DataObject) -> None:

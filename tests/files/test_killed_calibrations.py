@@ -60,8 +60,6 @@ def test_a_killed_calibration_loses_nothing_that_was_saved(sign: signal.Signals,
         assert finished_tasks(store) >= tasks
     assert started(out).wait(timeout=120) == 0
     assert started(tmp_path / "other").wait(timeout=120) == 0
-    first, second = (
-        pd.read_csv(tmp_path / name / "ranks.csv").drop(columns="seconds") for name in ("out", "other")
-    )
+    first, second = (pd.read_csv(tmp_path / name / "ranks.csv").drop(columns="seconds") for name in ("out", "other"))
     pd.testing.assert_frame_equal(first, second)
     assert {path.name for path in tmp_path.iterdir()} == {"out", "other"}

@@ -19,11 +19,7 @@ def test_a_killed_run_resumes_to_the_same_draws(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(Path(__file__).parent / "killed_runs.py"), str(KILLS), "1"],
         cwd=tmp_path,
-        env={
-            **os.environ,
-            "OPENBLAS_NUM_THREADS": "1",
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        },
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
         text=True,
         timeout=600,

@@ -34,11 +34,7 @@ DOORS = {
     "File": {"bayesterra/runtime/netcdf.py"},
     "connect": {"bayesterra/runtime/tasks.py"},
     # our own sources, for their digest; files of a result, for theirs
-    "read_bytes": {
-        "bayesterra/study/canonical.py",
-        "models/kernels/cache.py",
-        "bayesterra/runtime/reading.py",
-    },
+    "read_bytes": {"bayesterra/study/canonical.py", "models/kernels/cache.py", "bayesterra/runtime/reading.py"},
     "read_text": {"bayesterra/runtime/tasks.py"},  # the system's table of mounts
 }
 """Methods that open files, each in one place only."""
@@ -102,14 +98,7 @@ def problems(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "line",
-    [
-        "import pickle",
-        "eval(text)",
-        "pd.read_pickle(path)",
-        "path.read_text()",
-        "xr.open_dataset(p)",
-        "h5py.File(p)",
-    ],
+    ["import pickle", "eval(text)", "pd.read_pickle(path)", "path.read_text()", "xr.open_dataset(p)", "h5py.File(p)"],
 )
 def test_a_line_that_could_is_noticed(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In any source file."""
@@ -130,9 +119,7 @@ def test_libraries_are_asked_for_data_only() -> None:
     assert [path.name for path, _ in loads] == ["checkpoints.py"]
     assert all("allow_pickle=False" in ast.unparse(call) for _, call in loads)
     (opening,) = [
-        call
-        for name, call, _ in calls(ROOT / "bayesterra" / "runtime" / "netcdf.py")
-        if name == "open_datatree"
+        call for name, call, _ in calls(ROOT / "bayesterra" / "runtime" / "netcdf.py") if name == "open_datatree"
     ]
     assert "engine='h5netcdf'" in ast.unparse(opening)
 

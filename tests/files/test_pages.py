@@ -153,14 +153,7 @@ def hostile(small_result: Result) -> Result:
         object.__setattr__(named, key, value)
     draws = small_result.draws.copy()
     draws["curves"] = draws["curves"].to_dataset().assign_coords(wheel=[NAME])
-    spoilt = {
-        "title": TITLE,
-        "source": LINK,
-        "made": LINK,
-        "machine": NAME,
-        "notes": [LINK],
-        "refused_fits": [LINK],
-    }
+    spoilt = {"title": TITLE, "source": LINK, "made": LINK, "machine": NAME, "notes": [LINK], "refused_fits": [LINK]}
     record = {**small_result.record, **spoilt, "versions": {"bayesterra": NAME, LINK: TITLE}}
     predictive = small_result.predictive.assign(wheel=NAME)
     return replace(small_result, study=named, draws=draws, record=record, predictive=predictive)
@@ -245,10 +238,7 @@ def soil_test_page() -> str:
     }
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given: dict[str, Any] = {"test": "shear", "title": TITLE, "soil": LINK, "priors": priors}
-    given |= {
-        "data": {"file": "x.csv", "source": LINK},
-        "sampling": SamplingOptions(target_ess=100, walkers=32),
-    }
+    given |= {"data": {"file": "x.csv", "source": LINK}, "sampling": SamplingOptions(target_ess=100, walkers=32)}
     test = soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given)
     with little_leaving_out():
         return analyse(test, seed=1).page().html()
@@ -267,13 +257,7 @@ def test_other_pages(make: Callable[[], str]) -> None:
 
 def test_a_page_that_would_run_something_is_noticed() -> None:
     """The check itself: elements, handlers and addresses from a text."""
-    for html in (
-        "<script>x</script>",
-        "<p onclick=x>",
-        "<a href='javascript:x'>",
-        "<p>49</p>",
-        "<p style='x'>",
-    ):
+    for html in ("<script>x</script>", "<p onclick=x>", "<a href='javascript:x'>", "<p>49</p>", "<p style='x'>"):
         with pytest.raises(AssertionError):
             check(html)
     svg = base64.b64encode(b"<svg><script/></svg>").decode()

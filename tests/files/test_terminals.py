@@ -55,9 +55,7 @@ def test_notes_are_harmless(capsys: Captured) -> None:
 
 @pytest.mark.parametrize("key", ["title", "soil"])
 @pytest.mark.parametrize("text", ["a\\u001b[2Jb", "\\u0007", "\\u009b31m", "\\u202eb", "\\u0000"])
-def test_control_characters_are_refused_in_texts(
-    key: str, text: str, tmp_path: Path, capsys: Captured
-) -> None:
+def test_control_characters_are_refused_in_texts(key: str, text: str, tmp_path: Path, capsys: Captured) -> None:
     """By every command, in a line that has none itself."""
     toml, table = (targets.SEEDS / "study" / "sound").read_bytes().split(targets.BREAK)
     body = toml.decode().replace('title = "Small study"\n', "")

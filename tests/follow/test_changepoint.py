@@ -112,11 +112,7 @@ def test_an_unchanged_soil_raises_no_alarm(streamed: bt.Stream) -> None:
 def test_rows_that_say_nothing_are_no_evidence(script: ModuleType, plan: bt.Study) -> None:
     """Readings with huge errors: both factors stay at 1, also where many soils have no answer in a row."""
     stream = bt.Stream(plan, seed=3, particles=400)
-    unknown: dict[str, Any] = {
-        "sinkage_sd": "100 m",
-        "drawbar_pull_sd": "1e6 N",
-        "resistance_moment_sd": "1e6 N m",
-    }
+    unknown: dict[str, Any] = {"sinkage_sd": "100 m", "drawbar_pull_sd": "1e6 N", "resistance_moment_sd": "1e6 N m"}
     readings: dict[str, Any] = {"sinkage": "10 mm", "drawbar_pull": "5 N", "resistance_moment": "4 N m"}
     slips, loads = np.linspace(0.2, 0.9, 12), np.geomspace(30.0, 500.0, 12)
     without = [

@@ -78,9 +78,7 @@ def test_a_stream_goes_on_from_its_folder_and_from_standard_input(
     assert "12 rows, 1 left out" in captured.out
     said = "No change of soil was found (at most 0.0001 false alarms per row, on average over the prior)."
     assert said in " ".join(captured.out.split())
-    joined = (folder / "first.csv").read_text() + "\n".join(
-        (folder / "second.csv").read_text().split("\n")[1:]
-    )
+    joined = (folder / "first.csv").read_text() + "\n".join((folder / "second.csv").read_text().split("\n")[1:])
     (tmp_path / "joined.csv").write_text(joined)
     assert main([*given, "--data", str(tmp_path / "joined.csv"), "--out", str(whole)]) == 0
     assert np.array_equal(bt.load_stream(second).cloud.x, bt.load_stream(whole).cloud.x)
@@ -121,9 +119,7 @@ def test_what_was_learned_survives_a_broken_file(folder: Path, tmp_path: Path, c
     assert len(bt.load_stream(out)) == 3
 
 
-def test_an_interruption_at_any_line_leaves_the_stream_as_before_the_row(
-    plan: bt.Study, folder: Path
-) -> None:
+def test_an_interruption_at_any_line_leaves_the_stream_as_before_the_row(plan: bt.Study, folder: Path) -> None:
     """Rows, particles, evidence, detector and table stand together: all with the row, or all without it."""
     stream = bt.Stream(plan, seed=3, particles=150)
     following = FollowedStream(stream)

@@ -23,13 +23,7 @@ from bayesterra.stats.weights import weighted_quantiles
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import Result
 
-GIVEN: dict[str, Any] = {
-    "slip": 0.2,
-    "load": 80.0,
-    "sinkage": 0.010,
-    "drawbar_pull": 21.0,
-    "resistance_moment": 5.4,
-}
+GIVEN: dict[str, Any] = {"slip": 0.2, "load": 80.0, "sinkage": 0.010, "drawbar_pull": 21.0, "resistance_moment": 5.4}
 
 
 def test_an_update_says_what_was_expected_and_what_is_known(streamed: bt.Stream) -> None:
@@ -115,9 +109,7 @@ def test_settings_that_make_no_sense_are_refused(plan: bt.Study) -> None:
         bt.Stream(plan, false_alarms=2.0)
 
 
-def test_a_saved_stream_goes_on_bit_for_bit(
-    streamed: bt.Stream, rows: list[Observations], tmp_path: Path
-) -> None:
+def test_a_saved_stream_goes_on_bit_for_bit(streamed: bt.Stream, rows: list[Observations], tmp_path: Path) -> None:
     """Particles, evidence and the watch are those of a stream that was never put down."""
     half = bt.Stream(streamed.study, seed=3, particles=200)
     for row in rows[:12]:
@@ -208,9 +200,7 @@ def test_a_stream_of_an_earlier_plain_form_is_read(streamed: bt.Stream, tmp_path
     identity = {"study": "of another form", "rows": content["identity"]["rows"]}
     begun.write_text(json.dumps({"run": digest(identity), "identity": identity}))
     segment = tmp_path / "stream" / "state" / "state.segment"
-    body = (
-        segment.read_bytes().partition(b"\n")[2].replace(content["run"].encode(), digest(identity).encode())
-    )
+    body = segment.read_bytes().partition(b"\n")[2].replace(content["run"].encode(), digest(identity).encode())
     segment.write_bytes(sha256(body).hexdigest().encode() + b"\n" + body)
     (tmp_path / "stream" / "SHA256SUMS").unlink()
     assert np.array_equal(bt.load_stream(tmp_path / "stream").cloud.x, streamed.cloud.x)

@@ -94,7 +94,5 @@ def test_a_stream_is_put_down_and_taken_up(followed: Followed, tmp_path: Path) -
 
 def test_ripple_is_refused() -> None:
     """A stream has no sweeps."""
-    with pytest.raises(
-        StudyError, match=r"^following row by row knows no sweeps, along which \[ripple\] runs"
-    ):
+    with pytest.raises(StudyError, match=r"^following row by row knows no sweeps, along which \[ripple\] runs"):
         bt.Stream(study(ripple=RIPPLE))

@@ -45,9 +45,7 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "own, limits": {
         "pooling": {"by": "site", "separate": ["K"]},
-        "data": ROWS.assign(
-            **{"drawbar_pull [N]": pd.Series([16.5, 20.5, 17.0, ">20.5", "<20", 19.5], dtype=object)}
-        ),
+        "data": ROWS.assign(**{"drawbar_pull [N]": pd.Series([16.5, 20.5, 17.0, ">20.5", "<20", 19.5], dtype=object)}),
     },
     "limits under latent loads": {
         "pooling": {"separate": ["K"]},
@@ -160,13 +158,7 @@ def test_limits_are_given_as_text() -> None:
     """In a call as in a table; a reading known by a limit is not held against what was expected of it."""
     one = joined("phi", data=ROWS.assign(wheel="A"))
     stream = bt.Stream(one, particles=200)
-    told: dict[str, Any] = {
-        "slip": 0.2,
-        "load": 80.0,
-        "wheel": "A",
-        "sinkage": "10.2 mm",
-        "resistance_moment": 4.8,
-    }
+    told: dict[str, Any] = {"slip": 0.2, "load": 80.0, "wheel": "A", "sinkage": "10.2 mm", "resistance_moment": 4.8}
     update = stream.add(**told, drawbar_pull=">18 N")
     assert np.isnan(update.pit["drawbar_pull"])
     assert stream.rows.first().limits["drawbar_pull"].tolist() == [[-np.inf, 18.0]]

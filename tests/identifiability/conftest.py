@@ -32,10 +32,7 @@ PROPOSED = 20_000
 
 
 def trial(
-    *free: str,
-    priors: Mapping[str, Any] | None = None,
-    slips: Sequence[float] = (0.1, 0.3, 0.5),
-    **tables: Any,
+    *free: str, priors: Mapping[str, Any] | None = None, slips: Sequence[float] = (0.1, 0.3, 0.5), **tables: Any
 ) -> Study:
     """Readings of one wheel without error; whatever is not free has its true value."""
     wheel, soil = Wheel(0.15735, 0.165, 0.010, 30, 0.65), Soil(**TRUTH)

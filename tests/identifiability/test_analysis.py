@@ -46,9 +46,7 @@ def test_nothing_fixed_is_said() -> None:
     """None of one, none of several."""
     opening = "These data determine no parameter on its own and fix none of"
     assert said({"all": (0, 5), "P_I": (0, 3)}) == f"{opening} 5 independent combinations."
-    assert said({"all": (0, 1)}, c="moved") == (
-        f"{opening} 1 independent combination; c moved away from its prior."
-    )
+    assert said({"all": (0, 1)}, c="moved") == (f"{opening} 1 independent combination; c moved away from its prior.")
     assert said({"P_I": (0, 1)}, c=PRIOR) == f"{opening} 1 independent combination; c repeats its prior."
 
 
@@ -60,8 +58,7 @@ def test_the_card_of_the_soil_says_the_same() -> None:
     assert (found.word, found.grade, found.claim) == ("1 of 2 determined", "note", "")
     assert found.figures == {"determined": 1, "of": 2, "fixed": 1}
     assert found.sentence == (
-        "These data determine φ on its own and fix 1 of 2 independent combinations; K is known only in"
-        " combination."
+        "These data determine φ on its own and fix 1 of 2 independent combinations; K is known only in combination."
     )
     assert soil_verdict(table.assign(verdict="determined"), {"of": 2, "determined": 2}).grade == "good"
     at_odds = soil_verdict(table, {"groups": [row]}, conflict=True)
@@ -71,10 +68,7 @@ def test_the_card_of_the_soil_says_the_same() -> None:
 @pytest.mark.parametrize(
     ("text", "html"),
     [
-        (
-            "k_c + 0.165 k_φ (kPa/m^N)",
-            "<i>k</i><sub>c</sub> + 0.165 <i>k</i><sub>φ</sub> (kPa/m<sup>N</sup>)",
-        ),
+        ("k_c + 0.165 k_φ (kPa/m^N)", "<i>k</i><sub>c</sub> + 0.165 <i>k</i><sub>φ</sub> (kPa/m<sup>N</sup>)"),
         ("c2 − 0.59 c1", "<i>c</i><sub>2</sub> − 0.59 <i>c</i><sub>1</sub>"),
         ("σ(F_DP) and c", "<i>σ</i>(<i>F</i><sub>DP</sub>) and <i>c</i>"),
         ("specific costs of K < 2", "specific costs of <i>K</i> &lt; 2"),

@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.cloning import (
-    POWERS,
-    Cloned,
-    Cloud,
-    cloned,
-    cloning,
-    clouds,
-    fitted_slope,
-    word,
-)
+from bayesterra.identifiability.cloning import POWERS, Cloned, Cloud, cloned, cloning, clouds, fitted_slope, word
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.result import Result
 

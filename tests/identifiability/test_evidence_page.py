@@ -31,9 +31,7 @@ def test_posterior_stands_below_the_diagonal_and_cut_prior_above(found: Coupling
     texts = {text.get_position(): text.get_text().rstrip("*") for text in ax.texts}
     i, j = found.names.index("K"), found.names.index("phi")
     assert float(texts[j + 0.5, i + 0.5].replace("−", "-")) == pytest.approx(found.copula[i, j], abs=0.006)
-    assert float(texts[i + 0.5, j + 0.5].replace("−", "-")) == pytest.approx(
-        found.prior_copula[i, j], abs=0.006
-    )
+    assert float(texts[i + 0.5, j + 0.5].replace("−", "-")) == pytest.approx(found.prior_copula[i, j], abs=0.006)
     assert len(ax.patches) == 3
     assert pyplot.get_fignums() == []
 

@@ -87,15 +87,7 @@ def test_tables_have_the_units_that_they_say(moduli: Identified) -> None:
 def test_tables_are_complete(moduli: Identified) -> None:
     """Every parameter has its row, every pair, subset and profile too, and indices that a reader can join."""
     written, names = moduli.tables(), list(moduli.found.names)
-    for name in (
-        "verdicts",
-        "information",
-        "local",
-        "local_at_best",
-        "structure",
-        "cloning",
-        "power_scaling",
-    ):
+    for name in ("verdicts", "information", "local", "local_at_best", "structure", "cloning", "power_scaling"):
         assert written[name]["parameter"].tolist() == names
     assert len(written["coupling"]) == 6
     assert sorted(written["profiles"]["parameter"]) == sorted(2 * names)

@@ -66,9 +66,7 @@ def test_information_is_the_sum_over_groups(make: MakeStudy) -> None:
     def standard(at: np.ndarray) -> np.ndarray:
         parts = []
         for own, values in zip(joint.groups.values(), joint.values_of_groups(at), strict=True):
-            parts.append(
-                own.likelihood.standardised(own.likelihood.predicted(own.outcomes(values)), np.empty((1, 0)))
-            )
+            parts.append(own.likelihood.standardised(own.likelihood.predicted(own.outcomes(values)), np.empty((1, 0))))
         return np.concatenate([part.ravel() for part in parts])
 
     steps = 1e-5 * np.abs(x[0])
@@ -77,9 +75,7 @@ def test_information_is_the_sum_over_groups(make: MakeStudy) -> None:
         for step, unit in zip(steps, np.eye(x.shape[1]), strict=True)
     ]
     expected = np.array(slopes) @ np.array(slopes).T
-    np.testing.assert_allclose(
-        fisher_information(joint, x)[0], expected, rtol=1e-5, atol=1e-6 * expected.max()
-    )
+    np.testing.assert_allclose(fisher_information(joint, x)[0], expected, rtol=1e-5, atol=1e-6 * expected.max())
 
 
 def test_what_one_group_reads_and_another_does_not(make: MakeStudy) -> None:

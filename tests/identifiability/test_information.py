@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.information import (
-    MARGINAL,
-    OTHERS_KNOWN,
-    Compared,
-    Information,
-    effective,
-    information,
-)
+from bayesterra.identifiability.information import MARGINAL, OTHERS_KNOWN, Compared, Information, effective, information
 from bayesterra.identifiability.verdicts import group_columns, in_words, scores_under, within_groups
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.result import Result

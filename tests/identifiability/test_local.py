@@ -63,9 +63,7 @@ def test_a_linear_model_with_normal_prior_has_its_bound_for_posterior_sd() -> No
     level = post.log_density(np.array(corners))
     curvature = np.array([level[0] + level[1], level[2] + level[3]]) - 2 * level[4]
     np.testing.assert_allclose(local.table["local_sd"], step / np.sqrt(-curvature), rtol=0.01)
-    np.testing.assert_allclose(
-        local.table["expected"], 1 - (step / [300.0, 1e-3]) ** 2 / -curvature, rtol=0.01
-    )
+    np.testing.assert_allclose(local.table["expected"], 1 - (step / [300.0, 1e-3]) ** 2 / -curvature, rtol=0.01)
     offset = 1.0 / np.sqrt(5 / 1e-3**2)
     assert local.table["cramer_rao"][1] == pytest.approx(offset, rel=1e-12)
 
@@ -149,9 +147,7 @@ def test_a_study_before_its_measurements(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     (tmp_path / "measurements.csv").write_text("slip,load [N]\n" + "".join(f"{s},80\n" for s in (0.1, 0.4)))
     planned = posterior(load_study(tmp_path, prior_only=True))
-    done = (
-        "slip,load [N],sinkage [mm],drawbar_pull [N],resistance_moment [N m]\n0.1,80,5,14,3\n0.4,80,14,23,6\n"
-    )
+    done = "slip,load [N],sinkage [mm],drawbar_pull [N],resistance_moment [N m]\n0.1,80,5,14,3\n0.4,80,14,23,6\n"
     (tmp_path / "measurements.csv").write_text(done)
     read = posterior(load_study(tmp_path))
     prior = draw_cut_prior(planned, 200, np.random.default_rng(1)).x

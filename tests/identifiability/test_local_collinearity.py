@@ -13,9 +13,7 @@ def of(columns: FloatArray, names: tuple[str, ...], readings: int = 4) -> Collin
     filled = np.zeros((*columns.shape[:-2], max(columns.shape[-2], len(names)), len(names)))
     filled[..., : columns.shape[-2], :] = columns
     roots = np.linalg.qr(filled.reshape(-1, *filled.shape[-2:]), mode="r")
-    return collinearity(
-        LocalAnalysis(names, readings, np.asarray(roots), np.ones(len(names)), pd.DataFrame())
-    )
+    return collinearity(LocalAnalysis(names, readings, np.asarray(roots), np.ones(len(names)), pd.DataFrame()))
 
 
 def gamma(found: Collinearity, *names: str) -> float:

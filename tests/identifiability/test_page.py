@@ -82,9 +82,7 @@ def test_points_of_a_profile_that_were_not_solved_are_counted(moduli: Identified
         lost = replace(first, failed=np.arange(len(first.values)) >= len(first.values) - count)
         found = {**moduli.found.profiles.found, "likelihood": (lost, *others)}
         profiles.append(replace(moduli.found.profiles, found=found))
-    pages = [
-        identifiability_page(replace(moduli, found=replace(moduli.found, profiles=one))) for one in profiles
-    ]
+    pages = [identifiability_page(replace(moduli, found=replace(moduli.found, profiles=one))) for one in profiles]
     assert [re.findall(r"\d+ %, (\d+) not solved", str(page.sections)) for page in pages] == [[], ["2"]]
 
 

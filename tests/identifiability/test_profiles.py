@@ -110,9 +110,7 @@ def test_linear_gaussian_profiles_are_the_parabolas_of_the_covariance() -> None:
         assert profile.trust == 1.0
 
 
-def bounded_rise(
-    design: FloatArray, measured: FloatArray, ends: FloatArray, held: int, value: float
-) -> float:
+def bounded_rise(design: FloatArray, measured: FloatArray, ends: FloatArray, held: int, value: float) -> float:
     """Least sum of squares inside the box with one parameter held, by bounded least squares."""
     others = np.arange(len(ends)) != held
     scale = np.diff(ends, axis=1)[:, 0]
@@ -315,9 +313,7 @@ def test_points_that_no_descent_solved_are_marked() -> None:
     for spike, count in ((alone, 1), (agreed, 2)):
         traces.y[spike, 0] = 0.99 if traces.y[spike, 0] < 0.5 else 0.01
         traces.value[spike] = -traces.target.log_density(traces.y[spike][None])[0]
-        traces.witnesses[spike] = np.append(
-            np.full(count, traces.value[spike]), np.full(SOURCES - count, np.nan)
-        )
+        traces.witnesses[spike] = np.append(np.full(count, traces.value[spike]), np.full(SOURCES - count, np.nan))
     first, second = _Found.of(("phi", "n0"), "likelihood", traces.target, traces, traces.y[:0]).profiles
     assert np.flatnonzero(second.failed).tolist() == [3, 7]
     assert not first.failed.any()

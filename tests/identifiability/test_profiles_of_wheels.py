@@ -49,14 +49,9 @@ def study_of(
     return Study(simulate(study, known), whole, slip_reference="shearing", **parts)
 
 
-def search(
-    density: Posterior, profile: Profile, at: int, rng: np.random.Generator, generations: int = 120
-) -> float:
+def search(density: Posterior, profile: Profile, at: int, rng: np.random.Generator, generations: int = 120) -> float:
     """Highest log density with a parameter held, by evolution of the densest of many random sets."""
-    own, ends = (
-        density.names.index(profile.name),
-        np.array([law.range for law in density.prior.laws.values()]),
-    )
+    own, ends = (density.names.index(profile.name), np.array([law.range for law in density.prior.laws.values()]))
     size = np.ptp(ends, axis=1)
 
     def level(x: FloatArray) -> FloatArray:

@@ -149,8 +149,7 @@ def test_a_channel_that_no_shearing_enters(drive: str) -> None:
     assert found.determined == ("Ks", "n0", "n1", "c1", "c2")
     (null,) = found.nulls
     assert null.words == (
-        "no reading depends on c, φ and K;"
-        " readings of drawbar pull or driving resistance moment would determine them"
+        "no reading depends on c, φ and K; readings of drawbar pull or driving resistance moment would determine them"
     )
     assert list(found.table.loc[found.table["because"] != "", "parameter"]) == ["c", "phi", "K"]
 

@@ -164,9 +164,7 @@ def test_a_known_sum_of_three_couples_all_three() -> None:
         (lambda z: np.linspace(-4, 4, len(z)), "both"),
     ],
 )
-def test_a_law_that_a_bound_cuts_off_leans_on_it(
-    draws: Callable[[FloatArray], FloatArray], leans: str
-) -> None:
+def test_a_law_that_a_bound_cuts_off_leans_on_it(draws: Callable[[FloatArray], FloatArray], leans: str) -> None:
     """Half a normal law leans on its end, a whole one does not, however far the bound."""
     values = draws(np.random.default_rng(3).standard_normal(N))
     ends = (float(values.min()), float(values.max()))

@@ -78,9 +78,7 @@ MakeStudy = Callable[..., Study]
 def make_paper_study() -> MakeStudy:
     """Study of one wheel of Table 1 on noise-free data, or on ``data``."""
 
-    def make(
-        model: str, wheel: str, soil: Soil, *, data: pd.DataFrame | None = None, **options: object
-    ) -> Study:
+    def make(model: str, wheel: str, soil: Soil, *, data: pd.DataFrame | None = None, **options: object) -> Study:
         given: dict[str, Any] = {
             "noise": {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3, "normal_force": 1.0},
             "priors": {"set": "paper-box"},

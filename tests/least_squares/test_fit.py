@@ -35,9 +35,7 @@ def study_without(make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
     """The same without some columns."""
 
     def make(*columns: str) -> Study:
-        return make_paper_study(
-            "M1", "Wh32", soil, data=make_table("M1", "Wh32", soil).drop(columns=list(columns))
-        )
+        return make_paper_study("M1", "Wh32", soil, data=make_table("M1", "Wh32", soil).drop(columns=list(columns)))
 
     return make
 
@@ -98,9 +96,7 @@ def test_too_few_readings_are_named(make_paper_study: MakeStudy, make_table: Mak
         fit(study, ("joint",), hold={})
 
 
-def test_a_missing_cell_costs_one_reading(
-    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
-) -> None:
+def test_a_missing_cell_costs_one_reading(make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
     """IM1 recovers the soil though one torque and one drawbar pull are missing."""
     data = make_table("M1", "Wh32", soil)
     data.loc[1, TORQUE] = np.nan
@@ -162,9 +158,7 @@ def test_constant_exponent_holds_n1(make_paper_study: MakeStudy, soil: Soil) -> 
     assert "n1" in fit(study, ("IM2",))["IM2"].held
 
 
-def test_bound_and_clipping_are_reported(
-    make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil
-) -> None:
+def test_bound_and_clipping_are_reported(make_paper_study: MakeStudy, make_table: MakeTable, soil: Soil) -> None:
     """A drawbar pull far above the model's drives c1, c2 to the edge, and the fit says so."""
     data = make_table("M1", "Wh32", soil)
     data[PULL] += 20.0 * data["slip"] - 30.0

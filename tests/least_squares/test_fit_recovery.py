@@ -33,14 +33,7 @@ def test_each_method_recovers_its_model(
     assert found.held == ("Ks", "c3")
 
 
-PASSES = {
-    "Wh11": (12, 40),
-    "Wh12": (11, 32),
-    "Wh21": (10, 29),
-    "Wh22": (5, 22),
-    "Wh31": (14, 56),
-    "Wh32": (14, 48),
-}
+PASSES = {"Wh11": (12, 40), "Wh12": (11, 32), "Wh21": (10, 29), "Wh22": (5, 22), "Wh31": (14, 56), "Wh32": (14, 48)}
 """Passes of IM1 with δ = 0.002 and with 1e-6."""
 
 COHESION_LEFT = {"Wh11": 46.8, "Wh12": 191.9, "Wh21": 175.1, "Wh22": 222.0, "Wh31": 30.4, "Wh32": 216.3}
@@ -48,9 +41,7 @@ COHESION_LEFT = {"Wh11": 46.8, "Wh12": 191.9, "Wh21": 175.1, "Wh22": 222.0, "Wh3
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
-def test_the_papers_tolerance_stops_early(
-    wheel: str, make_paper_study: Callable[..., Study], printed: Printed
-) -> None:
+def test_the_papers_tolerance_stops_early(wheel: str, make_paper_study: Callable[..., Study], printed: Printed) -> None:
     """δ = 0.002 stops far from the cohesion behind the data although every fit error is below 0.4 %."""
     study = make_paper_study("M1", wheel, printed["IM1"][wheel])
     early, late = (fit(study, ("IM1",), delta=delta)["IM1"] for delta in (0.002, 1e-6))

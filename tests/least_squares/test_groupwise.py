@@ -44,9 +44,7 @@ def test_jacobians_are_exact(
             assert exact[:, column] == pytest.approx(slope, rel=1e-6, abs=1e-7 * np.abs(step.measured).max())
 
 
-def test_angle_is_clipped(
-    make_paper_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]
-) -> None:
+def test_angle_is_clipped(make_paper_study: Callable[..., Study], printed: Mapping[str, Mapping[str, Soil]]) -> None:
     """Where c1 + c2 s exceeds 1 the equations are those of θm just below θ1, finite and flat in c1, c2."""
     soil = printed["IM2"]["Wh31"]
     study = make_paper_study("M2", "Wh31", soil)

@@ -100,18 +100,12 @@ def test_noise_as_a_fraction_weighs_at_the_reading(
     assert by_row.noise["drawbar_pull"] == 9.0
 
 
-def test_more_certain_channels_pull_harder(
-    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
-) -> None:
+def test_more_certain_channels_pull_harder(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """A channel's fit error falls when its noise is said to be smaller."""
     errors = [
         fit(
             make_paper_study(
-                "M1",
-                "Wh32",
-                soil,
-                data=noisy,
-                noise={"sinkage": 1e-3, "drawbar_pull": sd, "resistance_moment": 0.3},
+                "M1", "Wh32", soil, data=noisy, noise={"sinkage": 1e-3, "drawbar_pull": sd, "resistance_moment": 0.3}
             ),
             ("joint",),
         )["joint"].errors["drawbar_pull"]
@@ -120,13 +114,9 @@ def test_more_certain_channels_pull_harder(
     assert errors[1] < 0.8 * errors[0]
 
 
-def test_result_at_the_edge_lies_in_the_support(
-    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
-) -> None:
+def test_result_at_the_edge_lies_in_the_support(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """Data that pull θm below θ2 end just inside, where the posterior still has a density, and it is said."""
-    study = make_paper_study(
-        "M1", "Wh32", soil, data=noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0})
-    )
+    study = make_paper_study("M1", "Wh32", soil, data=noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0}))
     found = fit(study, ("joint",))["joint"]
     assert np.min(found.soil.c1 + found.soil.c2 * study.observations.slip) == pytest.approx(MARGIN, rel=0.1)
     assert found.clipped
@@ -161,12 +151,7 @@ def test_no_start_with_an_answer(make_paper_study: MakeStudy, noisy: pd.DataFram
     ],
 )
 def test_residuals_are_smooth_across_the_edge(
-    drive: str,
-    changes: dict[str, float],
-    clipped: bool,
-    make_paper_study: MakeStudy,
-    noisy: pd.DataFrame,
-    soil: Soil,
+    drive: str, changes: dict[str, float], clipped: bool, make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
 ) -> None:
     """Inside and outside the model's range the Jacobian is that of the residuals, penalties included."""
     study = make_paper_study("M1", "Wh32", soil, data=noisy, drive=drive)
@@ -188,9 +173,7 @@ def test_corner_of_edge_and_range(make_paper_study: MakeStudy, noisy: pd.DataFra
     """Where θm/θ1 is at its edge and c2 at the end of its range, both hold, and no neighbour is better."""
     law = {"dist": "uniform", "lower": 0.1, "upper": 0.5}
     data = noisy.assign(**{CHANNELS[1]: noisy[CHANNELS[1]] + 10.0})
-    study = make_paper_study(
-        "M1", "Wh32", soil, data=data, priors={"set": "paper-box", "Ks": soil.Ks, "c2": law}
-    )
+    study = make_paper_study("M1", "Wh32", soil, data=data, priors={"set": "paper-box", "Ks": soil.Ks, "c2": law})
     found = fit(study, ("joint",))["joint"]
     assert found.soil.c2 == pytest.approx(0.1, abs=1e-6)
     assert found.soil.c2 >= 0.1
@@ -203,9 +186,7 @@ def test_corner_of_edge_and_range(make_paper_study: MakeStudy, noisy: pd.DataFra
     assert np.max(density.log_density(near)) < best + 1e-3
 
 
-def test_moduli_without_ends_leave_a_finite_start(
-    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
-) -> None:
+def test_moduli_without_ends_leave_a_finite_start(make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil) -> None:
     """Laws of k_c and k_φ that reach everywhere, as those of plate tests do, bound K_s by zero alone."""
     priors = {
         "set": "paper-box",

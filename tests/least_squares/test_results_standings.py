@@ -57,8 +57,7 @@ def test_the_densest_draw_has_level_zero(density: Posterior, draws: FloatArray) 
 
 
 @pytest.mark.parametrize(
-    ("change", "word"),
-    [({"c": 6000.0}, "outside the prior"), ({"c1": 0.0}, "outside the prior: θm outside (θ2, θ1)")],
+    ("change", "word"), [({"c": 6000.0}, "outside the prior"), ({"c1": 0.0}, "outside the prior: θm outside (θ2, θ1)")]
 )
 def test_outside_the_prior_is_said_in_words(
     change: Mapping[str, float], word: str, density: Posterior, draws: FloatArray

@@ -16,9 +16,7 @@ from bayesterra.study.drive import Drive
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def log_integrand(
-    whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int, loads: FloatArray
-) -> FloatArray:
+def log_integrand(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int, loads: FloatArray) -> FloatArray:
     """Log density of a row's readings at loads (k,) for one soil; −inf where the model has no answer."""
     forward, k = whole.forward.row(row), len(loads)
     names = ("slip", "radius", "width", "lug_height", "shearing_radius")

@@ -56,9 +56,7 @@ def by_quadrature(density: Posterior, x: FloatArray) -> tuple[FloatArray, FloatA
     loads = low + 0.5 * (high - low) * (NODES + 1)
     weights = np.log(0.5 * WEIGHTS)[:, None] + np.log(0.5 * WEIGHTS)
     soil, none = density.prior.soil_values(x), np.empty((len(x), 0))
-    values = np.stack(
-        [whole.predicted(whole.forward.at_load(load)(soil, every_row=True)) for load in loads], axis=1
-    )
+    values = np.stack([whole.predicted(whole.forward.at_load(load)(soil, every_row=True)) for load in loads], axis=1)
     known = replace(whole, load_range=None)
     levels, means = np.empty(len(x)), np.empty((len(x), 2))
     for i in range(len(x)):
@@ -128,8 +126,7 @@ def test_a_row_left_out_is_foreseen_by_its_force_and_the_others() -> None:
     whole, x = study(discrepancy=CURVE, data=data), sets(20)
     without = data.assign(**{"drawbar_pull [N]": [19.0, NONE]})
     more, less = (
-        posterior(each).log_prior_and_likelihood(x)[1]
-        for each in (whole, study(discrepancy=CURVE, data=without))
+        posterior(each).log_prior_and_likelihood(x)[1] for each in (whole, study(discrepancy=CURVE, data=without))
     )
     left = np.array([False, True])
     foreseen = predictives(whole, posterior(whole), x, left, default_rng(1))

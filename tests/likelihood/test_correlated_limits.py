@@ -109,12 +109,8 @@ def test_errors_are_drawn_as_the_limits_allow(name: str) -> None:
     found = density.likelihood.predicted(drawn).reshape(n, -1)
     here = np.arange(found.shape[1])
     error = kept[:, here].std(axis=0) * (len(kept) ** -0.5 + n**-0.5)
-    assert (
-        np.abs(found.mean(axis=0) - kept[:, here].mean(axis=0)) < 4 * error + 0.02 * found.std(axis=0)
-    ).all()
-    assert_allclose(
-        found.std(axis=0), kept[:, here].std(axis=0), rtol=4 * (2 * len(kept)) ** -0.5 + 0.03, atol=2e-6
-    )
+    assert (np.abs(found.mean(axis=0) - kept[:, here].mean(axis=0)) < 4 * error + 0.02 * found.std(axis=0)).all()
+    assert_allclose(found.std(axis=0), kept[:, here].std(axis=0), rtol=4 * (2 * len(kept)) ** -0.5 + 0.03, atol=2e-6)
 
 
 def test_scores_of_limits_are_those_of_what_lies_beyond(case: Case) -> None:

@@ -49,9 +49,7 @@ def by_quadrature(density: Posterior, x: FloatArray, sd: float) -> FloatArray:
     return total
 
 
-@pytest.mark.parametrize(
-    ("sd", "shift", "width"), [(0.005, 0.01, 0.003), (0.01, 0.04, 0.005), (0.02, 0.06, 0.03)]
-)
+@pytest.mark.parametrize(("sd", "shift", "width"), [(0.005, 0.01, 0.003), (0.01, 0.04, 0.005), (0.02, 0.06, 0.03)])
 def test_the_first_order_gives_the_posterior_of_the_integral(sd: float, shift: float, width: float) -> None:
     """Mean and standard deviation of two parameters from three rows through M2, by weights of the same sets.
 
@@ -129,10 +127,7 @@ def test_slopes_are_those_of_the_model() -> None:
     forward = replace(forward, conditions=at)
     found = slip_slopes(forward, soil, forward.outcomes)
     for row, (low, high) in enumerate([(0.0, 1e-4), (0.2999, 0.3001), (0.9979, 0.998)]):
-        ends = [
-            replace(forward, conditions=replace(at, slip=np.full(3, s)))(soil).values[:, row]
-            for s in (low, high)
-        ]
+        ends = [replace(forward, conditions=replace(at, slip=np.full(3, s)))(soil).values[:, row] for s in (low, high)]
         expected = (ends[1] - ends[0]) / (high - low)
         np.testing.assert_allclose(found[:, row], expected, rtol=0.05)
 

@@ -152,9 +152,7 @@ def test_residuals_have_the_spread_that_is_stated(make_study: MakeStudy, make_ta
 
 
 @pytest.mark.parametrize("kind", ["latent load", "discrepancy"])
-def test_elsewhere_rounding_is_one_more_error(
-    kind: str, make_study: MakeStudy, make_table: MakeTable
-) -> None:
+def test_elsewhere_rounding_is_one_more_error(kind: str, make_study: MakeStudy, make_table: MakeTable) -> None:
     """Of variance step²/12: with a latent load, and where rows hang together."""
     table = _rounded(make_table(), limits=False)
     more: dict[str, Any] = {"data": table, "discrepancy": {"sinkage": {"sd": "1 mm", "length": 0.2}}}
@@ -163,12 +161,8 @@ def test_elsewhere_rounding_is_one_more_error(
     noises = Noise("sinkage", sd=1e-3, resolution=STEP), Noise("sinkage", sd=np.hypot(1e-3, STEP / 12**0.5))
     rounded, wider = (posterior(make_study(free=("n0", "K"), noise={"sinkage": n}, **more)) for n in noises)
     x = np.array([[0.8, 0.010], [0.82, 0.011]])
-    np.testing.assert_allclose(
-        rounded.log_prior_and_likelihood(x)[1], wider.log_prior_and_likelihood(x)[1], rtol=1e-9
-    )
+    np.testing.assert_allclose(rounded.log_prior_and_likelihood(x)[1], wider.log_prior_and_likelihood(x)[1], rtol=1e-9)
     assert isinstance(rounded.likelihood, LatentLoad) == (kind == "latent load")
     drawn = rounded.likelihood.draw(rounded.outcomes(x), rounded.noise_values(x), default_rng(3))
-    steps = (
-        drawn[:, :, rounded.likelihood.channels.index("sinkage")] - table["sinkage [m]"].to_numpy()
-    ) / STEP
+    steps = (drawn[:, :, rounded.likelihood.channels.index("sinkage")] - table["sinkage [m]"].to_numpy()) / STEP
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)

@@ -139,9 +139,7 @@ def test_scores_of_a_population_are_inverted() -> None:
         density = log_population(middle, at[1:], width[1:], limits)
         z = population_score(middle, at[1:], width[1:], limits)
         slope = np.diff(score) / np.diff(values)
-        np.testing.assert_allclose(
-            np.exp(density), np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi) * slope, rtol=1e-3
-        )
+        np.testing.assert_allclose(np.exp(density), np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi) * slope, rtol=1e-3)
 
 
 @dataclass(frozen=True)
@@ -199,9 +197,7 @@ def _two(joint: JointPosterior, grid: Grid, r: float) -> _Exact:
     c, phi, _, cells = _grids(joint, grid, (160, 160, 2))
     x = np.stack(np.meshgrid(c, phi, indexing="ij"), axis=-1).reshape(-1, 2)
     given = joint.laws["c"].log_density(c)[:, None] + _copula(joint, c[:, None], phi, r) + cells[0]
-    levels = [
-        p.log_prior_and_likelihood(x)[1].reshape(len(c), len(phi)) + given for p in joint.groups.values()
-    ]
+    levels = [p.log_prior_and_likelihood(x)[1].reshape(len(c), len(phi)) + given for p in joint.groups.values()]
     total = levels[0] + logsumexp(levels[1], axis=0) + joint.laws["phi"].log_density(phi) + cells[1]
     return _Exact.of(total, c[:, None], phi[None])
 

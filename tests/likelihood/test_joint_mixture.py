@@ -54,9 +54,7 @@ def test_the_bend_is_in_the_joint_prior(make: MakeStudy, roles: str) -> None:
     for one in own:
         scores = [prior.scores(x)[:, columns] for x in (joint.of_group(D, one), plain)]
         for figure in ((1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (0.0, -1.0, 1.0)):
-            ours, theirs = (
-                figure[0] * z[:, 0] + figure[1] * z[:, 1] + figure[2] * z[:, 0] ** 2 for z in scores
-            )
+            ours, theirs = (figure[0] * z[:, 0] + figure[1] * z[:, 1] + figure[2] * z[:, 0] ** 2 for z in scores)
             assert ks_2samp(ours, theirs).pvalue > 1e-3
     E = loose.draw_shared(20_000, rng)
     other = [loose.draw_group(E, rng) for _ in loose.groups]
@@ -93,7 +91,5 @@ def test_hierarchical_values_take_correlations_and_a_note_says_so(make: MakeStud
     own = joint.draw_group(D, rng)
     assert np.corrcoef(*joint._own_scores(D, own).T)[0, 1] == pytest.approx(rho, abs=0.02)
     other = make(priors=MIXTURE, pooling=ROLES["shared with shared"])
-    assert any(
-        note.endswith("hierarchical: only in comparisons of what groups share") for note in other.notes
-    )
+    assert any(note.endswith("hierarchical: only in comparisons of what groups share") for note in other.notes)
     assert not any("mixture" in note for note in make(priors=LAWS, pooling=bent).notes)

@@ -55,11 +55,7 @@ def by_hand(study: Study, wheel: Wheel, values: Mapping[str, float]) -> FloatArr
         z = model.sinkage(soil, wheel, rows.slip[i], rows.load[i]) if load else rows.values["sinkage"][i]
         forces = model.forces(soil, wheel, rows.slip[i], z)
         first = {"sinkage": z} if load else {"normal_force": forces.normal}
-        modelled = {
-            **first,
-            "drawbar_pull": forces.drawbar_pull,
-            "resistance_moment": forces.resistance_moment,
-        }
+        modelled = {**first, "drawbar_pull": forces.drawbar_pull, "resistance_moment": forces.resistance_moment}
         for j, (name, value) in enumerate(modelled.items()):
             noise, reading, sd = study.noise[name], rows.values[name][i], rows.given_sd[name][i]
             if noise.fraction is not None:
@@ -107,9 +103,7 @@ def test_rows_out_of_use_do_not_count(make_study: MakeStudy, data: pd.DataFrame)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_likelihood_is_a_density_of_the_readings(
-    kind: str, make_study: MakeStudy, make_table: MakeTable
-) -> None:
+def test_likelihood_is_a_density_of_the_readings(kind: str, make_study: MakeStudy, make_table: MakeTable) -> None:
     """Integrated over what a reading could have been, its likelihood is one, whatever the noise."""
     study = make_study(data=make_table().iloc[[3]], noise=KINDS[kind])
     density = posterior(study)
@@ -120,9 +114,7 @@ def test_likelihood_is_a_density_of_the_readings(
     values = {**density.likelihood.observations.values}
     levels = []
     for reading in readings:
-        rows = replace(
-            density.likelihood.observations, values={**values, "drawbar_pull": np.array([reading])}
-        )
+        rows = replace(density.likelihood.observations, values={**values, "drawbar_pull": np.array([reading])})
         levels.append(replace(density.likelihood, observations=rows).pointwise(outcomes, noise)[0, 0, 1])
     assert np.trapezoid(np.exp(levels), readings) == pytest.approx(1.0, rel=1e-9)
 
@@ -151,9 +143,7 @@ def averaged(density: Posterior) -> Callable[[FloatArray], FloatArray]:
     return wrong
 
 
-def test_doubling_the_data_narrows_the_posterior_by_root_two(
-    make_study: MakeStudy, data: pd.DataFrame
-) -> None:
+def test_doubling_the_data_narrows_the_posterior_by_root_two(make_study: MakeStudy, data: pd.DataFrame) -> None:
     """Each row twice: twice the log likelihood, spread of φ down by √2, but not if divided by the count."""
     once = posterior(make_study(model="M1", data=data, free=("phi",)))
     doubled = posterior(make_study(model="M1", data=twice(data), free=("phi",)))

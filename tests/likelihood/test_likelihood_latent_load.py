@@ -77,10 +77,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
         "data": LIMITS,
         "load_range": (5.0, 60.0),
         "model": "M3",
-        "noise": {
-            "sinkage": {"fraction": 0.1, "floor": 5e-4},
-            "drawbar_pull": {"fraction": 0.1, "floor": 0.1},
-        },
+        "noise": {"sinkage": {"fraction": 0.1, "floor": 5e-4}, "drawbar_pull": {"fraction": 0.1, "floor": 0.1}},
     },
     "c3": {"priors": {"c3": {"dist": "uniform", "lower": -0.5, "upper": 0.3}}},
     "c3, falling forces": {
@@ -179,12 +176,7 @@ def test_sinkage_likelihood_is_the_limit_of_little_sinkage_noise() -> None:
     options: dict[str, Any] = {"data": complete, "load_range": (low, high)}
     density, whole, x, soil = settled(latent_study(**options, noise={"sinkage": 1e-9}), 50)
     driven = Study(
-        complete,
-        {"A": WHEEL},
-        drive="sinkage",
-        slip_reference="shearing",
-        noise=NOISE,
-        priors={"set": "paper-box"},
+        complete, {"A": WHEEL}, drive="sinkage", slip_reference="shearing", noise=NOISE, priors={"set": "paper-box"}
     )
     sinkage = driven.observations.values["sinkage"]
     theta = model_columns(soil, driven.model)
@@ -205,9 +197,7 @@ def test_a_row_is_a_density_of_its_readings() -> None:
     grid = np.linspace(0.0, 50.0, 801)
     rows = pd.concat([table.assign(**{"normal_force [N]": reading}) for reading in grid])
     many = posterior(latent_study(data=rows, load_range=(10.0, 40.0)))
-    without = posterior(
-        latent_study(data=table.assign(**{"normal_force [N]": NONE}), load_range=(10.0, 40.0))
-    )
+    without = posterior(latent_study(data=table.assign(**{"normal_force [N]": NONE}), load_range=(10.0, 40.0)))
     levels = many.log_terms(x)[0, :, 0]
     total = np.log(np.trapezoid(np.exp(levels - levels.max()), grid)) + levels.max()
     assert total == pytest.approx(without.log_terms(x)[0, 0, 0], abs=1e-3)
@@ -247,9 +237,7 @@ def test_wheels_of_several_widths_share_the_soil() -> None:
     wheels, options = {"A": WHEEL, "B": other}, {"load_range": (5.0, 50.0), "priors": moduli}
     density, _, x, _ = settled(latent_study(data=table, wheels=wheels, **options), 20)
     alone = [
-        posterior(latent_study(data=TABLE.iloc[i::2], wheels={"A": wheel}, **options))
-        .log_terms(x)
-        .sum(axis=(1, 2))
+        posterior(latent_study(data=TABLE.iloc[i::2], wheels={"A": wheel}, **options)).log_terms(x).sum(axis=(1, 2))
         for i, wheel in enumerate(wheels.values())
     ]
     np.testing.assert_allclose(density.log_terms(x).sum(axis=(1, 2)), np.sum(alone, axis=0), atol=1e-3)

@@ -47,11 +47,7 @@ def table(loads: tuple[float, ...] = (32.0, 64.0, 96.0), drive: str = "load") ->
 
 
 def make(
-    data: pd.DataFrame | None = None,
-    *,
-    drive: str = "load",
-    priors: Mapping[str, Any] | None = None,
-    **more: Any,
+    data: pd.DataFrame | None = None, *, drive: str = "load", priors: Mapping[str, Any] | None = None, **more: Any
 ) -> Study:
     """A study with the model M2L."""
     data = table(drive=drive) if data is None else data
@@ -114,9 +110,7 @@ def test_mistakes_are_named(more: dict[str, Any], message: str) -> None:
 def test_a_mean_load_needs_loads() -> None:
     """Without loads or normal forces none can be taken from the rows."""
     data = table(drive="sinkage").drop(columns="normal_force [N]")
-    with pytest.raises(
-        StudyError, match="'mean_load' must be given with the model 'M2L', as no row has a load"
-    ):
+    with pytest.raises(StudyError, match="'mean_load' must be given with the model 'M2L', as no row has a load"):
         make(data, drive="sinkage", model_options={})
 
 
@@ -209,11 +203,7 @@ def test_the_mean_load_alone_leaves_both_load_effects_open() -> None:
 
 def test_the_load_effect_is_a_group() -> None:
     """Its columns, and its word in tables."""
-    assert group_columns(("n0", "phi", *LOAD_EFFECT)) == {
-        "P_I": [0],
-        "P_II": [1],
-        "load effect": [2, 3, 4, 5],
-    }
+    assert group_columns(("n0", "phi", *LOAD_EFFECT)) == {"P_I": [0], "P_II": [1], "load effect": [2, 3, 4, 5]}
     assert evidence_page.group("load effect") == "load effect"
 
 

@@ -226,9 +226,7 @@ def test_the_information_is_the_covariance_of_the_score() -> None:
         predicted = likelihood.predicted(post.outcomes(y))
         scale = likelihood.scales(predicted, post.noise_values(y))
         laws = [
-            noise.tails.log_density(
-                (readings[None, :, :, i] - predicted[:, None, :, i]) / scale[:, None, :, i]
-            )
+            noise.tails.log_density((readings[None, :, :, i] - predicted[:, None, :, i]) / scale[:, None, :, i])
             for i, noise in enumerate(likelihood.noise)
         ]
         density = np.stack(laws, axis=-1) - np.log(scale)[:, None]

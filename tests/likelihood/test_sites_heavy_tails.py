@@ -47,9 +47,7 @@ def over_precisions(law: Written, tails: BoolArray, dof: float, n: int = 6000) -
         told = np.where(open_, (dof + 1) / (dof + (noise**2 + left) / variance), 1.0)
     shape = 0.35 * (dof + 1)
     precision = np.where(open_, rng.gamma(shape, 1.0, (n, len(known))) * told / shape, 1.0)
-    level = gamma.logpdf(precision, dof / 2, scale=2 / dof) - gamma.logpdf(
-        precision, shape, scale=told / shape
-    )
+    level = gamma.logpdf(precision, dof / 2, scale=2 / dof) - gamma.logpdf(precision, shape, scale=told / shape)
     root = np.linalg.cholesky(K + np.eye(len(known)) * (variance / precision)[:, None, :])
     white = np.linalg.solve(root, np.broadcast_to(off[:, None], (n, len(off), 1)))[..., 0]
     total = norm.logpdf(white).sum(axis=1) - np.log(np.einsum("nqq->nq", root)).sum(axis=1)
@@ -58,9 +56,7 @@ def over_precisions(law: Written, tails: BoolArray, dof: float, n: int = 6000) -
     return mean, float(np.std(np.exp(terms - mean)) / np.sqrt(n))
 
 
-@pytest.mark.parametrize(
-    ("name", "dof"), [("discrepancy", 2.0), ("discrepancy", 4.0), ("ripple", 4.0), ("all", 2.0)]
-)
+@pytest.mark.parametrize(("name", "dof"), [("discrepancy", 2.0), ("discrepancy", 4.0), ("ripple", 4.0), ("all", 2.0)])
 def test_it_is_the_sum_over_precisions(name: str, dof: float) -> None:
     """Heavy tails on every channel, values far off and near; found: off by 0.03 at most, at best by 0.003."""
     study = joined("phi", "n0", **{**CASES[name], "noise": heavy(NOISE, dof=dof)})
@@ -134,9 +130,7 @@ def test_scores_are_normal_as_far_out(slips: tuple[Study, Posterior]) -> None:
         exact = Rows(study, density, each)
         place = np.argwhere(exact.known)
         assert_allclose(
-            [found[i][tuple(at)] for at in place],
-            [norm.ppf(exact.below[tuple(at)]) for at in place],
-            atol=0.02,
+            [found[i][tuple(at)] for at in place], [norm.ppf(exact.below[tuple(at)]) for at in place], atol=0.02
         )
 
 
@@ -218,9 +212,7 @@ def test_rows_ahead_have_the_law_of_slip_and_noise() -> None:
     last = np.arange(len(study.observations)) == len(study.observations) - 1
     from bayesterra.likelihood.posterior import likelihood_of
 
-    centre, scale = likelihood_of(study, study.observations).ahead(
-        soil, np.empty((n, 0)), last, default_rng(1)
-    )
+    centre, scale = likelihood_of(study, study.observations).ahead(soil, np.empty((n, 0)), last, default_rng(1))
     k, channels = centre.shape[2], density.likelihood.channels
     sd = np.sqrt(np.diag(whole.smooth))[-k:]
     assert_allclose(scale[:, 0], np.tile([NOISE[name] for name in channels], (n, 1)))

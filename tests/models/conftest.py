@@ -134,15 +134,9 @@ def integrate_adaptively(pair: Pair, model: WheelSoilModel) -> FloatArray:
         return sum(
             width
             * float(
-                quad(
-                    lambda u, f=front: term(*stresses(u, f)),
-                    0,
-                    1,
-                    epsabs=0,
-                    epsrel=1e-12,
-                    limit=400,
-                    full_output=1,
-                )[0]
+                quad(lambda u, f=front: term(*stresses(u, f)), 0, 1, epsabs=0, epsrel=1e-12, limit=400, full_output=1)[
+                    0
+                ]
             )
             for front, width in widths.items()
         )

@@ -61,9 +61,7 @@ def test_response_at_equals_sinkage_and_forces(
 
 
 @ALL
-def test_jacobian_equals_central_differences(
-    model: WheelSoilModel, cloud: FloatArray, conditions: Conditions
-) -> None:
+def test_jacobian_equals_central_differences(model: WheelSoilModel, cloud: FloatArray, conditions: Conditions) -> None:
     """Derivatives of the forces by all nine parameters and the sinkage agree with central differences."""
     depth = np.array([0.01, 0.015, 0.02, 0.03])
     jacobian = model.jacobian_at(cloud, conditions, depth)
@@ -78,9 +76,7 @@ def test_jacobian_equals_central_differences(
             theta[:, min(column, 8)] += factor * step * (column < 9)
             ends.append(model.forces_at(theta, conditions, depth + factor * step * (column == 9))[0])
         slope = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
-        np.testing.assert_allclose(
-            jacobian[..., column] / scale[:, column], slope / scale[:, column], atol=2e-7
-        )
+        np.testing.assert_allclose(jacobian[..., column] / scale[:, column], slope / scale[:, column], atol=2e-7)
 
 
 def test_jacobian_of_closed_forms_is_exact(
@@ -94,10 +90,7 @@ def test_jacobian_of_closed_forms_is_exact(
     for column, name in enumerate(SOIL_FIELDS):
         value = float(getattr(g1, name))
         step = 1e-4 * (abs(value) or 1.0)
-        ends = [
-            extended(replace(pair, soil=replace(g1, **{name: value + k * step})), M2())[:3]
-            for k in (-2, -1, 1, 2)
-        ]
+        ends = [extended(replace(pair, soil=replace(g1, **{name: value + k * step})), M2())[:3] for k in (-2, -1, 1, 2)]
         slope = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
         np.testing.assert_allclose(jacobian[:, column], slope, rtol=1e-8, atol=1e-9 * np.abs(slope).max())
 
@@ -119,9 +112,7 @@ def test_response_jacobian_equals_central_differences(
             theta[:, column] += factor * step
             ends.append(model.response_at(theta, conditions, 80.0)[0])
         slope = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
-        np.testing.assert_allclose(
-            jacobian[..., column] / scale[:, column], slope / scale[:, column], atol=1e-6
-        )
+        np.testing.assert_allclose(jacobian[..., column] / scale[:, column], slope / scale[:, column], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -167,9 +158,7 @@ def test_sinkage_outside_the_wheel(cloud: FloatArray, wheels: dict[str, Wheel]) 
     forces, status = M1().forces_at(cloud, conditions, depth)
     np.testing.assert_array_equal(status[0], [Status.SINKAGE, 0, Status.SINKAGE, Status.SINKAGE])
     np.testing.assert_array_equal(np.isnan(forces[0, :, 1]), [True, False, True, True])
-    np.testing.assert_array_equal(
-        np.isnan(M1().jacobian_at(cloud, conditions, depth)[0, :, 0, 0]), [1, 0, 1, 1]
-    )
+    np.testing.assert_array_equal(np.isnan(M1().jacobian_at(cloud, conditions, depth)[0, :, 0, 0]), [1, 0, 1, 1])
 
 
 @pytest.mark.parametrize("name", ["M1", "M2", "M3"])
@@ -218,14 +207,10 @@ def test_elementary_functions() -> None:
     """The kernels' own exp, log, sine, versine and arc cosine are good to a few units in the last place."""
     from bayesterra.models.kernels import elementary as own
 
-    x = np.concatenate(
-        [np.linspace(-700, 700, 400), np.geomspace(1e-18, 1, 200), -np.geomspace(1e-18, 1, 200)]
-    )
+    x = np.concatenate([np.linspace(-700, 700, 400), np.geomspace(1e-18, 1, 200), -np.geomspace(1e-18, 1, 200)])
     for value in x:
         assert own.exp(value) == pytest.approx(np.exp(value), rel=2e-13 if abs(value) > 1 else 1e-15)
-        assert own.exp_minus_1(value) == pytest.approx(
-            np.expm1(value), rel=2e-13 if abs(value) > 1 else 1e-15
-        )
+        assert own.exp_minus_1(value) == pytest.approx(np.expm1(value), rel=2e-13 if abs(value) > 1 else 1e-15)
     for value in np.geomspace(1e-300, 1e300, 500):
         assert own.log(value) == pytest.approx(np.log(value), rel=1e-15, abs=1e-15)
     for value in np.concatenate([np.linspace(-np.pi / 2, np.pi / 2, 500), np.geomspace(1e-12, 1, 100)]):
@@ -250,8 +235,6 @@ def test_kernels_are_written_for_vectors() -> None:
     code = kernel.inspect_llvm(kernel.signatures[0])
     assert re.findall(r"= fdiv [a-z ]*<\d+ x double>", code)
     assert not re.findall(r"= fdiv [a-z ]*double", code)
-    vectors, scalars = (
-        len(re.findall(rf"= fmul [a-z ]*{kind}", code)) for kind in (r"<\d+ x double>", "double")
-    )
+    vectors, scalars = (len(re.findall(rf"= fmul [a-z ]*{kind}", code)) for kind in (r"<\d+ x double>", "double"))
     assert vectors > 50
     assert vectors > 2 * scalars

@@ -178,15 +178,7 @@ def test_a_read_only_installation_runs() -> None:
     )
     environment = {**os.environ, "HOME": "/dev/null/nowhere", "PYTHONPATH": str(ROOT)}
     environment.pop("XDG_CACHE_HOME", None)
-    command = [
-        "unshare",
-        "-m",
-        "sh",
-        "-c",
-        f'{READ_ONLY} && cd / && exec "$0" -c "$1"',
-        sys.executable,
-        script,
-    ]
+    command = ["unshare", "-m", "sh", "-c", f'{READ_ONLY} && cd / && exec "$0" -c "$1"', sys.executable, script]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
 

@@ -37,10 +37,7 @@ def test_impossible_soils(g1: Soil, change: dict[str, Any], message: str) -> Non
         ({"lug_height": -0.01}, r"'lug_height' must not be negative \(got -0.01\)"),
         ({"lug_count": 2.5}, r"'lug_count' must be a whole number \(got 2.5\)"),
         ({"lug_count": -1}, r"'lug_count' must not be negative \(got -1\)"),
-        (
-            {"shearing_radius_coefficient": 1.5},
-            r"'shearing_radius_coefficient' must lie in \[0, 1\] \(got 1.5\)",
-        ),
+        ({"shearing_radius_coefficient": 1.5}, r"'shearing_radius_coefficient' must lie in \[0, 1\] \(got 1.5\)"),
     ],
 )
 def test_impossible_wheels(wheels: dict[str, Wheel], change: dict[str, Any], message: str) -> None:
@@ -52,9 +49,7 @@ def test_impossible_wheels(wheels: dict[str, Wheel], change: dict[str, Any], mes
 def test_shear_coefficient_where_its_equation_fails() -> None:
     """Short lugs drive equation (2) below zero: the error says so and what to do."""
     wheel = Wheel(radius=0.135, width=0.165, lug_height=0.005, lug_count=24)
-    message = (
-        r"'shearing_radius_coefficient' from equation \(2\) must lie in \[0, 1\]; give .* instead \(got -0.2"
-    )
+    message = r"'shearing_radius_coefficient' from equation \(2\) must lie in \[0, 1\]; give .* instead \(got -0.2"
     with pytest.raises(ValueError, match=message):
         wheel.shearing_radius(0.0)
 
@@ -131,9 +126,7 @@ def test_transition_slips_must_rise(slips: tuple[float, float]) -> None:
 
 def test_unknown_shear_start() -> None:
     """The shear's start has three names."""
-    with pytest.raises(
-        ValueError, match=r"'shear_start' must be one of transition, rim, tip \(got 'middle'\)"
-    ):
+    with pytest.raises(ValueError, match=r"'shear_start' must be one of transition, rim, tip \(got 'middle'\)"):
         M1(shear_start="middle")  # type: ignore[arg-type]  # the point of the test
 
 
@@ -144,13 +137,9 @@ def test_conditions_check_their_rows(wheels: dict[str, Wheel]) -> None:
     with pytest.raises(ValueError, match=r"'wheels' must be one wheel or one per row \(2\) \(got 1\)"):
         Conditions.of([wheels["Wh11"]], [0.1, 0.2])
     bare = replace(wheels["Wh11"], shearing_radius_coefficient=None)
-    with pytest.raises(
-        ValueError, match=r"'phi' must be given for a wheel without shearing_radius_coefficient"
-    ):
+    with pytest.raises(ValueError, match=r"'phi' must be given for a wheel without shearing_radius_coefficient"):
         Conditions.of(bare, [0.1])
-    assert Conditions.of(bare, [0.1], phi=0.5568).shearing_radius[0] == pytest.approx(
-        0.135 + 0.744 * 0.015, abs=1e-5
-    )
+    assert Conditions.of(bare, [0.1], phi=0.5568).shearing_radius[0] == pytest.approx(0.135 + 0.744 * 0.015, abs=1e-5)
 
 
 def test_one_name_for_the_package() -> None:

@@ -147,9 +147,7 @@ def test_results_do_not_depend_on_neighbours(g1: Soil, wheels: dict[str, Wheel])
     sinkages = np.asarray(M1().sinkage(soil, wheels["Wh11"], 0.2, 80.0))
     for i in (0, 17, 49):
         alone = replace(g1, n0=np.asarray(soil.n0)[i], K=np.asarray(soil.K)[i])
-        assert (
-            M1().forces(alone, wheels["Wh11"], 0.2, 0.03).drawbar_pull == np.asarray(together.drawbar_pull)[i]
-        )
+        assert M1().forces(alone, wheels["Wh11"], 0.2, 0.03).drawbar_pull == np.asarray(together.drawbar_pull)[i]
         assert M1().sinkage(alone, wheels["Wh11"], 0.2, 80.0) == sinkages[i]
 
 

@@ -48,9 +48,7 @@ def test_slip_conversion_round_trip() -> None:
     on_rim = np.linspace(0, 0.9, 10)
     on_shear = convert_slip(on_rim, 0.15735, 0.1642)
     np.testing.assert_allclose(convert_slip(on_shear, 0.1642, 0.15735), on_rim, atol=1e-15)
-    np.testing.assert_allclose(
-        slip_from_speeds(0.2, 0.15735 * 0.2 * (1 - on_rim), 0.1642), on_shear, atol=1e-15
-    )
+    np.testing.assert_allclose(slip_from_speeds(0.2, 0.15735 * 0.2 * (1 - on_rim), 0.1642), on_shear, atol=1e-15)
 
 
 def test_braking_slip() -> None:
@@ -78,19 +76,13 @@ def test_shear_start_radius() -> None:
     slips = np.array([0.0, 0.15, 0.325, 0.5, 0.9])
     radii = shear_start_radius(0.135, 0.015, slips)
     np.testing.assert_allclose(radii, [0.15, 0.15, 0.1425, 0.135, 0.135])
-    np.testing.assert_array_equal(
-        shear_start_radius(0.135, 0.015, slips, shear_start="rim"), np.full(5, 0.135)
-    )
-    np.testing.assert_array_equal(
-        shear_start_radius(0.135, 0.015, slips, shear_start="tip"), np.full(5, 0.135 + 0.015)
-    )
+    np.testing.assert_array_equal(shear_start_radius(0.135, 0.015, slips, shear_start="rim"), np.full(5, 0.135))
+    np.testing.assert_array_equal(shear_start_radius(0.135, 0.015, slips, shear_start="tip"), np.full(5, 0.135 + 0.015))
 
 
 def test_speeds_that_give_no_slip() -> None:
     """Standing still or running backwards has no slip."""
-    with pytest.raises(
-        ValueError, match=r"'travel_speed' and 'angular_speed' must not both be zero \(got 0\)"
-    ):
+    with pytest.raises(ValueError, match=r"'travel_speed' and 'angular_speed' must not both be zero \(got 0\)"):
         slip_from_speeds(0.0, 0.0, 0.15)
     with pytest.raises(ValueError, match=r"'travel_speed' must not be negative \(got -1\)"):
         slip_from_speeds(1.0, -1.0, 0.15)
@@ -100,11 +92,7 @@ def test_speeds_that_give_no_slip() -> None:
 
 def test_lug_equations_need_lugs() -> None:
     """Equations (2) and (10) refuse wheels without lugs."""
-    with pytest.raises(
-        ValueError, match=r"'lug_count' must be at least 3 for equations \(2\) and \(10\) \(got 0\)"
-    ):
+    with pytest.raises(ValueError, match=r"'lug_count' must be at least 3 for equations \(2\) and \(10\) \(got 0\)"):
         minimum_lug_height(0.135, 0, PHI, 0.0)
-    with pytest.raises(
-        ValueError, match=r"'lug_height' must be positive for equations \(2\) and \(10\) \(got 0\)"
-    ):
+    with pytest.raises(ValueError, match=r"'lug_height' must be positive for equations \(2\) and \(10\) \(got 0\)"):
         shearing_radius_coefficient(0.135, 0.0, 24, PHI)

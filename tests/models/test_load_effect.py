@@ -45,11 +45,7 @@ def printed(soil: LoadEffectSoil, wheel: Wheel, slip: float, z: float, normal: f
     A = (math.cos(tm) - math.cos(t2)) / (tm - t2) + (math.cos(tm) - math.cos(t1)) / (t1 - tm)
     B = (math.sin(tm) - math.sin(t2)) / (tm - t2) + (math.sin(tm) - math.sin(t1)) / (t1 - tm)
     C = (t1 - t2) / 2
-    sigma = (
-        soil.Ks
-        * r ** (soil.n0 + soil.n1 * slip)
-        * (math.cos(tm) - math.cos(t1)) ** (soil.n0 + soil.n1 * slip)
-    )
+    sigma = soil.Ks * r ** (soil.n0 + soil.n1 * slip) * (math.cos(tm) - math.cos(t1)) ** (soil.n0 + soil.n1 * slip)
     path = rs * ((start - tm) - (1 - slip) * (math.sin(start) - math.sin(tm)))
     E = 1 - math.exp(-path / float(soil.K))
     t, W = math.tan(float(soil.phi)), MEAN
@@ -110,9 +106,7 @@ def test_sinkage_driven_solves_for_the_normal_force(wheel: Wheel) -> None:
 
 
 @pytest.mark.parametrize("mean", [10.0, 64.0, 500.0])
-def test_without_coefficients_it_is_m2(
-    mean: float, wheel: Wheel, box_pairs: Callable[..., list[Any]]
-) -> None:
+def test_without_coefficients_it_is_m2(mean: float, wheel: Wheel, box_pairs: Callable[..., list[Any]]) -> None:
     """With c_P1 = c_P2 = c_DP = c_M = 0 and any mean load, M2L is M2 to 1e-12 over the prior box."""
     pairs, model = box_pairs(200, 7, leaving=True), M2L(mean_load=mean)
     for pair in pairs:

@@ -15,9 +15,7 @@ MODELS = pytest.mark.parametrize("model", [M1(), M2(), M3()], ids=lambda m: m.na
 
 @MODELS
 @pytest.mark.parametrize(("seed", "corners"), [(1, 0.0), (2, 0.3), (3, 0.7)])
-def test_sinkage_gives_the_load_back(
-    box_pairs: Draw, model: WheelSoilModel, seed: int, corners: float
-) -> None:
+def test_sinkage_gives_the_load_back(box_pairs: Draw, model: WheelSoilModel, seed: int, corners: float) -> None:
     """F_N at the solved sinkage is the load to 1e-10 over the prior box, and no larger sinkage was taken."""
     for pair in box_pairs(200, seed, corners=corners):
         load = float(model.forces(pair.soil, pair.wheel, pair.slip, pair.sinkage).normal)
@@ -63,18 +61,14 @@ def test_the_smaller_of_two_sinkages(wheels: dict[str, Wheel]) -> None:
     assert M3().forces(soil, wheel, 0.1, sinkage).normal == pytest.approx(load, rel=1e-10)
     near_peak = M3().sinkage(soil, wheel, 0.1, normal[peak] * (1 - 1e-9))
     assert near_peak == pytest.approx(depths[peak], rel=0.02)
-    with pytest.raises(
-        ValueError, match=r"'load' must be carried by a sinkage below the wheel radius \(got "
-    ):
+    with pytest.raises(ValueError, match=r"'load' must be carried by a sinkage below the wheel radius \(got "):
         M3().sinkage(soil, wheel, 0.1, normal[peak] * 1.001)
 
 
 def test_normal_force_of_m1_rises_with_sinkage(box_pairs: Draw) -> None:
     """F_N of M1 rises with sinkage all the way to the radius over the prior box, so its sinkage is unique."""
     for pair in box_pairs(150, 7, corners=0.3):
-        depths = (
-            np.concatenate([np.geomspace(1e-6, 0.02, 20), np.linspace(0.03, 0.99999, 40)]) * pair.wheel.radius
-        )
+        depths = np.concatenate([np.geomspace(1e-6, 0.02, 20), np.linspace(0.03, 0.99999, 40)]) * pair.wheel.radius
         normal = M1().forces(pair.soil, pair.wheel, pair.slip, depths).normal
         assert np.all(np.diff(normal) > 0), pair
 

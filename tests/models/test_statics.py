@@ -106,9 +106,7 @@ def test_greatest_slope_up_to_a_slip() -> None:
 def test_loads_are_those_of_a_hand_calculation(slope: float, tow: float) -> None:
     """Moments about the rear axle: 2 N_f L = G (x cos α − y sin α) − a G cos α − y_t T, y from the axle."""
     arm, ahead = 0.05, 0.3
-    found = states_at(
-        rover(ahead), MadeUp(arm), sweep(rover(ahead), MadeUp(arm), 1, "slope", tow), np.array([slope])
-    )
+    found = states_at(rover(ahead), MadeUp(arm), sweep(rover(ahead), MadeUp(arm), 1, "slope", tow), np.array([slope]))
     lever = WEIGHT * (ahead * np.cos(slope) - (HEIGHT - 0.15) * np.sin(slope)) - (TOW_HEIGHT - 0.15) * tow
     front = (lever - arm * WEIGHT * np.cos(slope)) / BASE / 2
     expected = (front, WEIGHT * np.cos(slope) / 2 - front)
@@ -160,9 +158,7 @@ def test_forces_and_moments_balance(model: M1 | M2, machine: Rover) -> None:
     """Sums over all forces on the rover vanish to 1e-8 of its weight, wherever a state is reported."""
     theta = soils()
     ground = soft(model, machine, theta)
-    found = states_at(
-        machine, ground, sweep(machine, ground, len(theta), "slope", 10.0), np.radians([0, 4, 8, 12])
-    )
+    found = states_at(machine, ground, sweep(machine, ground, len(theta), "slope", 10.0), np.radians([0, 4, 8, 12]))
     held = found.outcome == Outcome.HELD
     assert held.mean() > 0.5
     assert np.abs(residuals(machine, found)[:, held]).max() < 1e-8

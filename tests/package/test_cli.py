@@ -92,25 +92,14 @@ def test_mistakes_are_one_line_and_leave_nothing(
         (("[priors]", "[prior]"), "unknown key 'prior' (did you mean 'priors'?)"),
         (("0.1,80", "1.0,80"), "'slip' must lie in [0, 1) (got 1, row 1)"),
         (("0.1,80", "0.1,nan"), "'load' must be finite or empty (got nan, row 1)"),
-        (
-            ("5.0,14.0", "157.35,14.0"),
-            "'sinkage' must be below the wheel radius 0.15735 m (got 0.15735 m, row 1)",
-        ),
+        (("5.0,14.0", "157.35,14.0"), "'sinkage' must be below the wheel radius 0.15735 m (got 0.15735 m, row 1)"),
         (("load [N]", "slip"), "column 'slip' must appear once"),
-        (
-            ("c3 = 0.0", 'K = "60 mm"'),
-            "'K' must be fixed inside the range of 'paper-box', 2 mm to 50 mm (got 60 mm)",
-        ),
+        (("c3 = 0.0", 'K = "60 mm"'), "'K' must be fixed inside the range of 'paper-box', 2 mm to 50 mm (got 60 mm)"),
     ],
 )
 @pytest.mark.parametrize("command", ["check", "fit", "simulate", "run"])
 def test_bad_studies_are_refused_by_every_command(
-    command: str,
-    change: tuple[str, str],
-    message: str,
-    write: Write,
-    capsys: Captured,
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, change: tuple[str, str], message: str, write: Write, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same line whichever command reads the study, and nothing new in the working directory."""
     file = write(change)
@@ -230,9 +219,7 @@ def test_init_never_overwrites(tmp_path: Path, capsys: Captured) -> None:
     assert "exists already and is not overwritten" in refused(["init", str(file)], capsys)
     assert file.read_text() == "mine"
     assert "is a folder: name a file in it" in refused(["init", str(tmp_path)], capsys)
-    assert "cannot be written (No such file or directory)" in refused(
-        ["init", str(tmp_path / "a" / "b")], capsys
-    )
+    assert "cannot be written (No such file or directory)" in refused(["init", str(tmp_path / "a" / "b")], capsys)
 
 
 def test_fit_prints_every_method(capsys: Captured) -> None:

@@ -43,9 +43,7 @@ def test_an_end_of_file_is_a_bug_with_a_log(
     log.unlink()
 
 
-def test_an_interruption_is_still_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interruption_is_still_one(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C ends with 130 and one word."""
     failing(monkeypatch, KeyboardInterrupt())
     assert command_line.main(["check", str(STUDY)]) == 130
@@ -94,9 +92,7 @@ def test_a_bug_is_one_line_wherever_its_log_can_be_written(
     monkeypatch.setattr(command_line, "_log", nowhere)
     assert command_line.main(["check", str(STUDY)]) == 1
     line = line_of(capsys)
-    assert line.startswith(
-        "error: this is a bug in bayesterra (RuntimeError): please report it with this line, as"
-    )
+    assert line.startswith("error: this is a bug in bayesterra (RuntimeError): please report it with this line, as")
     assert "broken (at " in line
     assert "test_main.py:" in line
 

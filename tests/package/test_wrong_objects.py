@@ -154,9 +154,7 @@ def test_truth_values_are_no_readings(column: str, cells: Any) -> None:
     """True in a table is a mistake, not 1 mm; only the column ``use`` is for them."""
     cells = pd.Series(cells, dtype=object)
     name = column.split("_")[0]
-    with pytest.raises(
-        bt.StudyError, match=rf"'{name}' must be a number or empty \(got (True|False), row \d"
-    ):
+    with pytest.raises(bt.StudyError, match=rf"'{name}' must be a number or empty \(got (True|False), row \d"):
         study(**{column: cells})
     used = study(use=[True, False])
     assert used.observations.use.tolist() == [True, False]

@@ -56,9 +56,7 @@ class Gaussian:
         first = joint_posterior(study).first
         given = first.likelihood
         parts = {
-            f"g{i}": Posterior(
-                first.prior, Readings(given.forward, given.observations, given.noise, y=y, sd=self.sd)
-            )
+            f"g{i}": Posterior(first.prior, Readings(given.forward, given.observations, given.noise, y=y, sd=self.sd))
             for i, y in enumerate(self.y)
         }
         return JointPosterior(pooling, parts)
@@ -71,16 +69,12 @@ class Gaussian:
         size = (ensembles, n // 10, 10)
         return {f"g{i}": rng.multivariate_normal(m, covariance, size) for i, m in enumerate(means)}
 
-    def log_evidence(
-        self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None
-    ) -> float:
+    def log_evidence(self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None) -> float:
         """Of readings, values of the groups having the prior covariances (groups, groups)."""
         covariance = self._covariance(n0, n1, both)
         return float(multivariate_normal(np.zeros(len(covariance)), covariance).logpdf(self.y.T.ravel()))
 
-    def _covariance(
-        self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None
-    ) -> FloatArray:
+    def _covariance(self, n0: FloatArray, n1: FloatArray | None = None, both: FloatArray | None = None) -> FloatArray:
         """Prior covariance of all first readings, then of all second ones."""
         G = self.groups
         second = np.eye(G) if n1 is None else n1

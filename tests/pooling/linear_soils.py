@@ -78,9 +78,7 @@ class LinearSoils:
         assert first.names == tuple(LAWS)
         given = first.likelihood
         groups = {
-            f"g{i}": Posterior(
-                first.prior, LinearReadings(given.forward, given.observations, given.noise, y=y, H=H)
-            )
+            f"g{i}": Posterior(first.prior, LinearReadings(given.forward, given.observations, given.noise, y=y, H=H))
             for i, (y, H) in enumerate(zip(self.y, self.H, strict=True))
         }
         return JointPosterior(Pooling("wheel", ("c",), tuple(n for n in LAWS if n != "c")), groups)

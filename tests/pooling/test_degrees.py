@@ -11,15 +11,7 @@ import pytest
 from numpy.random import default_rng
 
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.pooling.degrees import (
-    Evidences,
-    Level,
-    Sharing,
-    judged_alone,
-    judged_as_stated,
-    level_of,
-    with_roles,
-)
+from bayesterra.pooling.degrees import Evidences, Level, Sharing, judged_alone, judged_as_stated, level_of, with_roles
 from bayesterra.study.groups import Pooling, Population
 from bayesterra.study.study import Study
 from tests.support.two_wheels import HELD

@@ -22,9 +22,7 @@ def test_a_row_of_the_table_sums_its_own_entries() -> None:
     """Elpd of rows apart from that of groups; errors of the parts are independent, so squares add up."""
     rows = [("row", "1", -2.0, 0.3, True), ("row", "2", -3.0, 0.4, False), ("row", "4", -7.0, 1.2, False)]
     groups = [("group", "a", -5.0, 0.6, True), ("group", "b", -8.0, 0.8, True)]
-    entries = [
-        ("none", what, label, elpd, error, 0.1, good) for what, label, elpd, error, good in rows + groups
-    ]
+    entries = [("none", what, label, elpd, error, 0.1, good) for what, label, elpd, error, good in rows + groups]
     table = pd.DataFrame(entries, columns=list(LEFT_OUT_COLUMNS))
     found = Degree(-13.0, 0.2, reliable=True, name="none", converged=True, left_out=table).row()
     assert (found["elpd_rows"], found["elpd_groups"]) == (-12.0, -13.0)
@@ -71,9 +69,7 @@ def weighing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("weighing")
 @pytest.mark.parametrize(("first", "second"), [(True, True), (True, False), (False, True)])
-def test_no_pooling_has_converged_where_every_group_has(
-    joint: JointPosterior, *, first: bool, second: bool
-) -> None:
+def test_no_pooling_has_converged_where_every_group_has(joint: JointPosterior, *, first: bool, second: bool) -> None:
     """Whichever it is that did not; evidences of the groups add up, their errors by squares."""
     lone = {"Wh11": samples(converged=first, log_z=-5.0), "Wh32": samples(converged=second, log_z=-8.0)}
     drawn: Any = SimpleNamespace(lone=lone, diagnosis=SimpleNamespace(converged=True))
@@ -89,9 +85,7 @@ def test_no_pooling_has_converged_where_every_group_has(
 
 
 @pytest.mark.usefixtures("weighing")
-def test_both_sources_of_an_error_join_by_squares(
-    joint: JointPosterior, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_both_sources_of_an_error_join_by_squares(joint: JointPosterior, monkeypatch: pytest.MonkeyPatch) -> None:
     """Error of the integral and of the prior's share: 0.3 and 0.4 in each group are 0.5, of both √0.5."""
     known = Evidence(-5.0, 0.3, 0.5, 0.1, 0.7, 100)
     monkeypatch.setattr(degrees, "_own", lambda weighed, samples: known)

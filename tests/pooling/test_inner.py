@@ -83,13 +83,9 @@ def test_adaptations_that_disagree_are_not_relied_on(make: MakeStudy) -> None:
     study = make(priors=held, pooling={"by": "wheel", "shared": ["n1"], "separate": ["n0"]})
     family = JointFamily(case.joint(study, Pooling("wheel", ("n0",), ("n1",))))
     chains = case.chains(1, 4000, rng)
-    L = np.stack(
-        [family.group_from_physical(g, x.reshape(-1, 2)[:, 1:]) for g, x in enumerate(chains.values())]
-    )
+    L = np.stack([family.group_from_physical(g, x.reshape(-1, 2)[:, 1:]) for g, x in enumerate(chains.values())])
     D = case.chains(1, 4000, rng)["g0"].reshape(-1, 2)[:, :1]
-    fitted = [
-        outer_laws(family, fit_laws(family, at, L, rng), [], at, L, rng) for at in (D, D + 8.0 * D.std())
-    ]
+    fitted = [outer_laws(family, fit_laws(family, at, L, rng), [], at, L, rng) for at in (D, D + 8.0 * D.std())]
     alike = _evidence(family, [fitted[0], fitted[0]], default_rng(1))
     apart = _evidence(family, fitted, default_rng(1))
     assert alike is not None

@@ -96,9 +96,7 @@ def test_report_has_both_verdicts(result: PooledResult) -> None:
     """One in the joint study beside the one from the groups alone; older results have only the latter."""
     table = result.sharing.assign(verdict_as_stated=["", "wheel-dependent"], log_bayes_factor_as_stated=-9.87)
     html = replace(result, sharing=table.assign(error_as_stated=0.1)).page().html()
-    assert (
-        "With the other parameters shared or not as this study has them: Each group has its own value" in html
-    )
+    assert "With the other parameters shared or not as this study has them: Each group has its own value" in html
     assert "−9.9 ± 0.10" in html
     older = [name for name in map(str, result.sharing) if name.endswith("as_stated")]
     assert len(older) == 4
@@ -138,9 +136,7 @@ def test_the_next_drive_is_that_of_a_group(
     result.save(tmp_path / "out")
     asked = ["design", str(tmp_path / "out"), "--slip", "0.2,0.4", "--quiet"]
     untested = tmp_path / "new.toml"
-    untested.write_text(
-        'radius = "140 mm"\nwidth = "160 mm"\nlug_height = "5 mm"\nlug_count = 24\n', encoding="utf-8"
-    )
+    untested.write_text('radius = "140 mm"\nwidth = "160 mm"\nlug_height = "5 mm"\nlug_count = 24\n', encoding="utf-8")
     for options, said in (
         (["--group", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),
         (["--wheel", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),

@@ -27,10 +27,7 @@ def _result(study: Study) -> PooledResult:
     """A result whose posterior is the joint prior: what is known of it is known exactly."""
     joint = joint_posterior(study)
     x = draw_joint_prior(joint, 2 * DRAWS, default_rng(4))
-    tree = {
-        "posterior": _dataset(joint, x[:DRAWS].reshape(4, DRAWS // 4, -1)),
-        "prior": _dataset(joint, x[None]),
-    }
+    tree = {"posterior": _dataset(joint, x[:DRAWS].reshape(4, DRAWS // 4, -1)), "prior": _dataset(joint, x[None])}
     empty = pd.DataFrame()
     return PooledResult(
         study=study, draws=xr.DataTree.from_dict(tree), summary=pd.DataFrame({"parameter": joint.names}),
@@ -94,9 +91,9 @@ def test_the_law_of_a_new_group_is_that_of_the_hierarchy(make: MakeStudy) -> Non
     study = make(pooling={"shared": ["phi"], "hierarchical": {"K": {"mean": mean, "spread": spread}}})
     K = _result(study).of_group().values()[:, 1]
     rng, n = default_rng(7), 400_000
-    exact = norm.rvs(0.012, 1e-4, n, random_state=rng) + halfnorm.rvs(
-        0, 3e-4, n, random_state=rng
-    ) * norm.rvs(size=n, random_state=rng)
+    exact = norm.rvs(0.012, 1e-4, n, random_state=rng) + halfnorm.rvs(0, 3e-4, n, random_state=rng) * norm.rvs(
+        size=n, random_state=rng
+    )
     assert kstest(K, np.sort(exact)).pvalue > 1e-3
 
 
@@ -117,9 +114,7 @@ def test_a_wheel_of_the_study_is_predicted_by_its_own_group(result: PooledResult
     assert (other.modelled[:, 0, 1] != ours.modelled[:, 0, 1]).mean() > 0.9
 
 
-def test_a_wheel_in_a_file_is_predicted_by_the_population(
-    result: PooledResult, file: Path, tmp_path: Path
-) -> None:
+def test_a_wheel_in_a_file_is_predicted_by_the_population(result: PooledResult, file: Path, tmp_path: Path) -> None:
     """And the first note says where its parameters are from."""
     found = bt.predict(result, [0.2, 0.4], wheel=file)
     untested = result.of_group()
@@ -162,11 +157,7 @@ def test_a_rover_says_where_its_parameters_are_from(make: MakeStudy, monkeypatch
 def test_groups_by_site_take_a_name_or_none(make: MakeStudy) -> None:
     """A new site by default, one of those that were driven by name."""
     result = _result(make(pooling={"by": "site", "shared": ["phi"], "hierarchical": {"K": {}}}))
-    assert (
-        bt.predict(result, 0.3)
-        .notes[0]
-        .startswith("this site was not tested: K drawn from the population of")
-    )
+    assert bt.predict(result, 0.3).notes[0].startswith("this site was not tested: K drawn from the population of")
     assert "those of b in the joint" in bt.predict(result, 0.3, group="b").notes[0]
 
 

@@ -200,9 +200,7 @@ def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlo
     assert (tuple(table["quantity"]), tuple(table["slips"])) == (asked, ("all", "driven") * 2)
     for row, own in zip(table.to_dict("records"), peaks, strict=True):
         values = np.degrees(own.value) if row["unit"] == "deg" else own.value
-        np.testing.assert_allclose(
-            [row["q05"], row["q50"], row["q95"]], np.quantile(values, [0.05, 0.5, 0.95])
-        )
+        np.testing.assert_allclose([row["q05"], row["q50"], row["q95"]], np.quantile(values, [0.05, 0.5, 0.95]))
         assert row["at_slip_q50"] == pytest.approx(np.median(own.slip))
         assert (row["draws"], row["no_answer"], row["still_rising"]) == (10, 0, own.rising.sum())
     climb = made.climb_table
@@ -212,9 +210,7 @@ def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlo
     assert (climb["probability"] > climb["probability_driven_slips"]).any()
 
 
-def test_a_discrepancy_moves_with_the_rover(
-    wide: Result, file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_discrepancy_moves_with_the_rover(wide: Result, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pulls are the model's plus one curve of the wheel for each draw, at both axles."""
     monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 300)
     noisy = Discrepancy("drawbar_pull", Size(sd=3.0), 0.3)

@@ -88,10 +88,7 @@ def test_notes_say_where_the_measurements_are_left(wide: Result) -> None:
         ({"slip": 0.1, "load": -1.0}, r"'load' must be above 0 \(got -1 N\)"),
         ({"slip": 0.1, "load": "80 mm"}, "'load': the unit 'mm' is not a unit of force"),
         ({"slip": 0.1, "wheel": "Wh3"}, r"'Wh3' is neither a wheel .* \(did you mean 'Wh32'\?\)"),
-        (
-            {"slip": 0.1, "wheel": Wheel(0.157, 0.165, 0.001, 30)},
-            "'shearing_radius_coefficient' from equation",
-        ),
+        ({"slip": 0.1, "wheel": Wheel(0.157, 0.165, 0.001, 30)}, "'shearing_radius_coefficient' from equation"),
     ],
 )
 def test_mistakes_are_named(wide: Result, options: dict[str, object], message: str) -> None:
@@ -112,10 +109,7 @@ def test_wheel_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            SMALL_FILE.replace("width", "widht"),
-            r"small\.toml: .*unknown key 'widht' \(did you mean 'width'\?\)",
-        ),
+        (SMALL_FILE.replace("width", "widht"), r"small\.toml: .*unknown key 'widht' \(did you mean 'width'\?\)"),
         (SMALL_FILE.replace('"100 mm"', "100"), "'radius' needs a unit"),
         (SMALL_FILE.replace("100 mm", "-100 mm"), "'radius' must be positive"),
         (f"[wheels.A]\n{SMALL_FILE}[wheels.B]\n{SMALL_FILE}", "must describe one wheel"),
@@ -191,8 +185,7 @@ def test_a_line_of_the_draws_is_of_the_draw_that_it_names(wide: Result) -> None:
         assert cells["slip"] == found.slip[line % 3]
         assert cells["sinkage [mm]"] == found.modelled[draw, line % 3, 0] / 1e-3
         assert (
-            cells["drawbar_pull_reading [N]"]
-            == found.readings[draw, line % 3, list(PREDICTED).index("drawbar_pull")]
+            cells["drawbar_pull_reading [N]"] == found.readings[draw, line % 3, list(PREDICTED).index("drawbar_pull")]
         )
 
 

@@ -24,9 +24,7 @@ def test_the_terminal_shows_text_and_warns_apart(capsys: pytest.CaptureFixture[s
     assert printed.err == "warning: units\n"
 
 
-def test_no_column_of_text_vanishes(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_column_of_text_vanishes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Where numbers take the width of a terminal, words are broken between them and not left out."""
     monkeypatch.setenv("COLUMNS", "60")
     numbers = ("0.53 ± 0.03",) * 4

@@ -45,9 +45,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     held = 'Ks = "2500 kPa"\nn0 = 0.85\nn1 = 1.06\nK = "10 mm"\nc1 = 0.339\nc2 = -0.017\n'
     text = text.replace('set = "paper-box"\n', f'set = "paper-box"\n{held}')
     text = text.replace("transition_slips = [0.1, 0.5]", "").replace('hold = { Ks = "2500 kPa" }', "")
-    (folder / "study.toml").write_text(
-        f"{text}\n[sampling]\ntarget_ess = 100\nwalkers = 32\n", encoding="utf-8"
-    )
+    (folder / "study.toml").write_text(f"{text}\n[sampling]\ntarget_ess = 100\nwalkers = 32\n", encoding="utf-8")
     (folder / "measurements.csv").write_bytes((HIT / "measurements.csv").read_bytes())
     return load_study(folder)
 
@@ -87,9 +85,8 @@ def test_draws_summary_and_report_stand_when_all_checks_fail(
     for part in found:
         assert f"{PARTS.get(part, part)} could not be computed (ValueError: All tail" in page
     show(again.overview())
-    assert (
-        "leave-one-out cross-validation could not be computed (ValueError: All tail values are the same)"
-        in (capsys.readouterr().out)
+    assert "leave-one-out cross-validation could not be computed (ValueError: All tail values are the same)" in (
+        capsys.readouterr().out
     )
 
 
@@ -103,9 +100,7 @@ def test_a_damaged_record_is_still_noticed(broken: tuple[Result, Path], tmp_path
 
 
 @pytest.mark.slow
-def test_the_draws_are_those_of_a_run_in_which_nothing_fails(
-    broken: tuple[Result, Path], study: Study
-) -> None:
+def test_the_draws_are_those_of_a_run_in_which_nothing_fails(broken: tuple[Result, Path], study: Study) -> None:
     """A failure changes no draw; a run in which nothing fails has no entry of failures."""
     sound = inference.run(study, seed=1)
     np.testing.assert_array_equal(sound.values(), broken[0].values())
@@ -114,9 +109,7 @@ def test_the_draws_are_those_of_a_run_in_which_nothing_fails(
     assert set(sound.identifiability.columns) == set(broken[0].identifiability.columns)
 
 
-def test_a_prior_stands_without_its_curves(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_prior_stands_without_its_curves(study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Curves and derived quantities that fail leave draws, summary and page of a prior."""
     for name in ("predict_curves", "derive"):
         monkeypatch.setattr(inference, name, refuse)

@@ -36,11 +36,7 @@ def saved(folder: Path) -> Path:
 
 def test_a_segment_reads_back_exactly(tmp_path: Path) -> None:
     """Arrays keep type, shape and every bit; names that were not saved are not there."""
-    arrays = {
-        "a": np.array([[0.1, np.nan], [-0.0, np.inf]]),
-        "b": np.array(7),
-        "c": np.zeros((0, 3), np.uint32),
-    }
+    arrays = {"a": np.array([[0.1, np.nan], [-0.0, np.inf]]), "b": np.array(7), "c": np.zeros((0, 3), np.uint32)}
     opened(tmp_path).save("one", arrays)
     run = opened(tmp_path)
     back = run.load("one")
@@ -157,9 +153,7 @@ def test_differences_of_studies_are_named(study: Study, tmp_path: Path) -> None:
     old = sinkage[2]
     sinkage[2] += 1e-3
     assert told(study, study, (1, 2)) == "was begun with seed 1, not 2"
-    assert told(study, study.with_data({"sinkage": sinkage})).startswith(
-        f"was begun with sinkage {1e3 * old:.4g}"
-    )
+    assert told(study, study.with_data({"sinkage": sinkage})).startswith(f"was begun with sinkage {1e3 * old:.4g}")
     assert "mm in row 3, not" in told(study, study.with_data({"sinkage": sinkage}))
     write_study(study, tmp_path)
     text = (tmp_path / "study.toml").read_text(encoding="utf-8")
@@ -200,9 +194,7 @@ def test_the_code_is_part_of_a_run(study: Study, monkeypatch: pytest.MonkeyPatch
     assert before["build of bayesterra"] == source_digest()
 
 
-def test_a_piece_that_may_not_be_read_is_no_damaged_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_piece_that_may_not_be_read_is_no_damaged_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another user's segment stays where it is; a line names it and says what to do."""
     run = opened(tmp_path)
     run.save("one", {"a": np.zeros(3)})

@@ -63,9 +63,7 @@ def two_workers(engine: bt.Engine) -> None:
         time.sleep(0.1)
 
 
-def test_a_cluster_gives_what_one_process_gives(
-    cluster: Cluster, local: pd.DataFrame, tmp_path: Path
-) -> None:
+def test_a_cluster_gives_what_one_process_gives(cluster: Cluster, local: pd.DataFrame, tmp_path: Path) -> None:
     """Every rank of a calibration, to the last digit; both workers took part; errors of tasks arrive."""
     with dask_cluster(cluster.address) as engine:
         two_workers(engine)
@@ -145,9 +143,5 @@ def test_without_the_extra_its_name_is_told(
     """Exit code 2 and one line."""
     monkeypatch.setitem(sys.modules, "distributed", None)
     study = str(ROOT / "studies" / "hit-wh32")
-    assert (
-        main(["calibrate", study, "-n", "20", "--scheduler", "tcp://127.0.0.1:1", "--out", "/nowhere/x"]) == 2
-    )
-    assert capsys.readouterr().err == (
-        "error: a Dask cluster needs an extra: pip install 'bayesterra[dask]'\n"
-    )
+    assert main(["calibrate", study, "-n", "20", "--scheduler", "tcp://127.0.0.1:1", "--out", "/nowhere/x"]) == 2
+    assert capsys.readouterr().err == ("error: a Dask cluster needs an extra: pip install 'bayesterra[dask]'\n")

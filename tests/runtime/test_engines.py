@@ -94,9 +94,7 @@ def test_errors_of_a_task_are_raised_after_what_is_there(make: Callable[[], Engi
     assert 1 in found  # it stood before number 3
 
 
-def test_short_work_needs_no_workers(
-    tmp_path: Path, right: dict[int, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_short_work_needs_no_workers(tmp_path: Path, right: dict[int, float], monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers are started only when work is left after a while; the outcomes are the same."""
     task = Sums(tmp_path, seconds=0.02)
     assert outcomes(task, local_pool(2), short=True) == right
@@ -178,6 +176,4 @@ def test_ctrl_c_ends_everything_at_once_and_quietly(seconds: str, tmp_path: Path
     assert told.count("Traceback") == 1
     assert told.rstrip().endswith("KeyboardInterrupt")
     for worker in {int(path.name.split("-")[1]) for path in runs.iterdir()}:
-        assert (
-            not Path(f"/proc/{worker}").exists() or "Z" in Path(f"/proc/{worker}/stat").read_text().split()[2]
-        )
+        assert not Path(f"/proc/{worker}").exists() or "Z" in Path(f"/proc/{worker}/stat").read_text().split()[2]

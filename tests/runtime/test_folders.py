@@ -200,9 +200,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
         write_text(part / "run.json", "b")
 
 
-def test_a_result_that_appeared_meanwhile_is_not_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_that_appeared_meanwhile_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where another run ends between the check and the lock, its result stays."""
 
     def late(path: Path, place: str) -> AbstractContextManager[Callable[[], bool]]:
@@ -324,10 +322,7 @@ def refused(folder: Path, message: str) -> None:
     """All ways to make a folder are refused, and nothing changes."""
     before = everything(folder.parent)
     for overwrite, resume in ((False, False), (True, False), (False, True), (True, True)):
-        with (
-            pytest.raises(ResultError, match=message),
-            whole_folder(folder, overwrite=overwrite, resume=resume),
-        ):
+        with pytest.raises(ResultError, match=message), whole_folder(folder, overwrite=overwrite, resume=resume):
             pass
         assert everything(folder.parent) == before
 
@@ -337,9 +332,7 @@ def test_a_users_own_part_is_never_touched(name: str, tmp_path: Path) -> None:
     """A folder or file of that name which lacks the mark is neither removed, replaced nor written into."""
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
-    refused(
-        tmp_path / "out", r"out\.part' was not made by bayesterra and is left alone: move it away, or give"
-    )
+    refused(tmp_path / "out", r"out\.part' was not made by bayesterra and is left alone: move it away, or give")
 
 
 def test_an_empty_part_of_a_user_is_not_taken(tmp_path: Path) -> None:
@@ -349,8 +342,7 @@ def test_an_empty_part_of_a_user_is_not_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["notes.txt", "checkpoint/notes.txt", "figures/notes.txt", "run.json.bak", "summary.csv", "report.html"],
+    "name", ["notes.txt", "checkpoint/notes.txt", "figures/notes.txt", "run.json.bak", "summary.csv", "report.html"]
 )
 def test_a_users_file_in_an_unfinished_folder_is_never_touched(name: str, tmp_path: Path) -> None:
     """It is named in one line; the segments stay too. Once it is away all goes on."""
@@ -371,9 +363,7 @@ def test_a_users_file_in_a_finished_folder_is_never_touched(name: str, tmp_path:
     make(tmp_path / "out")
     (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
     (tmp_path / "out" / name).write_text("mine")
-    refused(
-        tmp_path / "out", r"was not written by bayesterra and is left alone|exists already: add --overwrite"
-    )
+    refused(tmp_path / "out", r"was not written by bayesterra and is left alone|exists already: add --overwrite")
     with pytest.raises(ResultError, match="was not written by bayesterra"):
         make(tmp_path / "out")
 
@@ -484,17 +474,12 @@ def test_a_folder_that_is_a_link_is_written_where_it_leads(begun: bool, tmp_path
         make(tmp_path / "loop")
 
 
-def test_places_without_a_name_are_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_places_without_a_name_are_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The working directory is neither replaced as a result nor taken for one."""
     make(tmp_path / "out")
     monkeypatch.chdir(tmp_path / "out")
     assert part_of(Path()) == tmp_path / "out.part"
-    for name, message in (
-        (".", "is the working directory: leave it first"),
-        ("..", "is not a result folder"),
-    ):
+    for name, message in ((".", "is the working directory: leave it first"), ("..", "is not a result folder")):
         with pytest.raises(ResultError, match=message):
             make(Path(name))
     with pytest.raises(ResultError, match="'/' is not a result folder"):
@@ -554,9 +539,7 @@ def test_checksums_are_read_like_all_else(tmp_path: Path) -> None:
                 check_sums(out, "run.json")
         path.unlink()
         path.symlink_to("/nowhere")
-        with pytest.raises(
-            ResultError, match=r"run\.json' is missing|SHA256SUMS' cannot be read: it is a link to n"
-        ):
+        with pytest.raises(ResultError, match=r"run\.json' is missing|SHA256SUMS' cannot be read: it is a link to n"):
             check_sums(out, "run.json")
         path.unlink()
         path.write_bytes(kept)
@@ -577,9 +560,7 @@ def test_a_large_file_is_not_read_at_once(tmp_path: Path) -> None:
     assert subprocess.run(command, check=False, timeout=300).returncode == 0
 
 
-def test_the_status_is_renewed_while_nothing_is_noted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_status_is_renewed_while_nothing_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The last stage and steps stay with a newer time, every version is whole, and it ends with the work."""
     monkeypatch.setattr("bayesterra.runtime.status.BEAT", 0.02)
     seen = list[dict[str, object]]()

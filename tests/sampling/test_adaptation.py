@@ -38,9 +38,7 @@ def wide_starts() -> list[FloatArray]:
     return [FAR * default_rng(k).standard_normal((512, 3)) for k in range(4)]
 
 
-def adapted(
-    densities: Densities, start: FloatArray, seed: int, options: AdaptationOptions = OPTIONS
-) -> Adaptation:
+def adapted(densities: Densities, start: FloatArray, seed: int, options: AdaptationOptions = OPTIONS) -> Adaptation:
     """The adaptation of one ensemble."""
     return adapt(densities, start, options, default_rng(seed))
 
@@ -103,9 +101,7 @@ def produce(densities: Densities, starts: list[FloatArray]) -> tuple[FloatArray,
     ensembles = []
     for k, start in enumerate(starts):
         found = adapted(densities, start, k)
-        walkers = Ensemble(
-            lambda u: np.sum(densities(u), axis=0), found.u[:64], found.proposal, SeedSequence(k)
-        )
+        walkers = Ensemble(lambda u: np.sum(densities(u), axis=0), found.u[:64], found.proposal, SeedSequence(k))
         walkers.advance(300)
         ensembles.append(walkers)
     return np.array([e.chain for e in ensembles]), np.array([e.acceptance for e in ensembles])

@@ -78,9 +78,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
 each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 
-def settled(
-    make_study: MakeStudy, case: Mapping[str, Any], n: int
-) -> tuple[Posterior, Coordinates, FloatArray]:
+def settled(make_study: MakeStudy, case: Mapping[str, Any], n: int) -> tuple[Posterior, Coordinates, FloatArray]:
     """Posterior, coordinates and prior draws of a case."""
     density = posterior(make_study(**case))
     return density, coordinates(density), draw_cut_prior(density, n, np.random.default_rng(1)).x
@@ -108,9 +106,7 @@ def test_the_jacobian_is_that_of_differences(case: Mapping[str, Any], make_study
     matrix = np.empty((len(x), d, d))
     for j in range(d):
         step = h * np.eye(d)[j]
-        near, far = (
-            chosen.to_physical(u + k * step)[0] - chosen.to_physical(u - k * step)[0] for k in (1, 2)
-        )
+        near, far = (chosen.to_physical(u + k * step)[0] - chosen.to_physical(u - k * step)[0] for k in (1, 2))
         matrix[:, :, j] = (8 * near - far) / (12 * h) / spread
     numerical = np.linalg.slogdet(matrix)[1] + np.log(spread).sum()
     np.testing.assert_allclose(chosen.to_physical(u)[1], numerical, atol=1e-6)
@@ -192,6 +188,4 @@ def test_a_law_with_a_pole_is_sampled_by_its_score(make_study: MakeStudy) -> Non
     assert all(isinstance(block, NormalScore | Logarithm) for block in blocks.values())
     x = density.prior.sample(4000, np.random.default_rng(1))
     assert np.isfinite(density.prior.log_density(x)).all()
-    assert np.mean(x[:, 1] > 0.999999 * width) == pytest.approx(
-        law.survival(np.array(0.999999 * width)), abs=0.03
-    )
+    assert np.mean(x[:, 1] > 0.999999 * width) == pytest.approx(law.survival(np.array(0.999999 * width)), abs=0.03)

@@ -129,8 +129,7 @@ def test_each_move_alone_is_right(one: int, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.skipif(
-    tuple(map(int, emcee.__version__.split(".")[:3])) > (3, 1, 6),
-    reason="the move is mended after emcee 3.1.6",
+    tuple(map(int, emcee.__version__.split(".")[:3])) > (3, 1, 6), reason="the move is mended after emcee 3.1.6"
 )
 def test_the_snooker_move_of_emcee_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mix that emcee 3.1.6 recommends narrows the target; the check on E[r²] sees it."""
@@ -158,9 +157,7 @@ def test_a_move_without_its_hastings_term_is_caught(
 ) -> None:
     """Leaving the proposal density out of the acceptance shows in the moments of every target."""
     share = frozen_moves
-    monkeypatch.setattr(
-        ensemble, "frozen_moves", lambda mixture: [(Careless(mixture), 0.8), *share(mixture)[1:]]
-    )
+    monkeypatch.setattr(ensemble, "frozen_moves", lambda mixture: [(Careless(mixture), 0.8), *share(mixture)[1:]])
     found, _ = deviations(make(), 300)
     assert np.abs(found).max() > 6.0
 

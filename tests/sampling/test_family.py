@@ -66,9 +66,7 @@ class Linear:
         likelihood = _normal(first, one, self.sd) + _normal(second, two, self.sd)
         return self.log_population(group, D, L), likelihood
 
-    def rescaled(
-        self, group: int, D: FloatArray, L: FloatArray, new: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """a_g with its distance from m in units of τ held; b_g as it is."""
         moved = new[:, 1] + np.exp(new[:, 2] - D[:, 2]) * (L[:, 0] - D[:, 1])
         return np.column_stack([moved, L[:, 1]]), new[:, 2] - D[:, 2]

@@ -166,9 +166,7 @@ def test_evidence_of_small_studies_is_that_of_the_prior(
     """Three and four parameters through M2: plain averages over the prior agree within 4 errors."""
     study = make_study(free=free, drive=drive, noise=LOOSE)
     plan = AdaptationOptions(particles=512, components=8)
-    samples = sample(
-        posterior(study), SamplingOptions(walkers=32, target_ess=200), SeedSequence(3), adaptation=plan
-    )
+    samples = sample(posterior(study), SamplingOptions(walkers=32, target_ess=200), SeedSequence(3), adaptation=plan)
     target = Target(posterior(study), samples.coordinates)
     found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
     expected, error = from_the_prior(study, 50_000)

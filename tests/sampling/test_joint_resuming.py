@@ -71,9 +71,7 @@ def short_rounds() -> object:
     patch.undo()
 
 
-def run(
-    joint: JointPosterior, small: PoolingOptions, checkpoint_store: CheckpointStore | None = None
-) -> JointSamples:
+def run(joint: JointPosterior, small: PoolingOptions, checkpoint_store: CheckpointStore | None = None) -> JointSamples:
     """A run that takes all its steps."""
     return sample_joint(
         joint, SHORT, SeedSequence(4), plan=replace(small, warm_ups=(6,)), checkpoint_store=checkpoint_store
@@ -97,9 +95,7 @@ def same(one: JointSamples, other: JointSamples) -> None:
         np.testing.assert_array_equal(first.locals[1].mixture.factors, second.locals[1].mixture.factors)
 
 
-def test_notes_change_nothing(
-    joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]
-) -> None:
+def test_notes_change_nothing(joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]) -> None:
     """Nor does reading them all."""
     found, notes = whole
     assert found.chains.shape[1] == 18

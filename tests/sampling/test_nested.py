@@ -51,9 +51,7 @@ def three(one: FloatArray, other: FloatArray, third: FloatArray, log_z: float = 
 
 def test_samplers_of_one_law_agree() -> None:
     """Draws of the same law agree on every statistic; of many repetitions few come near 4 errors."""
-    worst = [
-        three(draws(3 * k), draws(3 * k + 1), draws(3 * k + 2)).table["z"].abs().max() for k in range(40)
-    ]
+    worst = [three(draws(3 * k), draws(3 * k + 1), draws(3 * k + 2)).table["z"].abs().max() for k in range(40)]
     assert np.mean(np.array(worst) > 4.0) < 0.05
     assert np.median(worst) > 1.5
 
@@ -169,9 +167,7 @@ def test_what_is_not_installed_is_said_before_anything_runs(
 ) -> None:
     """Without dynesty the message says how to get it."""
     monkeypatch.setattr(nested, "find_spec", lambda name: None)
-    with pytest.raises(
-        StudyError, match=r"'--crosscheck' needs dynesty: pip install 'bayesterra\[crosscheck\]'"
-    ):
+    with pytest.raises(StudyError, match=r"'--crosscheck' needs dynesty: pip install 'bayesterra\[crosscheck\]'"):
         run(make_study(free=("c", "phi")), crosscheck=True)
 
 

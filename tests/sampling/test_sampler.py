@@ -90,9 +90,7 @@ def weighted_prior(density: Posterior, n: int) -> tuple[FloatArray, FloatArray]:
             ("n0", "phi"),
             {
                 "drawbar_pull": 5.0,
-                "resistance_moment": Noise(
-                    "resistance_moment", law=Law("halfnorm", {"scale": 1.5}, lower=0.2)
-                ),
+                "resistance_moment": Noise("resistance_moment", law=Law("halfnorm", {"scale": 1.5}, lower=0.2)),
                 "sinkage": 8e-3,
             },
         ),
@@ -119,9 +117,7 @@ def test_draws_agree_with_importance_sampling_from_the_prior(
     _, likelihood = density.log_prior_and_likelihood(x)
     mean, spread = np.exp(likelihood - likelihood.max()).mean(), np.exp(likelihood - likelihood.max()).std()
     evidence = np.mean([a.log_evidence for a in samples.adaptations])
-    assert evidence == pytest.approx(
-        np.log(mean) + likelihood.max(), abs=4 * spread / mean / np.sqrt(len(x)) + 0.05
-    )
+    assert evidence == pytest.approx(np.log(mean) + likelihood.max(), abs=4 * spread / mean / np.sqrt(len(x)) + 0.05)
 
 
 def test_a_run_out_of_steps_says_so(density: Posterior) -> None:

@@ -65,9 +65,7 @@ def density(make_study: MakeStudy) -> Posterior:
 
 def sampled(density: Posterior, checkpoint_store: Memory | None, **options: Any) -> Samples:
     """A short run."""
-    return sample(
-        density, OPTIONS, SeedSequence(7), adaptation=PLAN, checkpoint_store=checkpoint_store, **options
-    )
+    return sample(density, OPTIONS, SeedSequence(7), adaptation=PLAN, checkpoint_store=checkpoint_store, **options)
 
 
 def assert_same(one: Samples, other: Samples) -> None:
@@ -137,9 +135,7 @@ def test_a_run_that_converged_stops_where_it_did(density: Posterior) -> None:
 
 
 @pytest.mark.parametrize("most", [1, 5])
-def test_saved_draws_of_another_density_are_refused(
-    most: int, density: Posterior, make_study: MakeStudy
-) -> None:
+def test_saved_draws_of_another_density_are_refused(most: int, density: Posterior, make_study: MakeStudy) -> None:
     """Where walkers have another log density than was saved with them, nothing goes on."""
     first = Memory(most=most)
     with pytest.raises(Stop, match=r"^$"):

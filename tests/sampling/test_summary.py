@@ -52,9 +52,7 @@ def described(rows: pd.DataFrame, name: str, draws: FloatArray, before: FloatArr
     assert inside.mean() == pytest.approx(0.9, abs=0.01)
 
 
-def test_rows_of_parameters_are_those_of_their_draws(
-    rows: pd.DataFrame, chains: FloatArray, prior: FloatArray
-) -> None:
+def test_rows_of_parameters_are_those_of_their_draws(rows: pd.DataFrame, chains: FloatArray, prior: FloatArray) -> None:
     """Moments after and before, the mode, and each figure of the diagnosis in its own column."""
     for i, (name, scale) in enumerate(UNITS.items()):
         mode = (205.0, 0.501)[i] / scale

@@ -56,9 +56,7 @@ def test_mode_is_denser_than_every_draw_and_is_the_joint_fit(
     assert (np.abs(mode.x - joint) < 0.02 * draws.std(axis=0)).all()
 
 
-def test_a_prior_pulls_the_mode(
-    make_study: MakeStudy, noisy: pd.DataFrame, truth: Mapping[str, float]
-) -> None:
+def test_a_prior_pulls_the_mode(make_study: MakeStudy, noisy: pd.DataFrame, truth: Mapping[str, float]) -> None:
     """A sharp prior away from the data draws the mode to itself: density, not likelihood, is maximised."""
     far = truth["phi"] + 0.1
     sharp = Law("norm", {"loc": far, "scale": 1e-4})

@@ -33,11 +33,7 @@ SMALL = SamplingOptions(target_ess=400)
 
 
 def plates(
-    radii: tuple[float, ...] = (0.03, 0.06),
-    tests: int = 2,
-    readings: int = 12,
-    scatter: float = 0.05,
-    **tables: Any,
+    radii: tuple[float, ...] = (0.03, 0.06), tests: int = 2, readings: int = 12, scatter: float = 0.05, **tables: Any
 ) -> SoilTest:
     """Plate tests that scatter as the likelihood says: deviations along the curve, zeros apart by 0.1 mm."""
     rng, rows = np.random.default_rng(5), []
@@ -83,9 +79,7 @@ def analysed(shared: Shared) -> Callable[[str], SoilTestResult]:
     def result(kind: str) -> SoilTestResult:
         with little_leaving_out(), pytest.MonkeyPatch.context() as patch:
             if kind != "plates":
-                patch.setattr(
-                    analysis, "leave_out", lambda posterior, *_: none_left_out(posterior.readings.kind)
-                )
+                patch.setattr(analysis, "leave_out", lambda posterior, *_: none_left_out(posterior.readings.kind))
             return analyse(made[kind](), seed=1)
 
     return lambda kind: shared(f"soil test, {kind}", lambda: result(kind))

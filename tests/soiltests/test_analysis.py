@@ -29,14 +29,7 @@ from .conftest import PLATE_PRIORS, SOIL, plates
 
 Analysed = Callable[[str], SoilTestResult]
 TABLES = ("summary", "least_squares", "identifiability", "left_out", "bands", "readings")
-FILES = {
-    "report.html",
-    "draws.nc",
-    "run.json",
-    "SHA256SUMS",
-    "soiltest.toml",
-    *(f"{name}.csv" for name in TABLES),
-}
+FILES = {"report.html", "draws.nc", "run.json", "SHA256SUMS", "soiltest.toml", *(f"{name}.csv" for name in TABLES)}
 
 
 def words(result: SoilTestResult) -> dict[str, str]:

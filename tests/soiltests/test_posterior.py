@@ -27,9 +27,7 @@ def test_the_likelihood_is_that_of_the_stated_covariance(spread: str) -> None:
     readings = plates().readings
     values = {
         "memory": Spread(np.array([0.2, 0.3]), np.array([2.0, 0.4]), None),
-        "seating": Spread(
-            np.array([0.2, 0.3]), np.array([2.0, 0.4]), np.array([1e-3, 2e-4]), np.array([5e-4, 0.0])
-        ),
+        "seating": Spread(np.array([0.2, 0.3]), np.array([2.0, 0.4]), np.array([1e-3, 2e-4]), np.array([5e-4, 0.0])),
         "independent": Spread(np.array([0.2, 0.3]), None, None),
     }[spread]
     residuals = default_rng(1).normal(size=(2, len(readings)))
@@ -37,9 +35,7 @@ def test_the_likelihood_is_that_of_the_stated_covariance(spread: str) -> None:
     for test in range(len(readings.tests)):
         own = readings.test == test
         laws = covariance(readings.path[own], values)
-        expected = [
-            multivariate_normal(cov=law).logpdf(r[own]) for law, r in zip(laws, residuals, strict=True)
-        ]
+        expected = [multivariate_normal(cov=law).logpdf(r[own]) for law, r in zip(laws, residuals, strict=True)]
         np.testing.assert_allclose(found[:, test], expected, rtol=1e-9)
         sd = np.sqrt(np.einsum("nii->ni", laws))
         np.testing.assert_allclose(marginal_sd(readings.path[own], values), sd)
@@ -111,10 +107,7 @@ def test_least_squares_recover_exact_soils_and_say_what_they_cannot_separate() -
     assert alone.notes == (
         "plates of one radius: k_c and k_φ cannot be separated, k_c/b + k_φ = 866.7 kPa/m^n at b = 30 mm",
     )
-    assert (
-        "one normal stress: c and φ cannot be separated, c + σ tan φ ="
-        in fit(shear((15e3,)).readings).notes[0]
-    )
+    assert "one normal stress: c and φ cannot be separated, c + σ tan φ =" in fit(shear((15e3,)).readings).notes[0]
 
 
 def test_far_proposals_have_no_density_and_raise_no_warning() -> None:

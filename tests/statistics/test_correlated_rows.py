@@ -61,9 +61,7 @@ def log_densities(laws: list[Written], cells: IntArray) -> FloatArray:
     """Log density (n,) of the readings in some cells."""
     return np.array(
         [
-            multivariate_normal(one.mean[cells], one.covariance[np.ix_(cells, cells)]).logpdf(
-                one.readings[cells]
-            )
+            multivariate_normal(one.mean[cells], one.covariance[np.ix_(cells, cells)]).logpdf(one.readings[cells])
             for one in laws
         ]
     )

@@ -30,9 +30,7 @@ def problems(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_default_run_agrees_with_the_reference(
-    drive: str, measures: ModuleType, problems: ModuleType
-) -> None:
+def test_a_default_run_agrees_with_the_reference(drive: str, measures: ModuleType, problems: ModuleType) -> None:
     """Mean and 5, 50, 95 % points of eight parameters lie within 4 Monte Carlo errors of the reference."""
     study = problems.simulated_study(drive)
     samples = sample(problems.Problem(study).target.posterior, study.sampling, SeedSequence(11))

@@ -35,9 +35,7 @@ def tail_size(chains: FloatArray) -> float:
     return min(effective_size(inside) for inside in tail_indicators(chains))
 
 
-def walks(
-    correlation: float, *, ensembles: int = 4, steps: int = 2000, walkers: int = 32, seed: int = 1
-) -> FloatArray:
+def walks(correlation: float, *, ensembles: int = 4, steps: int = 2000, walkers: int = 32, seed: int = 1) -> FloatArray:
     """Standard normal walkers (ensembles, steps, walkers) with lag-one correlation ρ: τ = (1 + ρ)/(1 − ρ)."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((ensembles, steps, walkers)) * np.sqrt(1 - correlation**2)
@@ -157,9 +155,7 @@ def test_too_few_draws_and_too_short_chains_fail() -> None:
 
 
 @pytest.mark.parametrize(("correlation", "steps", "asked"), [(0.5, 2000, 1_000_000), (0.95, 1000, 100)])
-def test_r_hat_waits_for_draws_and_steps_where_ensembles_go_on(
-    correlation: float, steps: int, asked: float
-) -> None:
+def test_r_hat_waits_for_draws_and_steps_where_ensembles_go_on(correlation: float, steps: int, asked: float) -> None:
     """It costs most of a diagnosis, and too few draws or steps fail without it; all else is the same."""
     chains = walks(correlation, steps=steps)[..., None]
     first, whole = (diagnose(("a",), chains, ACCEPTED, asked, going_on=early) for early in (True, False))
@@ -209,10 +205,7 @@ def test_a_slow_ensemble_counts_with_its_full_weight() -> None:
 
     def mixed(seed: int) -> FloatArray:
         return np.concatenate(
-            [
-                walks(0.95, ensembles=1, walkers=16, seed=seed),
-                walks(0.0, ensembles=3, walkers=16, seed=10_000 + seed),
-            ]
+            [walks(0.95, ensembles=1, walkers=16, seed=seed), walks(0.0, ensembles=3, walkers=16, seed=10_000 + seed)]
         )
 
     variance = np.var([mixed(seed).mean() for seed in range(1, 301)])

@@ -199,9 +199,7 @@ def test_soil_values_put_free_and_fixed_in_place(prior: Prior) -> None:
     x = np.array([[1e6, 2.0, 0.5, 0.3]])
     expected = {"Ks": 1e6, "c": 2.0, "phi": 0.5}
     soil = prior.soil_values(x)[0]
-    assert [soil[SoilColumns[name]] for name in SOIL_PARAMETERS] == [
-        expected.get(n, 0.25) for n in SOIL_PARAMETERS
-    ]
+    assert [soil[SoilColumns[name]] for name in SOIL_PARAMETERS] == [expected.get(n, 0.25) for n in SOIL_PARAMETERS]
     others = {column.name: soil[column] for column in SoilColumns if column.name not in SOIL_PARAMETERS}
     assert others.pop("sinkage_offset") == 0.0
     assert np.isnan(list(others.values())).all()
@@ -273,14 +271,10 @@ def test_a_pole_loses_no_probability(name: str) -> None:
 
 def test_a_law_that_numbers_do_not_resolve_is_named() -> None:
     """Most of the probability at the ends: refused; and so is a correlation with such a law."""
-    with pytest.raises(
-        StudyError, match=r"beta with a=0.001, b=0.001, loc=1 has 9\d% of its probability nearer to an"
-    ):
+    with pytest.raises(StudyError, match=r"beta with a=0.001, b=0.001, loc=1 has 9\d% of its probability nearer to an"):
         Law("beta", {"a": 0.001, "b": 0.001, "loc": 1.0})
     entries = {**prior_set("paper-box"), "phi": POLES["beta, mild"]}
-    with pytest.raises(
-        StudyError, match=r"correlation of 'c, phi': 'phi' must not have 0\.013 of its probability"
-    ):
+    with pytest.raises(StudyError, match=r"correlation of 'c, phi': 'phi' must not have 0\.013 of its probability"):
         Prior(entries, correlation={"c, phi": 0.5})
 
 

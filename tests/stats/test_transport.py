@@ -60,9 +60,7 @@ def test_the_jacobian_is_what_it_says(transport_map: TransportMap, evening: Tran
 def test_ridges_become_straight(transport_map: TransportMap) -> None:
     """What follows from other coordinates is gone: an uncorrelated remainder of about unit width is left."""
     v, _ = transport_map.inverse(ridge(4000, 5))
-    assert (
-        transport_map.order[0] == 0
-    )  # the coordinate that the points leave as wide as it was drives the others
+    assert transport_map.order[0] == 0  # the coordinate that the points leave as wide as it was drives the others
     np.testing.assert_allclose(v.std(axis=0), 1.2, atol=0.2)
     assert np.abs(np.corrcoef(np.column_stack([v[:, 1:], v[:, :1] ** 2]).T) - np.eye(3)).max() < 0.1
 

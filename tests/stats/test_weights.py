@@ -45,9 +45,7 @@ def test_the_error_of_a_weighted_log_mean_is_its_spread() -> None:
     rng, n = np.random.default_rng(1), 400
     repeats = rng.normal(size=(500, n))
     proposal = 0.5 * repeats**2 - 0.5 * (repeats - 0.5) ** 2  # weights that lead to a normal law around 1/2
-    results = [
-        weighted_log_mean(np.log(normalised(w)), x) for w, x in zip(proposal, 0.3 * repeats, strict=True)
-    ]
+    results = [weighted_log_mean(np.log(normalised(w)), x) for w, x in zip(proposal, 0.3 * repeats, strict=True)]
     means, errors = np.array(results).T
     assert means.mean() == pytest.approx(0.3 * 0.5 + 0.5 * 0.3**2, abs=4 * means.std() / np.sqrt(500))
     assert errors.mean() == pytest.approx(means.std(), rel=0.1)

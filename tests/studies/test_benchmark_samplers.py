@@ -47,9 +47,7 @@ def test_no_wrong_peer_counts(tables: ModuleType) -> None:
             assert ratio > 1
 
 
-def test_every_peer_was_run_in_both_spaces_of_both_drives(
-    tables: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_peer_was_run_in_both_spaces_of_both_drives(tables: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """The rows are those that the script makes, ours before, between and after the peers."""
     monkeypatch.syspath_prepend(str(STUDY))
     script = importlib.import_module("run")

@@ -10,10 +10,7 @@ from bayesterra.checking.ranks import rank_test
 from bayesterra.checking.short_runs import ShortRuns, settings_of
 
 STUDY = Path(__file__).parents[2] / "studies" / "calibration"
-WRONG = {f"m2-{name}-ignored" for name in ("rounding", "curve", "tails")} | {
-    "m2-noise-halved",
-    "m2-jacobian-dropped",
-}
+WRONG = {f"m2-{name}-ignored" for name in ("rounding", "curve", "tails")} | {"m2-noise-halved", "m2-jacobian-dropped"}
 CASES = sorted(path.parent.name for path in STUDY.glob("*/calibration.json"))
 
 

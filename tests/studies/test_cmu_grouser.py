@@ -15,9 +15,7 @@ STUDY = Path(__file__).parents[2] / "studies" / "cmu-grouser"
     ("file", "radius", "width", "first_slip"),
     [("study.toml", 0.058, 0.050, 1 - 58 / 63 * (1 - 0.00333)), ("wide.toml", 0.0575, 0.060, 0.00333)],
 )
-def test_both_geometries_read_the_same_driving_rows(
-    file: str, radius: float, width: float, first_slip: float
-) -> None:
+def test_both_geometries_read_the_same_driving_rows(file: str, radius: float, width: float, first_slip: float) -> None:
     """Thirteen driving rows are fitted; sinkage counts from the tips, slip moves with its radius."""
     study = load_study(STUDY / file)
     wheel, rows = study.wheels["grouser"], study.observations.used()

@@ -25,9 +25,7 @@ def test_stored_trials_keep_the_promise(study_script: Load) -> None:
     assert lives["fault"].str.startswith("kill").all()
     assert set(lives["outcome"]) == {"right"}
     own = trials[trials["part"] == "owned"]
-    assert {"run", "run --resume", "run --prior-only", "simulate", "predict", "calibrate"} <= set(
-        own["where"]
-    )
+    assert {"run", "run --resume", "run --prior-only", "simulate", "predict", "calibrate"} <= set(own["where"])
     assert not trials.duplicated(["fault", "where", "trial"]).any()
 
 

@@ -26,9 +26,7 @@ def test_a_case_is_remade(script: ModuleType) -> None:
     assert found["scope"].tolist() == stored["scope"].tolist()
     assert found["contraction"].to_numpy() == pytest.approx(stored["contraction"].to_numpy(), abs=0.1)
     best = found["rank"].to_numpy() == 1
-    assert found["contraction"].to_numpy()[best] == pytest.approx(
-        stored["contraction"].to_numpy()[best], abs=0.01
-    )
+    assert found["contraction"].to_numpy()[best] == pytest.approx(stored["contraction"].to_numpy()[best], abs=0.01)
 
 
 def test_the_stored_study_holds() -> None:

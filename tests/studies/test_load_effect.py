@@ -35,11 +35,7 @@ def test_statements_come_out_again(script: ModuleType) -> None:
     stored = pd.read_csv(STUDY / "statements.csv", dtype=str, keep_default_na=False)
     made = pd.DataFrame([vars(one) for one in script.statements()])
     pd.testing.assert_frame_equal(stored, made)
-    assert stored["verdict"].value_counts().to_dict() == {
-        "reproduced": 9,
-        "differs": 1,
-        "cannot be checked": 1,
-    }
+    assert stored["verdict"].value_counts().to_dict() == {"reproduced": 9, "differs": 1, "cannot be checked": 1}
 
 
 def test_readings_are_simulated_by_the_script(script: ModuleType) -> None:

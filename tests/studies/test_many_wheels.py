@@ -25,9 +25,7 @@ def _table(name: str, case: str) -> pd.DataFrame:
     return table[table["case"] == case].reset_index(drop=True)
 
 
-@pytest.mark.parametrize(
-    ("case", "parameters", "one_soil"), [("one-soil", 38, True), ("six-soils", 52, False)]
-)
+@pytest.mark.parametrize(("case", "parameters", "one_soil"), [("one-soil", 38, True), ("six-soils", 52, False)])
 def test_soils_are_recovered_and_judged(case: str, parameters: int, one_soil: bool) -> None:
     """Converged; intervals hold what they should; factors are reliable and point right."""
     recovery, costs = _table("recovery", case), _table("costs", case)
@@ -83,9 +81,7 @@ def test_readings_of_six_wheels_are_those_of_their_soils(script: ModuleType) -> 
         readings += int(np.isfinite(posterior.likelihood.measured).sum())
     noise = np.log(np.array(list(script.NOISE.values())) * np.sqrt(2 * np.pi))
     assert readings == 180
-    assert -2.0 * (level + noise.mean() * readings) == pytest.approx(
-        readings, abs=4.5 * np.sqrt(2 * readings)
-    )
+    assert -2.0 * (level + noise.mean() * readings) == pytest.approx(readings, abs=4.5 * np.sqrt(2 * readings))
 
 
 def test_a_replication_has_the_readings_of_its_truth(study_script: Callable[[str], ModuleType]) -> None:

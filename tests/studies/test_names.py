@@ -59,17 +59,11 @@ def test_a_name_that_moved_is_seen() -> None:
     )
     named = set(_named(tree))
     missing = {pair for pair in named if not _is_there(*pair)}
-    assert missing == {
-        ("bayesterra.arrays", "gone"),
-        ("bayesterra.moved", "frozen"),
-        ("bayesterra.arrays", "old"),
-    }
+    assert missing == {("bayesterra.arrays", "gone"), ("bayesterra.moved", "frozen"), ("bayesterra.arrays", "old")}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_that_a_page_names_are_there(page: Path) -> None:
     """Of every page that people read."""
-    named = re.findall(
-        r"\b(?:bayesterra|models|tests|studies)/[\w/-]+\.py\b", page.read_text(encoding="utf-8")
-    )
+    named = re.findall(r"\b(?:bayesterra|models|tests|studies)/[\w/-]+\.py\b", page.read_text(encoding="utf-8"))
     assert not [path for path in named if not (ROOT / path).exists()]

@@ -32,9 +32,7 @@ def test_every_table_has_its_line_with_numbers(script: ModuleType) -> None:
     for place in HELD:
         cells = dict(
             zip(
-                ("where", "what", "printed", "ours", "difference", "verdict", "why"),
-                index[place].cells(),
-                strict=False,
+                ("where", "what", "printed", "ours", "difference", "verdict", "why"), index[place].cells(), strict=False
             )
         )
         assert cells["what"]
@@ -73,9 +71,7 @@ def test_statements_of_another_form_are_refused(script: ModuleType, tmp_path: Pa
     folder.mkdir()
     head = ",".join(script.COLUMNS)
     (folder / script.FILE).write_text("where,what\nTable 1,x\n", encoding="utf-8")
-    with pytest.raises(
-        ValueError, match=r"^'some-study/statements.csv' must have the columns table_or_figure, "
-    ):
+    with pytest.raises(ValueError, match=r"^'some-study/statements.csv' must have the columns table_or_figure, "):
         script.read(folder)
     (folder / script.FILE).write_text(f"{head}\nTable 1,a,b,c,,perhaps,\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"'verdict' must be one of .* \(got 'perhaps'\)$"):

@@ -38,9 +38,7 @@ def test_fits_are_remade(script: ModuleType) -> None:
     columns = ["printed_Ks", "printed_n", "Ks", "n", "error", "Ks_bounded", "n_bounded", "error_bounded"]
     agree(script.fits.table_11(("HIT",), seeds=1), stored("table-11"), ["data"], columns)
     made = script.fits.tables_12_13(("HIT",), seeds=1)
-    agree(
-        made, stored("tables-12-13"), ["table", "data", "quantity"], ["printed", "ours", "error_of_printed"]
-    )
+    agree(made, stored("tables-12-13"), ["table", "data", "quantity"], ["printed", "ours", "error_of_printed"])
     found = script.fits.load_fits(("HIT",), models=("M2",))
     agree(found, stored("load-fits"), ["data", "variant", "model"], ["chi2", "error_sinkage"])
 

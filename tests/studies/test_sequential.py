@@ -27,9 +27,7 @@ def typical(shifts: FloatArray) -> float:
     return float(np.sqrt(np.mean(shifts**2)))
 
 
-def test_weighing_finds_the_stored_shifts_and_needs_the_correlations(
-    study_script: Callable[[str], ModuleType],
-) -> None:
+def test_weighing_finds_the_stored_shifts_and_needs_the_correlations(study_script: Callable[[str], ModuleType]) -> None:
     """Draws of all rows, weighed by the joint prior over the first half, move as sampling moved them.
 
     Without correlations the same laws move them far more.

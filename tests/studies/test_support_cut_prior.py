@@ -128,11 +128,7 @@ def test_noise_is_no_input() -> None:
 def test_outputs_are_labelled_in_field_units(study: Posterior) -> None:
     """Each reading row has three outputs, in mm, N and N m, beside its slip and load."""
     problem = study_problem(study, single_inputs(study))
-    assert list(problem.outputs["output"][:3]) == [
-        "sinkage [mm]",
-        "drawbar_pull [N]",
-        "resistance_moment [N m]",
-    ]
+    assert list(problem.outputs["output"][:3]) == ["sinkage [mm]", "drawbar_pull [N]", "resistance_moment [N m]"]
     assert list(problem.outputs["slip"][::3]) == [0.05, 0.2, 0.4, 0.5, 0.6]
     base = draw_base(problem, 200, np.random.default_rng(1))
     depth = study.outcomes(base.x).values[:, :, 0]

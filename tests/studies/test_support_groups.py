@@ -126,9 +126,7 @@ def test_missing_measurements_are_left_out() -> None:
 def test_shear_share_of_table_4(wheel: str, load: float, printed: float) -> None:
     """F_Nτ/W of G1 at slip 0.6 is Table 4's within 1.05 percentage points (worst: Wh22, 17.4 for 16.4)."""
     setting = Setting(WHEELS[wheel], load, np.array([0.6]))
-    assert 100 * group_shares(M1(), [REFERENCE], setting).shear_share[0, 0] == pytest.approx(
-        printed, abs=1.05
-    )
+    assert 100 * group_shares(M1(), [REFERENCE], setting).shear_share[0, 0] == pytest.approx(printed, abs=1.05)
 
 
 def test_shear_share_stays_below_24_percent() -> None:

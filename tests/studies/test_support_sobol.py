@@ -71,10 +71,7 @@ def test_additive_linear_model() -> None:
     weights = np.array([3.0, 2.0, 1.0])
     linear = problem(SINGLE, uniform(3), lambda x: x @ weights[:, None])
     shares = weights**2 / (weights**2).sum()
-    found, effects = (
-        sobol(linear, 8192, np.random.default_rng(4)),
-        shapley(linear, 8192, np.random.default_rng(4)),
-    )
+    found, effects = (sobol(linear, 8192, np.random.default_rng(4)), shapley(linear, 8192, np.random.default_rng(4)))
     assert within(found.first[:, 0], found.first_error[:, 0], shares.tolist())
     assert within(found.total[:, 0], found.total_error[:, 0], shares.tolist())
     assert within(effects.effect[:, 0], effects.error[:, 0], shares.tolist())
@@ -120,10 +117,7 @@ def test_correlated_inputs_as_one() -> None:
 def triangle() -> Problem:
     """x1 and x2 uniform where x1 + x2 < 1, and x1 + 2 x2."""
     return problem(
-        {"x1": (0,), "x2": (1,)},
-        uniform(2),
-        lambda x: x @ np.array([[1.0], [2.0]]),
-        lambda x: x.sum(axis=1) < 1,
+        {"x1": (0,), "x2": (1,)}, uniform(2), lambda x: x @ np.array([[1.0], [2.0]]), lambda x: x.sum(axis=1) < 1
     )
 
 

@@ -56,8 +56,6 @@ def test_every_stored_run_is_right(script: ModuleType) -> None:
         (Evidence(0.5, profile="one-sided", excluded=0.3), 0.2),
     ],
 )
-def test_the_margin_is_the_smallest_change_of_the_word(
-    script: ModuleType, found: Evidence, expected: float
-) -> None:
+def test_the_margin_is_the_smallest_change_of_the_word(script: ModuleType, found: Evidence, expected: float) -> None:
     """It is the distance to the nearest threshold behind which another word would stand."""
     assert script.margin(found) == pytest.approx(expected, abs=1e-9)

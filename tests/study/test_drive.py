@@ -17,9 +17,7 @@ def rows(**columns: list[float]) -> Observations:
     """Three rows of one wheel."""
     values = {name: np.array(column) for name, column in columns.items() if name != "load"}
     load = np.array(columns.get("load", [NAN] * 3))
-    return Observations(
-        ("A",) * 3, np.array([0.1, 0.2, 0.3]), load, values, {}, np.ones(3, np.bool_), (1, 2, 3)
-    )
+    return Observations(("A",) * 3, np.array([0.1, 0.2, 0.3]), load, values, {}, np.ones(3, np.bool_), (1, 2, 3))
 
 
 def test_a_drive_is_its_text_at_the_edge() -> None:

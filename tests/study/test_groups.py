@@ -33,9 +33,7 @@ def test_default_spread_is_half_the_priors_sd(make: MakeStudy) -> None:
 
 def test_study_is_read_back_as_it_was_written(make: MakeStudy, tmp_path: Path) -> None:
     """With labels, roles and laws of populations."""
-    study = make(
-        pooling={"by": "site", "hierarchical": {"K": {"spread": {"dist": "halfnorm", "scale": 0.003}}}}
-    )
+    study = make(pooling={"by": "site", "hierarchical": {"K": {"spread": {"dist": "halfnorm", "scale": 0.003}}}})
     write_study(study, tmp_path)
     assert load_study(tmp_path).fingerprint == study.fingerprint
 
@@ -79,10 +77,7 @@ def test_each_group_is_a_study_of_its_own(make: MakeStudy) -> None:
         data=TABLE[TABLE["wheel"] == "Wh32"], wheels={"Wh32": WHEELS["Wh32"]}, pooling=None
     ).fingerprint | {"data": alone["Wh32"].fingerprint["data"]}
     sites = make(pooling={"by": "site", "separate": ["K"]}).by_group()
-    assert {name: list(study.wheels) for name, study in sites.items()} == {
-        "a": ["Wh11", "Wh32"],
-        "b": list(WHEELS),
-    }
+    assert {name: list(study.wheels) for name, study in sites.items()} == {"a": ["Wh11", "Wh32"], "b": list(WHEELS)}
     plain = make(pooling=None)
     assert plain.by_group() == {"": plain}
 

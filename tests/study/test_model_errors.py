@@ -164,9 +164,7 @@ def test_check_says_them(capsys: pytest.CaptureFixture[str]) -> None:
     data = TABLE.assign(slip=TABLE["slip"].replace(0.35, 0.49))
     print_overview(joined("phi", data=data, slip={"sd": 0.01}))
     shown = " ".join(capsys.readouterr().out.split())
-    assert (
-        "Note: errors of slip (sd 0.01) are taken to first order, which is doubtful in row 3 within" in shown
-    )
+    assert "Note: errors of slip (sd 0.01) are taken to first order, which is doubtful in row 3 within" in shown
 
 
 def test_simulated_readings_hang_together(tmp_path: Path) -> None:

@@ -34,9 +34,7 @@ def test_estimated_noise_is_the_value_of_its_parameter() -> None:
     np.testing.assert_array_equal(scale, [[1.0] * 3, [2.0] * 3])
 
 
-@pytest.mark.parametrize(
-    "noise", [Noise("z", sd=1.0), Noise("z", fraction=0.1, floor=1.0), Noise("z", law=LAW)]
-)
+@pytest.mark.parametrize("noise", [Noise("z", sd=1.0), Noise("z", fraction=0.1, floor=1.0), Noise("z", law=LAW)])
 def test_standard_deviations_of_the_table_override(noise: Noise) -> None:
     """A row with its own standard deviation has that one, whatever the kind of noise."""
     scale = noise.scale(PREDICTED, np.array([1.0, 1.0]), np.array([np.nan, 7.0, np.nan]))
@@ -60,10 +58,7 @@ def test_estimated_noise_needs_its_value() -> None:
         (lambda: Noise("z", sd=float("inf")), "must be above 0"),
         (lambda: Noise("z", fraction=0.1), r"a floor above 0 \(got 0.1 and 0\)"),
         (lambda: Noise("z", fraction=-0.1, floor=1.0), "needs a fraction above 0"),
-        (
-            lambda: Noise("z", law=Law("halfnorm", {"scale": 1.0})),
-            "estimated noise of 'z' needs a 'lower' above 0",
-        ),
+        (lambda: Noise("z", law=Law("halfnorm", {"scale": 1.0})), "estimated noise of 'z' needs a 'lower' above 0"),
     ],
 )
 def test_impossible_noise_says_why(make: Callable[[], Noise], message: str) -> None:

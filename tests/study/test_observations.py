@@ -16,9 +16,7 @@ LUGGED = Wheel(0.1, 0.1, lug_height=0.02, lug_count=24, shearing_radius_coeffici
 SMOOTH = Wheel(0.2, 0.1)
 
 
-def read(
-    columns: dict[str, Any], *, wheels: dict[str, Wheel] | None = None, **references: str
-) -> Observations:
+def read(columns: dict[str, Any], *, wheels: dict[str, Wheel] | None = None, **references: str) -> Observations:
     """Read a table given as columns, by default of the lugged wheel with slip on the shearing radius."""
     references.setdefault("slip_reference", "shearing")
     return observations(pd.DataFrame(columns), wheels or {"A": LUGGED}, **references)
@@ -50,8 +48,7 @@ def test_text_and_numbers_read_alike() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reference", "expected"),
-    [("rim", 1 - 0.10 / 0.11 * 0.8), ("tip", 1 - 0.12 / 0.11 * 0.8), ("shearing", 0.2)],
+    ("reference", "expected"), [("rim", 1 - 0.10 / 0.11 * 0.8), ("tip", 1 - 0.12 / 0.11 * 0.8), ("shearing", 0.2)]
 )
 def test_slip_is_converted_to_the_shearing_radius(reference: str, expected: float) -> None:
     """Equation (3): the travel speed stays, the radius behind the slip changes."""
@@ -67,22 +64,16 @@ def test_slip_of_each_row_is_converted_with_its_own_wheel() -> None:
 
 def test_sinkage_from_the_tip_loses_the_lug_height() -> None:
     """A sinkage counted from the tips of the lugs is larger by h than that of the rim."""
-    assert_allclose(
-        read({"slip": [0.2], "sinkage [mm]": [30]}, sinkage_reference="tip").values["sinkage"], [0.01]
-    )
+    assert_allclose(read({"slip": [0.2], "sinkage [mm]": [30]}, sinkage_reference="tip").values["sinkage"], [0.01])
 
 
 def test_ranges_are_checked_after_conversion() -> None:
     """A sinkage of the tip above r is allowed as long as the rim's is below r; a tip slip of 0 is braking."""
     table = {"slip": [0.2], "sinkage [mm]": [110]}
     assert_allclose(read(table, sinkage_reference="tip").values["sinkage"], [0.09])
-    with pytest.raises(
-        StudyError, match=r"'sinkage' must be below the wheel radius 0\.1 m \(got 0\.11 m, row 1\)"
-    ):
+    with pytest.raises(StudyError, match=r"'sinkage' must be below the wheel radius 0\.1 m \(got 0\.11 m, row 1\)"):
         read(table)
-    with pytest.raises(
-        StudyError, match=r"'slip' must lie in \[0, 1\) \(got 0, on the shearing radius -0\.09"
-    ):
+    with pytest.raises(StudyError, match=r"'slip' must lie in \[0, 1\) \(got 0, on the shearing radius -0\.09"):
         read({"slip": [0.0]}, slip_reference="tip")
 
 

@@ -44,9 +44,7 @@ def test_cells_may_hold_a_limit(make_study: MakeStudy, table: pd.DataFrame) -> N
     assert rows.take(np.arange(6) > 2).limited("drawbar_pull").tolist() == [False, False, True]
 
 
-def test_a_limit_from_the_tip_of_the_lugs_is_moved_to_the_rim(
-    make_study: MakeStudy, table: pd.DataFrame
-) -> None:
+def test_a_limit_from_the_tip_of_the_lugs_is_moved_to_the_rim(make_study: MakeStudy, table: pd.DataFrame) -> None:
     """As readings are."""
     cells = [f"{value + 10:.6f}" for value in table[SINKAGE]]
     cells[2] = f"<{cells[2]}"
@@ -76,12 +74,7 @@ def test_a_limit_from_the_tip_of_the_lugs_is_moved_to_the_rim(
     ],
 )  # fmt: skip
 def test_a_limit_where_none_can_stand_is_refused(
-    column: str,
-    cells: list[str],
-    options: dict[str, object],
-    message: str,
-    make_study: MakeStudy,
-    table: pd.DataFrame,
+    column: str, cells: list[str], options: dict[str, object], message: str, make_study: MakeStudy, table: pd.DataFrame
 ) -> None:
     """With the row and what would do."""
     if options.get("drive") == "both":
@@ -91,9 +84,7 @@ def test_a_limit_where_none_can_stand_is_refused(
         make_study(data=table.assign(**{column: texts}), free=FREE, **options)
 
 
-def test_a_saved_study_keeps_limits_and_resolution(
-    make_study: MakeStudy, table: pd.DataFrame, tmp_path: Path
-) -> None:
+def test_a_saved_study_keeps_limits_and_resolution(make_study: MakeStudy, table: pd.DataFrame, tmp_path: Path) -> None:
     """Read back it is the same study; another limit or step makes another one, which is named."""
     noise = {"sinkage": Noise("sinkage", sd=1e-3, resolution=5e-4)}
     study = make_study(data=table, free=FREE, noise=noise)
@@ -118,10 +109,7 @@ def test_a_saved_study_keeps_limits_and_resolution(
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (
-            {"sd": "1 mm", "resolution": "-1 mm"},
-            "'resolution' of 'sinkage' must be at least 1e-15 in SI units",
-        ),
+        ({"sd": "1 mm", "resolution": "-1 mm"}, "'resolution' of 'sinkage' must be at least 1e-15 in SI units"),
         ({"sd": "1 mm", "resolution": "1 N"}, "'sinkage.resolution': the unit 'N' is not a unit of length"),
         ({"resolution": "1 mm"}, "'sinkage' must be"),
     ],

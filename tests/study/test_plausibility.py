@@ -73,8 +73,7 @@ FAULTS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str]] = {
     ),
     "moment in kN cm": (
         halved(MOMENT, slice(None), 0.1),
-        "the pull gives more power than the moment puts in, in rows 1, 2, 3 and 3 more:"
-        " are units and slip right?",
+        "the pull gives more power than the moment puts in, in rows 1, 2, 3 and 3 more: are units and slip right?",
     ),
     "pull against": (
         halved(PULL, slice(None), -1.0),
@@ -99,11 +98,7 @@ FAULTS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str]] = {
 def test_a_mistake_is_named_with_row_and_mend(fault: str) -> None:
     """One sentence says it; a table without it says nothing."""
     change, sentence = FAULTS[fault]
-    rows = (
-        pd.concat([table(), table().iloc[3:].assign(slip=[0.35, 0.5, 0.55])])
-        if "against" in fault
-        else table()
-    )
+    rows = pd.concat([table(), table().iloc[3:].assign(slip=[0.35, 0.5, 0.55])]) if "against" in fault else table()
     assert study(rows).warnings == ()
     assert sentence in study(change(rows.reset_index(drop=True).copy())).warnings
 
@@ -128,9 +123,7 @@ def test_slips_in_percent_are_refused_with_the_mend() -> None:
 def test_lugs_with_a_height_need_a_count() -> None:
     """As a wheel without lugs has height 0."""
     bare = replace(WHEEL, lug_count=0)
-    assert study(table(), bare).warnings == (
-        "wheel A has lugs of a height, and a count of 0: is 'lug_count' missing?",
-    )
+    assert study(table(), bare).warnings == ("wheel A has lugs of a height, and a count of 0: is 'lug_count' missing?",)
 
 
 def test_rows_that_are_not_in_the_fit_and_limits_say_nothing() -> None:

@@ -34,11 +34,7 @@ R = np.array([[1.0, -0.8, 0.3], [-0.8, 1.0, 0.0], [0.3, 0.0, 1.0]])
 def bearing_and_friction(n: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Draws of a plate and shear test with a known joint law: lognormal k_c and k_φ, normal n."""
     z = rng.standard_normal((n, 3)) @ np.linalg.cholesky(R).T
-    return {
-        "kc": 15e3 * np.exp(0.3 * z[:, 0]),
-        "kphi": 2e6 * np.exp(0.2 * z[:, 1]),
-        "n": 1.0 + 0.05 * z[:, 2],
-    }
+    return {"kc": 15e3 * np.exp(0.3 * z[:, 0]), "kphi": 2e6 * np.exp(0.2 * z[:, 1]), "n": 1.0 + 0.05 * z[:, 2]}
 
 
 UNITS = {"kc": "Pa m", "kphi": "Pa/m^n", "n": "1", "phi": "rad", "c": "Pa", "n0": "1", "Ks": "Pa/m^N"}
@@ -81,9 +77,7 @@ def study_with(tmp_path: Path, write: Callable[..., Path]) -> Callable[[str], Pa
     return written
 
 
-def test_a_plate_test_is_the_prior_of_a_wheel_study(
-    earlier: Earlier, study_with: Callable[[str], Path]
-) -> None:
+def test_a_plate_test_is_the_prior_of_a_wheel_study(earlier: Earlier, study_with: Callable[[str], Path]) -> None:
     """Laws keep the quantiles of the draws, correlations those of their scores; names change as asked."""
     draws = bearing_and_friction(8000, np.random.default_rng(1))
     earlier(draws)
@@ -227,8 +221,7 @@ def test_bent_ridges_are_reported() -> None:
     assert found.fidelity.poor
     assert "correlations stand badly for the posterior of 'Bent', above all about n0 and n1" in found.notes[0]
     straight = SimpleNamespace(
-        draws=_tree({"n0": n0, "n1": 0.9 * n0 + 0.1 * rng.standard_normal(4000)}),
-        record={"title": "Straight"},
+        draws=_tree({"n0": n0, "n1": 0.9 * n0 + 0.1 * rng.standard_normal(4000)}), record={"title": "Straight"}
     )
     assert taken(Source(straight)).fidelity.difference < taken(Source(straight)).fidelity.noise
 
@@ -293,9 +286,7 @@ def test_an_unfinished_or_empty_or_short_result_is_refused(
         load_study(file)
     draws = bearing_and_friction(300, np.random.default_rng(9))
     folder = earlier(draws)
-    with pytest.raises(
-        StudyError, match=r"at least 400 effective draws .* \(got \d+ of 'n' from 'Two plates'"
-    ):
+    with pytest.raises(StudyError, match=r"at least 400 effective draws .* \(got \d+ of 'n' from 'Two plates'"):
         load_study(file)
     xr.DataTree.from_dict({"/prior": xr.Dataset()}).to_netcdf(folder / "draws.nc", engine="h5netcdf")
     with pytest.raises(StudyError, match="holds a prior without readings"):

@@ -50,9 +50,7 @@ def log_banana(x: FloatArray) -> FloatArray:
 def result_of(draws: FloatArray, title: str = "Bent") -> Any:
     """A result with these draws of n0, n1, c1 as its posterior."""
     columns = {name: (("chain", "draw"), x.reshape(4, -1)) for name, x in zip(NAMES, draws.T, strict=False)}
-    return SimpleNamespace(
-        draws=xr.DataTree.from_dict({"/posterior": xr.Dataset(columns)}), record={"title": title}
-    )
+    return SimpleNamespace(draws=xr.DataTree.from_dict({"/posterior": xr.Dataset(columns)}), record={"title": title})
 
 
 def prior_of(joint: PosteriorPrior, *, mixture: bool) -> Prior:

@@ -61,18 +61,12 @@ def test_ties_lead_through_others_and_to_fixed_values() -> None:
         ({"c1": "c2", "c2": "c1"}, r"\[priors\] 'c1' must not be tied to itself \(c1 = c2 = c1\)"),
         ({"c1": "c1"}, r"'c1' must not be tied to itself \(c1 = c1\)"),
         ({"phi": "c"}, "'phi' must not be tied: it is the only angle"),
-        (
-            {"c1": "phi"},
-            r"'c1' must be tied to a parameter of its own dimension \(got 'pure number' and 'rad'\)",
-        ),
+        ({"c1": "phi"}, r"'c1' must be tied to a parameter of its own dimension \(got 'pure number' and 'rad'\)"),
         ({"c1": "cc"}, r"'c1' is tied to an unknown parameter 'cc'"),
         ({"c1": "sinkage_offset"}, "'sinkage_offset', which must have a prior of its own"),
         ({"kc": 1e3}, "'kc' needs 'kphi' beside it"),
         ({"kc": 1e3, "kphi": 1e6, "Ks": 1e6}, "'kc' stands in place of 'Ks': give either"),
-        (
-            {"kc": "15 kPa"},
-            r"'kc': the unit 'kPa' is not a unit of pressure times length \(e.g. \"15.6 kPa m\"\)",
-        ),
+        ({"kc": "15 kPa"}, r"'kc': the unit 'kPa' is not a unit of pressure times length \(e.g. \"15.6 kPa m\"\)"),
         ({"sinkage_offset": "1 N"}, "the unit 'N' is not a unit of length"),
     ],
 )
@@ -104,13 +98,9 @@ def test_moduli_are_the_modulus_of_each_wheel(
         expected = 0.0
         for i, name in enumerate(("A", "B")):
             stiffness = float(x[0] / wheels[name].width + x[1])
-            alone = Study(
-                table.iloc[i::2], {name: wheels[name]}, priors={**held, "Ks": stiffness}, **options, **ranges
-            )
+            alone = Study(table.iloc[i::2], {name: wheels[name]}, priors={**held, "Ks": stiffness}, **options, **ranges)
             expected += posterior(alone).log_prior_and_likelihood(x[2:][None])[1][0]
-        assert density.log_prior_and_likelihood(x[None])[1][0] == pytest.approx(
-            expected, abs=2e-3 if ranges else 1e-9
-        )
+        assert density.log_prior_and_likelihood(x[None])[1][0] == pytest.approx(expected, abs=2e-3 if ranges else 1e-9)
 
 
 def test_a_modulus_that_is_not_positive_carries_nothing(make_study: MakeStudy, wheel: Wheel) -> None:
@@ -163,9 +153,7 @@ def test_simulated_readings_carry_offset_ties_and_moduli(make_study: MakeStudy) 
 def test_a_written_study_reads_back_the_same(make_study: MakeStudy, tmp_path: Path) -> None:
     """Ties, moduli, offset, tails and range survive a study file: same fingerprint, same density."""
     noise = {"sinkage": {"sd": 1e-3, "dof": 4.0}, "drawbar_pull": {"fraction": 0.1, "floor": 0.5, "dof": 3.0}}
-    study = make_study(
-        free=("n0", "c1", "c2"), priors={**MODULI, **OFFSET, "c2": "c1"}, noise=noise, drive="both"
-    )
+    study = make_study(free=("n0", "c1", "c2"), priors={**MODULI, **OFFSET, "c2": "c1"}, noise=noise, drive="both")
     write_study(study, tmp_path)
     again = load_study(tmp_path)
     assert again.fingerprint == study.fingerprint
@@ -186,10 +174,7 @@ def test_least_squares_says_what_it_stands_in_for(make_study: MakeStudy, make_ta
     assert "the sinkage offset stands at 0 mm" in found.notes
     assert np.degrees(found.soil.phi) == pytest.approx(29.3, rel=1e-4)
     with pytest.raises(StudyError, match=r"joint knows no tied parameters \(got 'c2'\)"):
-        fit(
-            make_study(**{**options, "free": ("phi", "c1", "c2")}, priors={"c2": "c1"}, drive="both"),
-            ("joint",),
-        )
+        fit(make_study(**{**options, "free": ("phi", "c1", "c2")}, priors={"c2": "c1"}, drive="both"), ("joint",))
 
 
 def test_joint_finds_the_modulus_that_the_moduli_make(

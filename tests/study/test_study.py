@@ -66,9 +66,7 @@ def test_files_and_python_make_the_same_study(write: Write) -> None:
     table = {"slip": [0.1, 0.2, 0.4], "load [N]": [80.0] * 3, "sinkage [mm]": [5.0, 7.5, 14.0]}
     table["drawbar_pull [N]"] = [14.0, 20.0, np.nan]
     study = made(
-        table,
-        noise={"sinkage": 0.001, "drawbar_pull": Noise("drawbar_pull", sd=1.5)},
-        priors=prior_set("paper-box"),
+        table, noise={"sinkage": 0.001, "drawbar_pull": Noise("drawbar_pull", sd=1.5)}, priors=prior_set("paper-box")
     )
     assert study.fingerprint == load_study(write()).fingerprint
 
@@ -87,9 +85,7 @@ def test_the_fingerprint_follows_what_results_depend_on(write: Write) -> None:
 def test_prior_entries_override_their_set() -> None:
     """A law, a truncated law in field units and fixed values stand in for the set's."""
     phi = {"dist": "norm", "loc": "32 deg", "scale": "4 deg", "lower": "20 deg", "upper": "50 deg"}
-    study = made(
-        priors={"set": "paper-box", "phi": phi, "K": Law("norm", {"loc": 0.01, "scale": 0.002}), "c": "1 kPa"}
-    )
+    study = made(priors={"set": "paper-box", "phi": phi, "K": Law("norm", {"loc": 0.01, "scale": 0.002}), "c": "1 kPa"})
     assert study.prior.entries["phi"] == Law(
         "norm", {"loc": np.radians(32), "scale": np.radians(4)}, np.radians(20), np.radians(50)
     )
@@ -145,9 +141,7 @@ def test_noise_may_stand_in_the_table() -> None:
     """A standard deviation beside every reading replaces the entry in [noise]."""
     study = made({"sinkage_sd [mm]": [0.5, 1.0]}, noise={})
     assert_allclose(study.observations.given_sd["sinkage"], [5e-4, 1e-3])
-    with pytest.raises(
-        StudyError, match=r"\[noise\] needs an entry for the measured channel 'sinkage'.*\"1 mm\""
-    ):
+    with pytest.raises(StudyError, match=r"\[noise\] needs an entry for the measured channel 'sinkage'.*\"1 mm\""):
         made({"sinkage_sd [mm]": [0.5, None]}, noise={})
 
 
@@ -184,9 +178,7 @@ def test_sinkage_may_be_negative_within_its_noise() -> None:
     assert_allclose(made({"sinkage [mm]": [-2.9, 5]}).observations.values["sinkage"], [-0.0029, 0.005])
     with pytest.raises(StudyError, match=r"'sinkage' must not be negative by more.*got -0\.0031 m.*row 1"):
         made({"sinkage [mm]": [-3.1, 5]})
-    with pytest.raises(
-        StudyError, match=r"'sinkage' must be above 0 in every row.*\(got 0 m from the rim, row 2\)"
-    ):
+    with pytest.raises(StudyError, match=r"'sinkage' must be above 0 in every row.*\(got 0 m from the rim, row 2\)"):
         made({"sinkage [mm]": [5, 0]}, drive="sinkage", noise={"normal_force": 1.0})
 
 
@@ -213,10 +205,7 @@ def test_other_data_in_the_same_study() -> None:
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        (
-            {"slip_reference": "hub"},
-            r"\[data\] 'slip_reference' must be 'rim', 'tip' or 'shearing' \(got 'hub'\)",
-        ),
+        ({"slip_reference": "hub"}, r"\[data\] 'slip_reference' must be 'rim', 'tip' or 'shearing' \(got 'hub'\)"),
         ({"model": "M4"}, r"'model' must be 'M1', 'M2', 'M3' or 'M2L' \(got 'M4'\)"),
         ({"drive": "neither"}, r"'drive' must be 'load', 'sinkage' or 'both' \(got 'neither'\)"),
         ({"transition_slips": [0.1, 0.5]}, r"'transition_slips' \(it belongs in \[model_options\]\)"),
@@ -226,64 +215,28 @@ def test_other_data_in_the_same_study() -> None:
         ({"modl": "M1"}, r"unknown key 'modl' \(did you mean 'model'\?\)"),
         ({"wheels": {}}, r"\[wheels\] needs at least one wheel"),
         ({"wheels": {"A": {"width": 0.1}}}, r"\[wheels\.A\] needs 'radius'"),
-        (
-            {"wheels": {"A": {"radius": -0.1, "width": 0.1}}},
-            r"\[wheels\.A\] 'radius' must be positive \(got -0\.1\)",
-        ),
+        ({"wheels": {"A": {"radius": -0.1, "width": 0.1}}}, r"\[wheels\.A\] 'radius' must be positive \(got -0\.1\)"),
         ({"noise": {"sinkage": -1.0}}, r"\[noise\] noise of 'sinkage' must be above 0 \(got -1\)"),
-        (
-            {"noise": {"sinkage": {"fraction": 0.1}}},
-            r"\[noise\] 'sinkage' must be \"1 mm\", .*\(got fraction\)",
-        ),
-        (
-            {"noise": {"sinkage": {"estimate": {"dist": "expon"}}}},
-            r"'sinkage\.estimate' needs a 'lower' above 0",
-        ),
-        (
-            {"noise": {"drawbar": 1.0}},
-            r"\[noise\] unknown channel 'drawbar' \(did you mean 'drawbar_pull'\?\)",
-        ),
+        ({"noise": {"sinkage": {"fraction": 0.1}}}, r"\[noise\] 'sinkage' must be \"1 mm\", .*\(got fraction\)"),
+        ({"noise": {"sinkage": {"estimate": {"dist": "expon"}}}}, r"'sinkage\.estimate' needs a 'lower' above 0"),
+        ({"noise": {"drawbar": 1.0}}, r"\[noise\] unknown channel 'drawbar' \(did you mean 'drawbar_pull'\?\)"),
         ({"priors": {"set": "moon"}}, r"\[priors\] unknown prior set 'moon' \(known: paper-box"),
         ({"priors": {"fi": 0.5}}, r"\[priors\] unknown parameter 'fi'"),
         ({"priors": {"kc": 1.0}}, r"\[priors\] 'kc' needs 'kphi' beside it, as K_s = kc/b \+ kphi"),
-        (
-            {"priors": {"set": "paper-box", "phi": "60 deg"}},
-            r"'phi' must be fixed inside .* 0 deg to 50 deg \(got 60",
-        ),
-        (
-            {"priors": {**prior_set("paper-box"), "K": -0.01}},
-            r"\[priors\] 'K' must be positive \(got -0\.01\)",
-        ),
-        (
-            {"priors": {"phi": {"dist": "nrm"}}},
-            r"\[priors\] 'phi': 'dist' must be a continuous.*'nrm' \(did you mean",
-        ),
+        ({"priors": {"set": "paper-box", "phi": "60 deg"}}, r"'phi' must be fixed inside .* 0 deg to 50 deg \(got 60"),
+        ({"priors": {**prior_set("paper-box"), "K": -0.01}}, r"\[priors\] 'K' must be positive \(got -0\.01\)"),
+        ({"priors": {"phi": {"dist": "nrm"}}}, r"\[priors\] 'phi': 'dist' must be a continuous.*'nrm' \(did you mean"),
         ({"priors": {"phi": {"loc": 0.5}}}, r"\[priors\] 'phi' needs a 'dist'"),
-        (
-            {"priors": {"phi": {"dist": "norm", "sclae": 1}}},
-            r"'phi': unknown argument 'sclae' of norm \(did you mean",
-        ),
-        (
-            {"priors": {"n0": {"dist": "uniform", "lower": 1, "upper": 0}}},
-            r"'n0': 'lower' must be below 'upper'",
-        ),
+        ({"priors": {"phi": {"dist": "norm", "sclae": 1}}}, r"'phi': unknown argument 'sclae' of norm \(did you mean"),
+        ({"priors": {"n0": {"dist": "uniform", "lower": 1, "upper": 0}}}, r"'n0': 'lower' must be below 'upper'"),
         ({"priors": {"n0": {"dist": "lognorm"}}}, r"\[priors\] 'n0': lognorm needs its argument 's'"),
-        (
-            {"sampling": {"ensembles": 2}},
-            r"\[sampling\] 'ensembles' must be greater than or equal to 4 \(got 2\)",
-        ),
+        ({"sampling": {"ensembles": 2}}, r"\[sampling\] 'ensembles' must be greater than or equal to 4 \(got 2\)"),
         ({"sampling": {"walkers": 12}}, r"\[sampling\] 'walkers' must be .* equal to 32 \(got 12\)"),
         ({"least_squares": {"hold": {"Kc": 1.0}}}, r"\[least_squares\.hold\] unknown parameter 'Kc'"),
         ({"least_squares": {"methods": ["IM4"]}}, r"'IM1', 'IM2', 'IM3' or 'joint' \(got 'IM4'\)"),
         ({"published": {"phii": 0.5}}, r"\[published\] unknown parameter 'phii' \(did you mean 'phi'\?\)"),
-        (
-            {"model_options": {"transition_slips": [0.5, 0.1]}},
-            r"\[model_options\] 'transition_slips' must rise",
-        ),
-        (
-            {"model_options": {"transition_slips": [0.5]}},
-            r"\[model_options\] 'transition_slips' must be two slips",
-        ),
+        ({"model_options": {"transition_slips": [0.5, 0.1]}}, r"\[model_options\] 'transition_slips' must rise"),
+        ({"model_options": {"transition_slips": [0.5]}}, r"\[model_options\] 'transition_slips' must be two slips"),
         ({"title": 3}, r"'title' must be a valid string \(got 3\)"),
         ({"sampling": 3}, r"'sampling' must be a table \(got 3\)"),
     ],
@@ -311,10 +264,7 @@ def test_wrong_tables_are_refused(tables: dict[str, Any], message: str) -> None:
         ([("[priors]", "[piors]")], r"study\.toml: unknown key 'piors' \(did you mean 'priors'\?\)"),
         ([('slip_reference = "shearing"', "")], r"study\.toml: \[data\] needs 'slip_reference'"),
         ([('title = "Small study"', "title = Small study")], r"study\.toml: must be TOML: .*line 1"),
-        (
-            [("lug_count = 30", 'lug_count = "30"')],
-            r"\[wheels\.A\] 'lug_count' must be a valid integer \(got '30'\)",
-        ),
+        ([("lug_count = 30", 'lug_count = "30"')], r"\[wheels\.A\] 'lug_count' must be a valid integer \(got '30'\)"),
         ([("c3 = 0.0", 'phi = "60 deg"')], r"study\.toml: \[priors\] 'phi' must be fixed inside"),
         ([("c3 = 0.0", "phi = 0.5")], r"study\.toml: \[priors\] 'phi' needs a unit"),
         ([("measurements.csv", "other.csv")], r"other\.csv: no such file of measurements$"),
@@ -326,22 +276,14 @@ def test_wrong_tables_are_refused(tables: dict[str, Any], message: str) -> None:
             [("0.2,80,7.5,20.0", "0.2,80,200,20.0")],
             r"measurements\.csv: 'sinkage' must be below the wheel radius.*row 2",
         ),
-        (
-            [("0.2,80,7.5,20.0", "0.2,80,inf,20.0")],
-            r"measurements\.csv: 'sinkage' must be finite.*\(got inf, row 2\)$",
-        ),
-        (
-            [("0.2,80,7.5,20.0", "0.2,,7.5,20.0")],
-            r"measurements\.csv: 'load' must be above 0 in every row.*row 2",
-        ),
+        ([("0.2,80,7.5,20.0", "0.2,80,inf,20.0")], r"measurements\.csv: 'sinkage' must be finite.*\(got inf, row 2\)$"),
+        ([("0.2,80,7.5,20.0", "0.2,,7.5,20.0")], r"measurements\.csv: 'load' must be above 0 in every row.*row 2"),
         ([("drawbar_pull [N]\n", "sinkage [mm]\n")], r"measurements\.csv: column 'sinkage' must appear once"),
         ([("load [N]", "weight [N]")], r"measurements\.csv: unknown column 'weight \[N\]'"),
         ([('drawbar_pull = "1.5 N"', "")], r"study\.toml: \[noise\] needs an entry for .* 'drawbar_pull'"),
     ],
 )
-def test_errors_of_files_begin_with_the_file(
-    write: Write, changes: list[tuple[str, str]], message: str
-) -> None:
+def test_errors_of_files_begin_with_the_file(write: Write, changes: list[tuple[str, str]], message: str) -> None:
     """The file where the mistake is comes first, once, then table or row."""
     file = write(*changes)
     with pytest.raises(StudyError, match=message) as caught:

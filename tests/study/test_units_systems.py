@@ -16,12 +16,7 @@ ROWS = (  # slip, normal force N, sinkage m, drawbar pull N, moment N m
     (0.6, 80.9, 0.0231, 30.2, 13.6),
 )
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "SI": {
-        "normal_force [N]": 1.0,
-        "sinkage [m]": 1.0,
-        "drawbar_pull [N]": 1.0,
-        "resistance_moment [N m]": 1.0,
-    },
+    "SI": {"normal_force [N]": 1.0, "sinkage [m]": 1.0, "drawbar_pull [N]": 1.0, "resistance_moment [N m]": 1.0},
     "mixed": {
         "normal_force [kN]": 1e3,
         "sinkage [cm]": 1e-2,
@@ -90,9 +85,7 @@ def study(folder: Path, units: str, drive: str) -> Study:
     """The study in one system of units."""
     names, scales = UNITS[units], tuple(UNITS[units].values())
     lines = [",".join(["slip", *names])]
-    lines += [
-        ",".join(repr(v) for v in (s, *(q / f for q, f in zip(r, scales, strict=True)))) for s, *r in ROWS
-    ]
+    lines += [",".join(repr(v) for v in (s, *(q / f for q, f in zip(r, scales, strict=True)))) for s, *r in ROWS]
     folder.mkdir()
     (folder / "rows.csv").write_text("\n".join(lines), encoding="utf-8")
     (folder / "study.toml").write_text(DRIVES[drive] + STUDIES[units], encoding="utf-8")

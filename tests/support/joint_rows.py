@@ -32,15 +32,9 @@ TABLE = pd.DataFrame(
 NOISE = {"sinkage": 4e-4, "drawbar_pull": 0.5, "resistance_moment": 0.1}
 HELD = {"Ks": 2.5e6, "n0": 0.87, "n1": 1.1, "c": 200.0, "phi": 0.5, "K": 0.0131, "c1": 0.39, "c2": -0.2}
 ESTIMATED = {"estimate": {"dist": "halfnorm", "scale": 2.0}}
-CURVES = {
-    "sinkage": {"sd": 1e-3, "length": 0.3},
-    "drawbar_pull": {"sd": 2.0, "length": 0.2, "kernel": "matern52"},
-}
+CURVES = {"sinkage": {"sd": 1e-3, "length": 0.3}, "drawbar_pull": {"sd": 2.0, "length": 0.2, "kernel": "matern52"}}
 LOOSE = {**CURVES, "drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}
-RIPPLE = {
-    "drawbar_pull": {"sd": 0.8, "memory": 2.0},
-    "resistance_moment": {"sd": 0.2, "memory": 3.0, "period": 4.0},
-}
+RIPPLE = {"drawbar_pull": {"sd": 0.8, "memory": 2.0}, "resistance_moment": {"sd": 0.2, "memory": 3.0, "period": 4.0}}
 CASES: dict[str, dict[str, Any]] = {
     "discrepancy": {"discrepancy": CURVES},
     "estimated discrepancy": {"discrepancy": LOOSE},
@@ -51,15 +45,8 @@ CASES: dict[str, dict[str, Any]] = {
         "discrepancy": CURVES,
         "noise": {**NOISE, "drawbar_pull": {"estimate": {"dist": "uniform", "lower": 0.1, "upper": 1.0}}},
     },
-    "fraction": {
-        "discrepancy": CURVES,
-        "noise": {**NOISE, "drawbar_pull": {"fraction": 0.03, "floor": "0.1 N"}},
-    },
-    "all": {
-        "discrepancy": LOOSE,
-        "ripple": RIPPLE,
-        "slip": {"sd": {"estimate": {"dist": "halfnorm", "scale": 0.02}}},
-    },
+    "fraction": {"discrepancy": CURVES, "noise": {**NOISE, "drawbar_pull": {"fraction": 0.03, "floor": "0.1 N"}}},
+    "all": {"discrepancy": LOOSE, "ripple": RIPPLE, "slip": {"sd": {"estimate": {"dist": "halfnorm", "scale": 0.02}}}},
 }
 
 
@@ -106,14 +93,10 @@ class Written:
 def written(study: Study, density: Posterior, x: FloatArray) -> Written:
     """The law at one parameter set (d,), for all rows of the study's table."""
     rows, likelihood = study.observations, density.likelihood
-    whole = CorrelatedLikelihood(
-        replace(likelihood.forward, **_at(study)), rows, likelihood.noise, errors=study.errors
-    )
+    whole = CorrelatedLikelihood(replace(likelihood.forward, **_at(study)), rows, likelihood.noise, errors=study.errors)
     soil, values = density.prior.soil_values(x[None]), dict(zip(density.names, x, strict=True))
     ends = [
-        replace(whole.forward, conditions=replace(whole.forward.conditions, slip=rows.slip + h))(soil).values[
-            0
-        ]
+        replace(whole.forward, conditions=replace(whole.forward.conditions, slip=rows.slip + h))(soil).values[0]
         for h in (-STEP, 0.0, STEP)
     ]
     slopes, mean = (ends[2] - ends[0]) / (2 * STEP), ends[1]

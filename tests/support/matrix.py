@@ -153,9 +153,7 @@ def _errors(kind: Kind) -> str:
 
 def _table(kind: Kind) -> str:
     names = [{"normal_force": "normal_force [N]", "sinkage": "sinkage [mm]"}[n] for n in READ[kind["drive"]]]
-    names += (
-        ["load [N]"] if kind["drive"] == "load" else ["sinkage [mm]"] if kind["drive"] == "sinkage" else []
-    )
+    names += ["load [N]"] if kind["drive"] == "load" else ["sinkage [mm]"] if kind["drive"] == "sinkage" else []
     lines = [",".join(["wheel", "slip", *names, "drawbar_pull [N]", "resistance_moment [N m]"])]
     for name, wheel in WHEELS.items():
         sinkage = M2().sinkage(Soil(**SOIL), wheel, np.array(SLIPS), 80.0)
@@ -252,9 +250,7 @@ def quick() -> Iterator[None]:
         patch.setattr(short_runs, "enough", lambda _: True)
         patch.setattr(predictive_checks, "ReplicateOptions", lambda: FEW_REPLICATES)
         patch.setattr(loo, "FINAL_DRAWS", (512, 1024))
-        patch.setattr(
-            importance, "REFINEMENT", replace(importance.REFINEMENT, particles=128, refinements=(1,))
-        )
+        patch.setattr(importance, "REFINEMENT", replace(importance.REFINEMENT, particles=128, refinements=(1,)))
         patch.setattr(calibration, "short_runs", _little_runs, raising=False)
         patch.setattr(holdout, "refits", _little_runs, raising=False)
         yield

@@ -73,11 +73,7 @@ def posterior_cloud(rng: np.random.Generator) -> Pairs:
     x = rng.normal(size=(SETS, 9))
     log_modulus = math.log(2.5e6) + 0.5 * x[:, 0]
     n0 = 0.85 + 0.12 * x[:, 0] + 0.02 * x[:, 1]
-    cohesion, phi, shear = (
-        300 * np.exp(0.6 * x[:, 3]),
-        np.radians(30 + 2 * x[:, 4]),
-        0.012 * np.exp(0.2 * x[:, 5]),
-    )
+    cohesion, phi, shear = (300 * np.exp(0.6 * x[:, 3]), np.radians(30 + 2 * x[:, 4]), 0.012 * np.exp(0.2 * x[:, 5]))
     c1, c2 = 0.38 + 0.04 * x[:, 6], -0.12 + 0.06 * x[:, 7]
     columns = (np.exp(log_modulus), n0, 1.1 + 0.1 * x[:, 2], cohesion, phi, shear, c1, c2, np.zeros(SETS))
     theta = np.stack(columns, axis=-1)
@@ -98,9 +94,7 @@ def prior_box(rng: np.random.Generator) -> Pairs:
     return Pairs("prior box", theta, conditions, sinkage, status == Status.OK)
 
 
-def evaluate_numpy(
-    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, count: int, power: int
-) -> FloatArray:
+def evaluate_numpy(theta: FloatArray, rows: FloatArray, sinkage: FloatArray, count: int, power: int) -> FloatArray:
     """Return F_N, F_DP, M_DR and F_DPtau + F_DPsigma (P, 4), vectorised, a cache-sized block at a time."""
     u, w = rule(count, power)
     block = max(1, 4096 // count)
@@ -108,9 +102,7 @@ def evaluate_numpy(
     return np.concatenate([_numpy_block(theta[p], rows[p], sinkage[p], u, w) for p in parts])
 
 
-def _numpy_block(
-    theta: FloatArray, rows: FloatArray, z: FloatArray, u: FloatArray, w: FloatArray
-) -> FloatArray:
+def _numpy_block(theta: FloatArray, rows: FloatArray, z: FloatArray, u: FloatArray, w: FloatArray) -> FloatArray:
     Ks, n0, n1, c, phi, K, c1, c2, c3 = theta.T[:, :, None]
     slip, exponent_slip, r, b, Rj, rs = rows.T[:, :, None]
     theta1, start = (2 * np.arcsin(np.sqrt(x / 2)) for x in (z[:, None] / r, (Rj - r + z[:, None]) / Rj))
@@ -119,22 +111,14 @@ def _numpy_block(
     sigma = w * Ks * (2 * r * np.sin(d / 2) * np.sin(theta1 - d / 2)) ** (n0 + n1 * exponent_slip)
     limit = c * w + sigma * np.tan(phi)
     sums = np.zeros((5, len(z), 1))
-    for angle, width in (
-        (theta1 - d, theta1 * (1 - ratio)),
-        (theta1 * (c3 + (ratio - c3) * u), theta1 * (ratio - c3)),
-    ):
+    for angle, width in ((theta1 - d, theta1 * (1 - ratio)), (theta1 * (c3 + (ratio - c3) * u), theta1 * (ratio - c3))):
         cosine, sine = np.cos(angle), np.sin(angle)
         j = rs * ((start - angle) - (1 - slip) * (np.sin(start) - sine))
         tau = -limit * np.expm1(-j / K)
         for i, term in enumerate((sigma * cosine, sigma * sine, tau * cosine, tau * sine, tau)):
             sums[i] += width * term.sum(axis=1, keepdims=True)
     sc, ss, tc, ts, t = sums
-    forces = (
-        b * (r * sc + rs * ts),
-        b * (rs * tc - r * ss),
-        rs**2 * b * t,
-        b * (rs * np.abs(tc) + r * np.abs(ss)),
-    )
+    forces = (b * (r * sc + rs * ts), b * (rs * tc - r * ss), rs**2 * b * t, b * (rs * np.abs(tc) + r * np.abs(ss)))
     return np.concatenate(forces, axis=1)
 
 
@@ -215,16 +199,12 @@ def measure(pairs: Pairs, c_kernels: dict[str, Kernel]) -> list[dict[str, Any]]:
         OURS_LOAD: lambda: pairs.response(load),
         **{name: partial(kernel, *flat) for name, kernel in names.items()},
     }
-    times = best_times(calls, REPEATS) | best_times(
-        {NUMPY: lambda: evaluate_numpy(*flat, 32, 3)}, REPEATS // 10
-    )
+    times = best_times(calls, REPEATS) | best_times({NUMPY: lambda: evaluate_numpy(*flat, 32, 3)}, REPEATS // 10)
     times = {name: seconds / len(flat[2]) for name, seconds in times.items()}
     times[QUAD] = best_times({"": lambda: evaluate_pairs(*(a[some] for a in flat))}, 5)[""] / QUAD_PAIRS
     errors = {name: worst_error(kernel(*flat), exact) for name, kernel in names.items()}
     errors[OURS] = worst_error(pairs.forces()[pairs.good], exact)
-    errors[OURS_LOAD] = float(
-        np.nanmax(np.abs(pairs.forces(pairs.response(load)[..., 0])[..., 0] / load - 1))
-    )
+    errors[OURS_LOAD] = float(np.nanmax(np.abs(pairs.forces(pairs.response(load)[..., 0])[..., 0] / load - 1)))
     errors[NUMPY] = worst_error(evaluate_numpy(*flat, 32, 3), exact)
     errors[QUAD] = worst_error(evaluate_pairs(*(a[some] for a in flat)), exact[some])
     return table(pairs.name, times, errors)
@@ -255,15 +235,11 @@ def main() -> None:
     with (HERE / "results.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
-        writer.writerows(
-            {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
-        )
+        writer.writerows({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
     print(f"{platform.machine()}, Python {platform.python_version()}, one thread\n")
     print("| pairs | method | us per pair | ratio to C | worst error |\n|---|---|---:|---:|---:|")
     for row in rows:
-        print(
-            "| {pairs} | {method} | {microseconds:.3g} | {ratio_to_C:.2g} | {worst_error:.0e} |".format(**row)
-        )
+        print("| {pairs} | {method} | {microseconds:.3g} | {ratio_to_C:.2g} | {worst_error:.0e} |".format(**row))
 
 
 if __name__ == "__main__":

@@ -38,9 +38,7 @@ def cases() -> list[tuple[str, int, bt.Study, int]]:
     plain = simulated_study("load")
     varied = [("outcomes", 3 * n, simulated_study("load", slips=slips(n)), 4) for n in SLIPS]
     varied += [("ensembles", n, plain, n) for n in ENSEMBLES]
-    varied += [
-        ("free parameters", n, simulated_study("load", priors=held(free)), 4) for n, free in FREE.items()
-    ]
+    varied += [("free parameters", n, simulated_study("load", priors=held(free)), 4) for n, free in FREE.items()]
     return [*varied, ("free parameters", 11, simulated_study("load", noise=ESTIMATED), 4)]
 
 

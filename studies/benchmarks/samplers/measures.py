@@ -12,14 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.diagnostics import (
-    array_ess,
-    array_r_hat,
-    effective_size,
-    r_hat,
-    rank_scores,
-    tail_indicators,
-)
+from bayesterra.stats.diagnostics import array_ess, array_r_hat, effective_size, r_hat, rank_scores, tail_indicators
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 LIMIT = 4.0

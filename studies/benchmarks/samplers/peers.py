@@ -67,11 +67,7 @@ def bayesterra(job: Job) -> Run:
 
 def _walked(job: Job, build: Callable[[int], tuple[Any, Callable[[int], FloatArray]]], chunk: int) -> Run:
     """Ensembles advanced in turn, ``chunk`` steps at a time, until the budget is spent."""
-    started, walks, kept = (
-        time.process_time(),
-        [build(i) for i in range(ENSEMBLES)],
-        [[] for _ in range(ENSEMBLES)],
-    )
+    started, walks, kept = (time.process_time(), [build(i) for i in range(ENSEMBLES)], [[] for _ in range(ENSEMBLES)])
     while time.process_time() - started < job.budget:
         for (_, advance), chain in zip(walks, kept, strict=True):
             chain.append(advance(chunk))
@@ -168,12 +164,7 @@ def nautilus(job: Job) -> Run:
 
     many, started = job.space.densities.many, time.process_time()
     sampler = library.Sampler(
-        _transform(job),
-        lambda u: np.maximum(many(u), -1e300),
-        n_dim=8,
-        vectorized=True,
-        pass_dict=False,
-        seed=job.seed,
+        _transform(job), lambda u: np.maximum(many(u), -1e300), n_dim=8, vectorized=True, pass_dict=False, seed=job.seed
     )
     how = "cut"
     while time.process_time() - started < job.budget:
@@ -182,9 +173,7 @@ def nautilus(job: Job) -> Run:
             break
     u, log_weights, _ = sampler.posterior()
     seconds = time.process_time() - started
-    return Run(
-        of_weighted(job.physical(u), log_weights, job.reference), seconds, f"{how}, {sampler.n_like} calls"
-    )
+    return Run(of_weighted(job.physical(u), log_weights, job.reference), seconds, f"{how}, {sampler.n_like} calls")
 
 
 def nuts(job: Job) -> Run:

@@ -25,16 +25,7 @@ SPACES = ("raw", "ours")
 NAMES = ("Ks", "n0", "n1", "c", "phi", "K", "c1", "c2")
 SLIPS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6])
 LOAD = 80.0
-TRUTH = {
-    "Ks": 2.5e6,
-    "n0": 0.85,
-    "n1": 1.06,
-    "c": 268.0,
-    "phi": 0.511,
-    "K": 0.0101,
-    "c1": 0.339,
-    "c2": -0.017,
-}
+TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "phi": 0.511, "K": 0.0101, "c1": 0.339, "c2": -0.017}
 NOISE = {"sinkage": 0.0005, "normal_force": 1.6, "drawbar_pull": 0.5, "resistance_moment": 0.15}
 """Standard deviations, SI: 2 to 3 % of a typical reading (half a millimetre of sinkage: 2 to 10 %)."""
 
@@ -45,13 +36,7 @@ def simulated_study(drive: str, seed: int = 1, slips: FloatArray = SLIPS, **more
     exact = M1().sinkage(Soil(**TRUTH), wheel, slips, LOAD)
     force = "load [N]" if drive == "load" else "normal_force [N]"
     blank = pd.DataFrame(
-        {
-            "slip": slips,
-            force: LOAD,
-            "sinkage [m]": exact,
-            "drawbar_pull [N]": 0.0,
-            "resistance_moment [N m]": 0.0,
-        }
+        {"slip": slips, force: LOAD, "sinkage [m]": exact, "drawbar_pull [N]": 0.0, "resistance_moment [N m]": 0.0}
     )
     tables = {"model": "M1", "drive": drive, "noise": NOISE, "truth": TRUTH, "slip_reference": "shearing"}
     tables |= {"kind": "simulated", "source": "studies/benchmarks/samplers/run.py", **more}
@@ -114,14 +99,7 @@ class Problem:
         assert isinstance(strength, Strength)
         stress = contact.stress
         return np.array(
-            [
-                *stress.slips,
-                *stress.entrance,
-                stress.radius,
-                stress.share,
-                strength.stress,
-                strength.displacement,
-            ]
+            [*stress.slips, *stress.entrance, stress.radius, stress.share, strength.stress, strength.displacement]
         )
 
     def space(self, name: str) -> Space:
@@ -139,20 +117,12 @@ class Space:
     def from_physical(self, x: FloatArray) -> FloatArray:
         """Points (n, d) of physical parameters (n, d)."""
         low, high = self.problem.box
-        return (
-            (x - low) / (high - low)
-            if self.name == "raw"
-            else self.problem.target.coordinates.from_physical(x)
-        )
+        return (x - low) / (high - low) if self.name == "raw" else self.problem.target.coordinates.from_physical(x)
 
     def to_physical(self, u: FloatArray) -> FloatArray:
         """Physical parameters (n, d) of points (n, d)."""
         low, high = self.problem.box
-        return (
-            low + u * (high - low)
-            if self.name == "raw"
-            else self.problem.target.coordinates.to_physical(u)[0]
-        )
+        return low + u * (high - low) if self.name == "raw" else self.problem.target.coordinates.to_physical(u)[0]
 
     def start(self, n: int, rng: Generator) -> FloatArray:
         """Draws of the cut prior (n, d)."""

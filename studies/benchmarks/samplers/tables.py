@@ -29,9 +29,7 @@ def ratios(table: pd.DataFrame, drive: str) -> dict[str, tuple[str, float]]:
     always = peers.groupby(["sampler", "space"])["right"].transform("all").astype(bool)
     right = peers[always]  # with every seed
     chosen = {
-        "emcee's default move in raw parameters": peers[
-            (peers["sampler"] == "emcee") & (peers["space"] == "raw")
-        ],
+        "emcee's default move in raw parameters": peers[(peers["sampler"] == "emcee") & (peers["space"] == "raw")],
         "the best right peer in raw parameters": right[right["space"] == "raw"],
         "the best right peer in our coordinates": right[right["space"] == "ours"],
     }

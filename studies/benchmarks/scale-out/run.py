@@ -52,13 +52,7 @@ PRIOR_DRAWS, ENOUGH = 5000, 100.0
 def study() -> bt.Study:
     """The study of studies/calibration with coarse readings: M2, all eight parameters free."""
     table = pd.DataFrame(
-        {
-            "slip": SLIPS,
-            "load [N]": 80.0,
-            "sinkage [mm]": 5.0,
-            "drawbar_pull [N]": 10.0,
-            "resistance_moment [N m]": 3.0,
-        }
+        {"slip": SLIPS, "load [N]": 80.0, "sinkage [mm]": 5.0, "drawbar_pull [N]": 10.0, "resistance_moment [N m]": 3.0}
     )
     return bt.Study(
         table,
@@ -106,9 +100,7 @@ class Synthetic:
 def resident() -> tuple[float, float]:
     """Resident memory of this process now and at its peak, MB."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 1e6, resource.getrusage(
-        resource.RUSAGE_SELF
-    ).ru_maxrss * 1024 / 1e6
+    return pages * resource.getpagesize() / 1e6, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
 
 
 def stored(part: Path) -> float:
@@ -131,9 +123,7 @@ class Watch:
         seconds = time.perf_counter() - self._began
         with (self._rows / "rows.csv").open("a", encoding="utf-8") as file:
             now, peak = resident()
-            file.write(
-                f"{os.getpid()},{done},{new},{seconds:.2f},{now:.1f},{peak:.1f},{stored(self._part):.3f}\n"
-            )
+            file.write(f"{os.getpid()},{done},{new},{seconds:.2f},{now:.1f},{peak:.1f},{stored(self._part):.3f}\n")
 
 
 def work(name: str, out: Path, n: int) -> None:
@@ -142,9 +132,7 @@ def work(name: str, out: Path, n: int) -> None:
     with bt.local_pool(WORKERS) as engine:
         if name == "m2":
             job = CalibrationRequest(study(), n, engine=engine, fit=WeighedPrior())
-            calibrate_study(
-                job, out, resume=True, quiet=True, watch=lambda now: watch(now.done, now.done - known)
-            )
+            calibrate_study(job, out, resume=True, quiet=True, watch=lambda now: watch(now.done, now.done - known))
             return
         with job_folder(out, mark="tasks.json", kind="tasks", resume=True) as (part, _):
             store = Checkpoints.opened(part / WORK, {"seed": 1}, "tasks")
@@ -239,11 +227,7 @@ def timed(
     """A calibration's table; the seconds that it took and the processor seconds of its tasks."""
     began = time.perf_counter()
     found = calibrate(
-        study(),
-        n=DASK_TASKS[draws],
-        engine=engine,
-        fit=WeighedPrior(draws),
-        progress=lambda now: watch(now.done),
+        study(), n=DASK_TASKS[draws], engine=engine, fit=WeighedPrior(draws), progress=lambda now: watch(now.done)
     )
     took = time.perf_counter() - began
     seconds = {"seconds": took, "processor_seconds_per_task": float(found.table["seconds"].mean())}
@@ -277,12 +261,7 @@ def on_dask() -> None:
                 table, took = timed(one, draws, watch or (lambda done: None))
                 rate = len(table) / took["seconds"] / number
                 head = {"case": case, "workers": number, "tasks": len(table)}
-                found = {
-                    **head,
-                    "identical": table.equals(right),
-                    **took,
-                    "tasks_per_second_and_worker": rate,
-                }
+                found = {**head, "identical": table.equals(right), **took, "tasks_per_second_and_worker": rate}
                 rows.append(found)
         engine.shutdown()
     pd.DataFrame(rows).to_csv(HERE / "dask.csv", index=False, float_format="%.4g")

@@ -37,9 +37,7 @@ from stored import append, done  # noqa: E402
 
 ESTIMATED = {
     'sinkage = "0.55 mm"': 'sinkage = { estimate = { dist = "halfnorm", scale = "3 mm", lower = "0.3 mm" } }',
-    'drawbar_pull = "0.34 N"': (
-        'drawbar_pull = { estimate = { dist = "halfnorm", scale = "1 N", lower = "0.2 N" } }'
-    ),
+    'drawbar_pull = "0.34 N"': ('drawbar_pull = { estimate = { dist = "halfnorm", scale = "1 N", lower = "0.2 N" } }'),
 }
 """The noise of sinkage and pull as unknowns, which can take model error in."""
 ESTIMATED_NAME = "M1, noise estimated"
@@ -68,11 +66,7 @@ def study(name: str, model: str = "M1", changes: Mapping[str, str] | None = None
     text = path.read_text(encoding="utf-8")
     file = path.parent / "measurements.csv"
     own = next(line for line in text.splitlines() if line.startswith("file = "))
-    for old, new in {
-        'model = "M1"': f'model = "{model}"',
-        own: f'file = "{file}"',
-        **(changes or {}),
-    }.items():
+    for old, new in {'model = "M1"': f'model = "{model}"', own: f'file = "{file}"', **(changes or {})}.items():
         if old not in text:
             raise ValueError(f"no {old} in the study file of {name}")
         text = text.replace(old, new)
@@ -134,15 +128,7 @@ def exact() -> None:
                 one = law.law(0, column)
                 assert one is not None
                 pit = float(one.cdf(made.observations.values[channel][[place]])[0])
-                rows.append(
-                    {
-                        "data": "simulated",
-                        "table": number,
-                        "level": level.name,
-                        "channel": channel,
-                        "pit": pit,
-                    }
-                )
+                rows.append({"data": "simulated", "table": number, "level": level.name, "channel": channel, "pit": pit})
     pd.DataFrame(rows).to_csv(HERE / "exact.csv", index=False, float_format="%.4g")
 
 
@@ -273,10 +259,7 @@ def simulated_lines() -> list[str]:
     lines = ["| | readings | in 50 % | in 90 % |", "|---|---|---|---|"]
     for row in simulated_coverage().to_dict("records"):
         if row["channel"] == "all":
-            shares = (
-                f"{100 * row[name]:.0f} ± {100 * row[f'{name}_se']:.0f} %"
-                for name in ("covered50", "covered90")
-            )
+            shares = (f"{100 * row[name]:.0f} ± {100 * row[f'{name}_se']:.0f} %" for name in ("covered50", "covered90"))
             lines.append("| " + " | ".join([row["predictor"], str(row["readings"]), *shares]) + " |")
     return lines
 

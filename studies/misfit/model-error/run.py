@@ -137,8 +137,7 @@ def simulated(part: str, name: str, seed: int, told: dict[str, Any]) -> Study:
         model="M2",
         noise=noise(part),
         kind="simulated",
-        source=f"studies/misfit/model-error/run.py: {'M1' if part in OF_M1 else 'M2'},"
-        " Ding et al. 2015, Table 10",
+        source=f"studies/misfit/model-error/run.py: {'M1' if part in OF_M1 else 'M2'}, Ding et al. 2015, Table 10",
         **told,
     )
 
@@ -152,11 +151,7 @@ def where(study: Study) -> np.ndarray[Any, Any]:
 def cases() -> Iterator[tuple[str, str, int, str]]:
     """Part, wheel, seed and arm; those that cost most come last."""
     found = [
-        (part, name, seed, arm)
-        for seed in SEEDS
-        for part, arms in ARMS.items()
-        for name in WHEELS
-        for arm in arms
+        (part, name, seed, arm) for seed in SEEDS for part, arms in ARMS.items() for name in WHEELS for arm in arms
     ]
     yield from sorted(found, key=lambda case: (case[2], case[3] == "estimated"))
 
@@ -280,9 +275,7 @@ def _bands(ax: Any, arm: str, name: str = "Wh21", channel: str = "drawbar_pull")
     draws = FIT(study, SeedSequence((1, 7))).draws[:DRAWS]
     curves = predict_curves(study, posterior(study), draws, default_rng(3))[0]
     column = curves.outcomes.index(channel)
-    low, q25, middle, q75, high = np.quantile(
-        curves.readings[:, :, column], [0.05, 0.25, 0.5, 0.75, 0.95], axis=0
-    )
+    low, q25, middle, q75, high = np.quantile(curves.readings[:, :, column], [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)
     ax.fill_between(curves.slip, low, high, color="#0072B2", alpha=0.2, linewidth=0)
     ax.fill_between(curves.slip, q25, q75, color="#0072B2", alpha=0.35, linewidth=0)
     ax.plot(curves.slip, middle, color="#0072B2")
@@ -299,9 +292,7 @@ def _distances(ax: Any) -> None:
     table = stored("parameters")
     names = {"c": "c", "phi": "φ", "K": "K", "c1": "$c_1$", "c2": "$c_2$"}
     ax.axvspan(-1.64, 1.64, color="#E5E5E5")
-    for shift, (arm, colour) in zip(
-        (-0.15, 0.15), {"ignored": "#D55E00", "stated": "#0072B2"}.items(), strict=True
-    ):
+    for shift, (arm, colour) in zip((-0.15, 0.15), {"ignored": "#D55E00", "stated": "#0072B2"}.items(), strict=True):
         rows = table[(table["part"] == "model") & (table["arm"] == arm) & table["parameter"].isin(names)]
         places = [list(names).index(name) + shift for name in rows["parameter"]]
         ax.plot(rows["off"], places, "o", color=colour, markersize=4, label=arm)

@@ -132,13 +132,7 @@ def one(job: tuple[str, int]) -> dict[str, Any]:
     density = posterior(study(CASES[name], readings(default_rng(making))))
     found = predictive_checks(density, posterior_draws(density, default_rng(sampling)), judging)
     strangest = asdict(found.checks[0])
-    return {
-        "case": name,
-        "run": number,
-        "overall_p": found.overall,
-        "alarm": int(found.overall < DOUBT),
-        **strangest,
-    }
+    return {"case": name, "run": number, "overall_p": found.overall, "alarm": int(found.overall < DOUBT), **strangest}
 
 
 def main() -> None:

@@ -8,18 +8,7 @@ from time import perf_counter
 
 import numpy as np
 import pandas as pd
-from paper_data import (
-    FORCES,
-    NAMES,
-    OUTCOMES,
-    SOILS,
-    field_values,
-    hit_readings,
-    printed,
-    readings,
-    soil_of,
-    study,
-)
+from paper_data import FORCES, NAMES, OUTCOMES, SOILS, field_values, hit_readings, printed, readings, soil_of, study
 
 import bayesterra as bt
 from bayesterra.least_squares.results import Fit

@@ -59,9 +59,7 @@ def beside(kept: Kept) -> str:
     """HIT and simulated Wh32: point estimates and posteriors of M1, both drives, K_s held."""
     rows = []
     for data, kind in (("HIT", "digitised"), ("Wh32", "simulated, noise")):
-        some, spread = (
-            _of(kept[name], data=data, kind=kind, Ks_held=True) for name in ("posteriors", "spreads")
-        )
+        some, spread = (_of(kept[name], data=data, kind=kind, Ks_held=True) for name in ("posteriors", "spreads"))
         for name in FREE:
             at = [
                 _of(some, model=model, drive=drive, parameter=name).iloc[0]
@@ -69,9 +67,7 @@ def beside(kept: Kept) -> str:
             ]
             load = _of(spread, model="M1", drive="load", parameter=name).iloc[0]
             cells = [f"{row['median']:.3g} ± {row['sd']:.2g}" for row in at]
-            rows.append(
-                [data, UNITS[name], *cells, f"{load['range_in_sd']:.1f}", f"{load['inside']:.0f} of 3"]
-            )
+            rows.append([data, UNITS[name], *cells, f"{load['range_in_sd']:.1f}", f"{load['inside']:.0f} of 3"])
     head = ["readings", "", "M1, load", "M2, load", "M3, load", "M1, sinkage", "IM1 to IM3, sd", "inside"]
     return markdown(head, rows, "||rrrrrr")
 
@@ -112,22 +108,13 @@ def model_errors(kept: Kept) -> str:
     for (wheel, hold, model), some in kept["model-errors"].groupby(keys, sort=False):
         at = some.set_index("parameter")
         names = [name for name in NAMES if name in at.index]
-        cells = [
-            f"{at.loc[n, 'mode']:+.1f} / {at.loc[n, 'mean']:+.1f}" if n in names else "held" for n in NAMES
-        ]
+        cells = [f"{at.loc[n, 'mode']:+.1f} / {at.loc[n, 'mean']:+.1f}" if n in names else "held" for n in NAMES]
         worst = at[[f"misfit_{n}" for n in ("sinkage", "drawbar_pull", "resistance_moment")]].iloc[0].max()
         rows.append(
             [str(wheel), "held" if hold else "free", str(model), *cells, f"{worst:.2f}",
              f"{100 * at['truth_level'].iloc[0]:.1f}"]
         )  # fmt: skip
-    head = [
-        "wheel",
-        "K_s",
-        "model",
-        *(n.replace("Ks", "K_s").replace("phi", "φ") for n in NAMES),
-        "misfit",
-        "truth",
-    ]
+    head = ["wheel", "K_s", "model", *(n.replace("Ks", "K_s").replace("phi", "φ") for n in NAMES), "misfit", "truth"]
     return markdown(head, rows, "|||" + "r" * 10)
 
 

@@ -44,9 +44,7 @@ class Case:
     @property
     def columns(self) -> dict[str, object]:
         """How the case is named in the tables."""
-        kind = (
-            "digitised" if self.data == HIT else "simulated, noise" if self.noise else "simulated, no noise"
-        )
+        kind = "digitised" if self.data == HIT else "simulated, noise" if self.noise else "simulated, no noise"
         return {
             "data": self.data, "kind": kind, "model": self.model, "drive": self.drive, "Ks_held": self.hold
         }  # fmt: skip
@@ -97,9 +95,7 @@ def answers(cases: Sequence[Case] = (*BESIDE, *CLEAN)) -> dict[str, pd.DataFrame
     with local_pool() as engine:
         found = dict(completed(answer, cases, engine))
     every = [found[case] for case in cases]
-    made = {
-        name: pd.concat([one[name] for one in every if name in one], ignore_index=True) for name in TABLES
-    }
+    made = {name: pd.concat([one[name] for one in every if name in one], ignore_index=True) for name in TABLES}
     return {**made, "comparison": less_first(made["comparison"])}
 
 

@@ -76,9 +76,7 @@ def main() -> None:
         table.to_csv(HERE / f"{name}.csv", index=False, float_format="%.4g")
     stored = {name: pd.read_csv(HERE / f"{name}.csv", keep_default_na=name == "sobol") for name in found}
     figures.errors(stored["tables-6-8"]).savefig(HERE / "errors.png", dpi=144, facecolor="white")
-    figures.indices(stored["table-9"], stored["sobol"]).savefig(
-        HERE / "table-9.png", dpi=144, facecolor="white"
-    )
+    figures.indices(stored["table-9"], stored["sobol"]).savefig(HERE / "table-9.png", dpi=144, facecolor="white")
     readme = HERE / "README.md"
     readme.write_text(filled(readme.read_text(encoding="utf-8"), page.blocks(stored)), encoding="utf-8")
     print(found["index"].to_string(columns=["place", "statement", "verdict"]))

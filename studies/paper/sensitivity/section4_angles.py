@@ -19,9 +19,7 @@ def contact_errors() -> list[Finding]:
     others = tuple(each for each in CONTACT if each != "G20")
     (sinkage, whose), (bearing, softest) = curves.worst(others, 0), curves.least(BEARING, 0)
     less = [each for each in CONTACT if errors()[each][1] < max(errors()[each][0], errors()[each][2])]
-    text = "; ".join(
-        f"not {each}: F_DP {errors()[each][1]:.1f}, z {errors()[each][0]:.1f} %" for each in less
-    )
+    text = "; ".join(f"not {each}: F_DP {errors()[each][1]:.1f}, z {errors()[each][0]:.1f} %" for each in less)
     return [
         Finding(
             "Table 8",
@@ -141,9 +139,7 @@ def words_of_table_9() -> list[Finding]:
     top = [influence.unstack()[name].idxmax() for name in ("sinkage", "drawbar_pull", "resistance_moment")]
     first, third = influence["P_I", "drawbar_pull"], influence["P_III", "drawbar_pull"]
     return [
-        Finding(
-            "Table 9", "nine words", "classes whose bounds lie between our figures", f"{same} of 9", same == 9
-        ),
+        Finding("Table 9", "nine words", "classes whose bounds lie between our figures", f"{same} of 9", same == 9),
         Finding(
             "Table 9",
             "z goes with P_I, M_DR with P_II; P_III is nowhere the first",

@@ -83,8 +83,7 @@ def change_per_change(name: str, kind: tuple[str, ...]) -> float:
     curves = part(name)
     reference = curves["G1"]
     figures = [
-        np.abs(curves[each] - reference).max() / reference.max() / relative_change(GROUPS[each])
-        for each in kind
+        np.abs(curves[each] - reference).max() / reference.max() / relative_change(GROUPS[each]) for each in kind
     ]
     return float(np.sqrt(np.mean(np.square(figures))))
 

@@ -39,9 +39,7 @@ def shares_of_normal_force() -> list[Finding]:
     rising = all((np.diff(each) > 0).all() for each in share.values())
     ratio = top / (100 - top)
     return [
-        Finding(
-            "Fig. 5(a)", "F_Nτ/F_N increases with slip", "all 22 groups, Wh31, 80 N", "in every one", rising
-        ),
+        Finding("Fig. 5(a)", "F_Nτ/F_N increases with slip", "all 22 groups, Wh31, 80 N", "in every one", rising),
         Finding(
             "Fig. 5(a)",
             "F_Nτ/F_N is less than 24 % to slip 0.6",

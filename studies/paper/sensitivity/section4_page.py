@@ -20,16 +20,12 @@ def blocks(stored: Stored) -> dict[str, str]:
 
 def _rows(table: pd.DataFrame) -> list[SimpleNamespace]:
     """Rows with a column's value as attribute."""
-    return [
-        SimpleNamespace(**{str(key): value for key, value in row.items()}) for row in table.to_dict("records")
-    ]
+    return [SimpleNamespace(**{str(key): value for key, value in row.items()}) for row in table.to_dict("records")]
 
 
 def index(stored: Stored) -> str:
     """Every statement with its verdict."""
-    rows = [
-        [row.place, row.statement, row.reading, row.ours, mark(row.verdict)] for row in _rows(stored["index"])
-    ]
+    rows = [[row.place, row.statement, row.reading, row.ours, mark(row.verdict)] for row in _rows(stored["index"])]
     return _table(["where", "the paper says", "read as", "M1 gives", ""], rows)
 
 

@@ -150,11 +150,7 @@ def shearing_errors() -> list[Finding]:
     other = curves.refit(REFERENCE, {"c": (0.0, 5.0), "K": (2.0, 50.0)}, phi=25.0)
     return [
         Finding(
-            "Table 7",
-            "P_II has little influence on z",
-            "below 5 %",
-            f"at most {sinkage:.1f} % ({name})",
-            sinkage < 5,
+            "Table 7", "P_II has little influence on z", "below 5 %", f"at most {sinkage:.1f} % ({name})", sinkage < 5
         ),
         Finding(
             "Table 7, Fig. 9",

@@ -145,10 +145,7 @@ def _near_laws() -> dict[str, Law]:
     soil = REFERENCE.soil
     middles = dict(zip(SOIL_FIELDS, soil.as_array().tolist(), strict=True))
     ends = {name: NEAR * abs(value or middles["c1"]) for name, value in middles.items()}
-    return {
-        name: Law("uniform", lower=value - ends[name], upper=value + ends[name])
-        for name, value in middles.items()
-    }
+    return {name: Law("uniform", lower=value - ends[name], upper=value + ends[name]) for name, value in middles.items()}
 
 
 def sobol_table(box: str, n: int, seed: int = 1) -> pd.DataFrame:
@@ -177,7 +174,5 @@ def _all_slips(found: Sobol) -> pd.DataFrame:
     for outcome in OUTCOMES:
         weight = np.where(names == outcome, found.sd**2, 0.0)
         means = [getattr(found, name) @ (weight / weight.sum()) for name in _INDICES]
-        rows += [
-            (outcome, np.nan, kind, *figures) for kind, *figures in zip(found.inputs, *means, strict=True)
-        ]
+        rows += [(outcome, np.nan, kind, *figures) for kind, *figures in zip(found.inputs, *means, strict=True)]
     return pd.DataFrame(rows, columns=["outcome", "slip", "parameter_group", *_INDICES])

@@ -10,10 +10,7 @@ from var_fits import CONSTANT, REFERENCE
 from bayesterra.report.figures import DATA, GRID, MARKS, POSTERIOR, new_figure, styled
 
 SHOWN = {"Wh11": "Wh11, simulated", "HIT": "Wh32, HIT, digitised"}
-LINES = {
-    REFERENCE: (POSTERIOR, r"$N = n_0 + n_1 s$"),
-    CONSTANT: (MARKS["IM1"].colour, "constant $n$ (below 0)"),
-}
+LINES = {REFERENCE: (POSTERIOR, r"$N = n_0 + n_1 s$"), CONSTANT: (MARKS["IM1"].colour, "constant $n$ (below 0)")}
 
 
 @styled

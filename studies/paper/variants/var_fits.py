@@ -121,9 +121,7 @@ def load_fits(wheels: tuple[str, ...] = LOAD_DRIVEN, models: tuple[str, ...] = (
                 given = study_of(wheel, variant, model=model, priors=PRIORS)
                 fit = bt.fit(given, ("joint",))["joint"]
                 errors = {f"error_{name}": fit.errors[name] for name in OUTCOMES}
-                rows.append(
-                    {"data": wheel, "variant": variant, "model": model, **errors, "chi2": _chi2(given, fit)}
-                )
+                rows.append({"data": wheel, "variant": variant, "model": model, **errors, "chi2": _chi2(given, fit)})
     return pd.DataFrame(rows)
 
 

@@ -83,16 +83,11 @@ def normal_force_over_depth() -> pd.DataFrame:
     shown = np.array([2.0, 5.0, 10.0, 20.0, 40.0, 60.0])
     for wheel in WHEELS:
         grid = Grid.of(RIGS["Wh32" if wheel == HIT else wheel], np.array([0.2]))
-        fits = {
-            CONSTANT: im2(study_of(wheel, CONSTANT), n0=LOWEST),
-            REFERENCE: im2(study_of(wheel, REFERENCE)),
-        }
+        fits = {CONSTANT: im2(study_of(wheel, CONSTANT), n0=LOWEST), REFERENCE: im2(study_of(wheel, REFERENCE))}
         for variant, fit in fits.items():
             values = np.interp(shown, 1e3 * DEPTHS, grid.forces(fit.soil.as_array())[0, :, 0])
             found = {f"{depth:.0f} mm": value for depth, value in zip(shown, values, strict=True)}
-            answers = [
-                grid.response(fit.soil.as_array(), np.array([f * LOAD]))[0, 0] for f in (0.98, 1, 1.02)
-            ]
+            answers = [grid.response(fit.soil.as_array(), np.array([f * LOAD]))[0, 0] for f in (0.98, 1, 1.02)]
             named = dict(zip(["z_98", "z_100", "z_102"], 1e3 * np.array(answers), strict=True))
             rows.append({"data": wheel, "variant": variant, **found, **named})
     return pd.DataFrame(rows)
@@ -136,8 +131,7 @@ def _best(wheel: Wheel, table: pd.DataFrame, lowest: float) -> tuple[float, Floa
     starts = [low + (high - low) * rng.uniform(0.02, 0.98, len(low)) for _ in range(40 * STARTS)]
     starts = sorted(starts, key=lambda x: float(np.sum(misfit(x) ** 2)))[:STARTS]
     ends = [
-        least_squares(misfit, x, bounds=(low, high), x_scale=high - low, diff_step=1e-4, max_nfev=200).x
-        for x in starts
+        least_squares(misfit, x, bounds=(low, high), x_scale=high - low, diff_step=1e-4, max_nfev=200).x for x in starts
     ]
     best = min(ends, key=lambda x: float(np.sum(misfit(x) ** 2)))
     away = misfit(best)

@@ -54,8 +54,7 @@ def tables_12_13(kept: Kept) -> str:
     for (number, data), some in kept["tables-12-13"].groupby(["table", "data"], sort=False):
         at = some.set_index("quantity")
         cells = [
-            f"{at.loc[n, 'printed']:.4g} / {at.loc[n, 'ours']:.3g}"
-            f" ({at.loc[n, 'ours'] - at.loc[n, 'printed']:+.2g})"
+            f"{at.loc[n, 'printed']:.4g} / {at.loc[n, 'ours']:.3g} ({at.loc[n, 'ours'] - at.loc[n, 'printed']:+.2g})"
             for n in SYMBOLS
         ]
         last = at.iloc[0]
@@ -73,9 +72,7 @@ def load(kept: Kept) -> str:
     for (data, variant), some in kept["load-fits"].groupby(["data", "variant"], sort=False):
         at = some.set_index("model")
         cells = [
-            " / ".join(
-                f"{at.loc[m, f'error_{n}']:.1f}" for n in ("sinkage", "drawbar_pull", "resistance_moment")
-            )
+            " / ".join(f"{at.loc[m, f'error_{n}']:.1f}" for n in ("sinkage", "drawbar_pull", "resistance_moment"))
             + f", χ² {at.loc[m, 'chi2']:.1f}"
             for m in ("M1", "M2")
         ]
@@ -95,14 +92,5 @@ def comparison(kept: Kept) -> str:
         ]
         for row in kept["comparison"].to_dict("records")
     ]  # fmt: skip
-    head = [
-        "readings",
-        "model",
-        "variant",
-        "log evidence",
-        "less (5), (13)",
-        "elpd",
-        "less (5), (13)",
-        "told apart",
-    ]
+    head = ["readings", "model", "variant", "log evidence", "less (5), (13)", "elpd", "less (5), (13)", "told apart"]
     return markdown(head, rows, "|||rrrr|")

@@ -159,10 +159,7 @@ def _values(kept: Kept, number: int) -> tuple[int, str]:
     table = kept["tables-12-13"].query("table == @number and data != 'HIT' and quantity != 'error'")
     inside = int(((table["printed"] >= table["low"]) & (table["printed"] <= table["high"])).sum())
     mean = (table["ours"] - table["printed"]).groupby(table["quantity"]).mean()
-    return (
-        inside,
-        f"mean: c {_signed(mean['c'])} kPa, φ {_signed(mean['phi'], 1)}°, K {_signed(mean['K'], 1)} mm",
-    )
+    return (inside, f"mean: c {_signed(mean['c'])} kPa, φ {_signed(mean['phi'], 1)}°, K {_signed(mean['K'], 1)} mm")
 
 
 def _spans(kept: Kept, number: int, column: str) -> str:

@@ -90,9 +90,7 @@ def compared(chosen: str, results: dict[str, bt.Result]) -> pd.DataFrame:
         shifts = (quantiles(draws) - quantiles(whole)) / whole.std(axis=0)
         for i, name in enumerate(result.names):
             scale = PARAMETERS[name].scale
-            known = {
-                f"q{100 * q:02.0f}": v / scale for q, v in zip(LEVELS, quantiles(draws)[:, i], strict=True)
-            }
+            known = {f"q{100 * q:02.0f}": v / scale for q, v in zip(LEVELS, quantiles(draws)[:, i], strict=True)}
             away = {f"shift{100 * q:02.0f}": v for q, v in zip(LEVELS, shifts[:, i], strict=True)}
             ratio = draws[:, i].std() / whole[:, i].std()
             rows.append({"set": chosen, "way": way, "parameter": name, **known, **away, "sd_ratio": ratio})

@@ -86,9 +86,7 @@ def _inputs(posterior: Posterior, joined: list[set[int]]) -> Inputs:
     blocks = [{column} for column in _soil_columns(posterior)]
     for group in joined:
         touched = [block for block in blocks if block & group]
-        blocks = [block for block in blocks if not block & group] + (
-            [set().union(*touched)] if touched else []
-        )
+        blocks = [block for block in blocks if not block & group] + ([set().union(*touched)] if touched else [])
     ordered = sorted(tuple(sorted(block)) for block in blocks)
     return {" + ".join(posterior.names[i] for i in block): block for block in ordered}
 

@@ -41,9 +41,7 @@ class Shapley:
         """One row per output and input: the output's columns, input, effect and its error."""
         rows = self.outputs.loc[self.outputs.index.repeat(len(self.inputs))].reset_index(drop=True)
         return rows.assign(
-            input=list(self.inputs) * len(self.outputs),
-            effect=self.effect.T.ravel(),
-            error=self.error.T.ravel(),
+            input=list(self.inputs) * len(self.outputs), effect=self.effect.T.ravel(), error=self.error.T.ravel()
         )
 
 
@@ -58,9 +56,7 @@ def shapley(problem: Problem, n: int, rng: Generator) -> Shapley:
     if len(names) > MOST_INPUTS:
         raise ValueError(f"'inputs' must be at most {MOST_INPUTS}; join some in groups (got {len(names)})")
     base = draw_base(problem, n, rng)
-    effect = np.full(
-        (len(names), base.values.shape[1]), 1.0 / len(names)
-    )  # of the full set, whose index is 1
+    effect = np.full((len(names), base.values.shape[1]), 1.0 / len(names))  # of the full set, whose index is 1
     parts, missing = np.zeros((len(names), *base.values.shape)), [0.0]
     for subset in _subsets(names):
         others = partners(problem, base, columns_of(problem, subset, base.x.shape[1]), rng)

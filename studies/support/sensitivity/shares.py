@@ -103,13 +103,7 @@ class Stresses:
 
 
 def stress_distributions(
-    model: WheelSoilModel,
-    soils: FloatArray,
-    wheel: Wheel,
-    slips: FloatArray,
-    sinkage: FloatArray,
-    *,
-    points: int = 101,
+    model: WheelSoilModel, soils: FloatArray, wheel: Wheel, slips: FloatArray, sinkage: FloatArray, *, points: int = 101
 ) -> Stresses:
     """Stresses of ``soils`` (n, 9) at ``slips`` (m,) and ``sinkage`` (n, m) or any shape that broadcasts.
 

@@ -94,9 +94,7 @@ class Sobol:
     def table(self) -> pd.DataFrame:
         """One row per output and input: the output's columns, input, both indices and their errors."""
         rows = self.outputs.loc[self.outputs.index.repeat(len(self.inputs))].reset_index(drop=True)
-        figures = {
-            name: getattr(self, name).T.ravel() for name in ("first", "first_error", "total", "total_error")
-        }
+        figures = {name: getattr(self, name).T.ravel() for name in ("first", "first_error", "total", "total_error")}
         return rows.assign(input=list(self.inputs) * len(self.outputs), **figures)
 
 
