@@ -186,6 +186,44 @@ NOTABLE = 0.2
 """Correlation, before or after, from which a pair is shown."""
 
 
+WORDS = (
+    ("prior", "what is believed of a parameter before the readings: a law over its values, cut to what physics allows"),
+    ("posterior", "what is believed of it after them, by the prior, the readings, their noise and the model"),
+    ("draws", "sets of parameters from the posterior; the effective number is what they are worth as independent ones"),
+    ("R-hat", "spread of all draws over that within each ensemble of walkers: 1 where the ensembles agree"),
+    ("converged", "the ensembles agree and the draws are enough; a second solution that none found would not show"),
+    (
+        "fits",
+        "the readings look like readings that the model makes; p is the share of such tables as strange as they are",
+    ),
+    (
+        "predicts",
+        "levels of slip, load, wheel or run that the fit had not seen lie in their intervals as often as they should",
+    ),
+    ("too narrow, too wide", "they lie there too seldom, or nearly always: the intervals do not hold for other levels"),
+    ("median, mode", "the value with half of the probability on either side; the values that are densest together"),
+    ("90 % HDI", "the narrowest interval that holds 90 % of the probability"),
+    (
+        "determined",
+        "the posterior holds at most a tenth of the prior's variance, and no end of it is a bound of the prior",
+    ),
+    ("fixed combination", "the same of a sum of parameters with weights; independent ones are counted"),
+    ("coupled with, known only in combination", "not determined, but tied to others by the readings"),
+    ("weakly determined", "a third or more of the prior's variance is gone, and no coupling says more"),
+    ("one-sided", "the readings exclude one side only; the other end is the prior's"),
+    ("moved", "hardly narrowed, but shifted: prior and readings disagree"),
+    ("repeats its prior", "the readings say next to nothing of it"),
+    ("IM1, IM2, IM3, joint", "least-squares fits: the three of Ding et al. (2015), and one of all readings at once"),
+)
+"""Words of the first screen, and what they mean."""
+
+
+def words_section(result: Result) -> Blocks:
+    """What the words of the first screen mean."""
+    rows = tuple((Markup("<b>{}</b>").format(word), meaning) for word, meaning in WORDS)
+    return (Table("The words of the first screen.", "ll", ("word", "meaning"), rows),)
+
+
 def added_sections(result: Result) -> tuple[Section, ...]:
     """A section where some prior comes from an earlier result, else none."""
     names = [name for name, law in result.study.prior.laws.items() if isinstance(law, QuantileLaw)]

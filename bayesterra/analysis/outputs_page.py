@@ -257,7 +257,7 @@ def driving(result: Result) -> Driving:
     load = reference_load(result.study)
     derived: list[tuple[Cell, ...]] = []
     for name in (name for name in DERIVED if name in summary):
-        middle, ends = estimate(summary[name].median, *summary[name].hdi)
+        middle, ends = reached(name, *summary[name].hdi, *estimate(summary[name].median, *summary[name].hdi))
         derived.append((DERIVED[name].description, amount(name, middle), ends))
     return Driving(
         f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
@@ -266,6 +266,21 @@ def driving(result: Result) -> Driving:
         rows,
         _remark(result, slips),
     )
+
+
+def reached(name: str, low: float, high: float, *cells: str) -> tuple[str, ...]:
+    """Cells on a quantity, its interval the last; what ends with the search says so.
+
+    >>> reached("peak_pull_slip", 0.8, 0.8, "0.800", "0.800–0.800")
+    ('–', 'not reached below 0.8')
+    >>> reached("peak_pull_slip", 0.41, 0.8, "0.60", "0.41–0.80")
+    ('0.60', '0.41 or more')
+    """
+    if not name.endswith("_slip") or high < SLIP_GRID[-1] - 1e-9:
+        return cells
+    if low >= SLIP_GRID[-1] - 1e-9:
+        return (*[NOTHING] * (len(cells) - 1), f"not reached below {SLIP_GRID[-1]:.2g}")
+    return (*cells[:-1], f"{low:.2g} or more")
 
 
 def driven_slips(result: Result, wheel: str) -> FloatArray:

@@ -6,9 +6,22 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from bayesterra.analysis.closing_page import added_sections, methods_section, prior_section, reproduce_section
+from bayesterra.analysis.closing_page import (
+    added_sections,
+    methods_section,
+    prior_section,
+    reproduce_section,
+    words_section,
+)
 from bayesterra.analysis.findings_page import Finding, findings, strip
-from bayesterra.analysis.outputs_page import Driving, driving, posterior_section, predictive_section, sampling_section
+from bayesterra.analysis.outputs_page import (
+    Driving,
+    driving,
+    posterior_section,
+    predictive_section,
+    reached,
+    sampling_section,
+)
 from bayesterra.checking.validation import estimates, spread_draws
 from bayesterra.checking.validation_page import cross_validation_section, misfit_warning, missed_sections
 from bayesterra.identifiability.evidence_page import identifiability_section
@@ -69,6 +82,7 @@ def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
         draft.section("identifiability", "Identifiability", identifiability_section, "identifiability"),
         draft.section("methods", "Least squares side by side", methods_section, "standings"),
         draft.section("prior", "Sensitivity to the prior", prior_section),
+        draft.section("words", "What the words mean", words_section),
         draft.section("reproduce", "Reproduce this", reproduce_section),
     )
 
@@ -151,7 +165,7 @@ def _parameters(result: Result) -> Table:
         step = resolution(*ends)
         figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(*ends))
         name = row["parameter"]
-        rows.append((QUANTITIES[name].symbol, row["unit"], *figures, words.get(name, "")))
+        rows.append((QUANTITIES[name].symbol, row["unit"], *reached(name, *ends, *figures), words.get(name, "")))
     header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
     return Table(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
 

@@ -176,7 +176,7 @@ class RunResult(Result):
         return replace(self, record={**self.record, "verdicts": verdicts, "sentence": self.sentence})
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class PriorResult(DrawnResult):
     """Result of a study before its readings.
 

@@ -68,7 +68,7 @@ PoolingEntry = TypedDict(  # noqa: UP013
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class PooledResult(Result):
     """The outcome of a run with pooling; everything its report shows.
 

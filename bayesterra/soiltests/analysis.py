@@ -44,7 +44,7 @@ SI_UNITS = {"phi": "rad", "kc": "Pa m/m^n", "kphi": "Pa/m^n"}
 """Units of draws that their dimension does not say in full."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SoilTestResult(DrawnResult):
     """Outcome of a soil test: all that it tells of its soil.
 

@@ -133,7 +133,7 @@ class AnalysisResult(ABC):
         return notebook(self.overview())
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DrawnResult(AnalysisResult):
     """Outcome of a run: labelled draws, tables and a record; see what derives from it.
 
@@ -155,6 +155,27 @@ class DrawnResult(AnalysisResult):
     draws: xr.DataTree
     summary: pd.DataFrame
     record: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """What it is about, what may be said of it, and where to go on; ten lines at most."""
+        record, data = self.record, self.draws[self.GROUP]
+        sizes = " × ".join(f"{size} {dim}s" for dim, size in data.sizes.items() if dim in ("chain", "draw"))
+        about = f"{type(self).__name__}: {record['title'] or 'untitled'} ({record['kind']} data)"
+        verdicts = [f"  {verdict.name}: {verdict.word} ({verdict.grade})" for verdict in self.verdicts]
+        tables = ", ".join(f".{name}" for name in self.TABLES)
+        drawn = f"  {sizes} of {', '.join(map(str, data.data_vars))}"
+        rest = f"  .draws (ArviZ groups), {tables}, .to_dataframe(), .page(), .save(folder)"
+        return "\n".join([about, *([f"  {self.sentence}"] if self.sentence else []), *verdicts, drawn, rest])
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What may be said of the result, each in a word, a grade and a sentence."""
+        return (sampling_verdict(self.record),) if "verdict" in self.record else ()
+
+    @property
+    def sentence(self) -> str:
+        """What may be quoted of the result; empty where nothing is said of the whole."""
+        return ""
 
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """Tables by the names of their CSV files."""
@@ -198,7 +219,7 @@ class DrawnResult(AnalysisResult):
         return bool(self.record.get("verdict", {}).get("converged", True))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Result(DrawnResult):
     """The outcome of a run of a study; everything a report shows is in here and in the folder it is saved to.
 
@@ -228,16 +249,6 @@ class Result(DrawnResult):
     def groups(self) -> tuple[str, ...]:
         """Names of the groups of a joint posterior."""
         return ()
-
-    @property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        """What may be said of the result, each in a word, a grade and a sentence."""
-        return (sampling_verdict(self.record),)
-
-    @property
-    def sentence(self) -> str:
-        """What may be quoted of the result; empty where nothing is said of the whole."""
-        return ""
 
     def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
         """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.

@@ -145,3 +145,11 @@ def test_latent_loads_need_no_reading_before_the_test(write: Write) -> None:
     unknown = write((both[0], 'drive = "both"\n[data]'), noise, table="slip\n0.1\n0.3\n")
     with pytest.raises(StudyError, match="the drive 'both' needs 'load_range' or readings of 'normal_force'"):
         load_study(unknown, prior_only=True)
+
+
+def test_a_prior_tells_what_it_is_in_a_few_lines(write: Write) -> None:
+    """Without a verdict on a sampling that there was not."""
+    lines = repr(result_of(write(table=EMPTY))).splitlines()
+    assert lines[0].startswith("PriorResult: ")
+    assert len(lines) == 3
+    assert "1 chains × 4000 draws of " in lines[1]

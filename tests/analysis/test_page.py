@@ -12,8 +12,9 @@ import pytest
 from markupsafe import Markup, escape
 
 from bayesterra.analysis import findings_page
+from bayesterra.analysis.closing_page import WORDS
 from bayesterra.analysis.findings_page import mode_outside
-from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, slip_table
+from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, reached, slip_table
 from bayesterra.analysis.page import Page, data_section, run_page, warning
 from bayesterra.parameters import CHANNELS
 from bayesterra.report import symbols
@@ -24,7 +25,7 @@ from bayesterra.report.symbols import in_symbols
 from bayesterra.report.terminal import show
 from bayesterra.report.verdicts import SIGNS, Verdict, sampling_verdict
 from bayesterra.study.page import _lanes
-from bayesterra.study.result import Result, summary_rows
+from bayesterra.study.result import Result, identifiability_rows, summary_rows
 
 NASTY = '<script>alert(1)</script> & "it" $x_1$'
 
@@ -126,7 +127,7 @@ def test_the_page_says_what_it_is_about(content: Page) -> None:
 
 def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
     """Data first, reproduction last."""
-    expected = "data sampling posterior checks loo identifiability methods prior reproduce"
+    expected = "data sampling posterior checks loo identifiability methods prior words reproduce"
     assert re.findall(r'<section id="(\w+)"', html) == expected.split()
 
 
@@ -324,3 +325,47 @@ def test_every_place_says_the_same(small_result: Result, html: str, capsys: pyte
     assert verdicts[-1].word == f"{words.count('determined')} of {len(words)} determined"
     whole = next(row for row in small_result.record["directions"]["groups"] if row["scope"] == "all")
     assert f"fix {whole['determined'] or 'none'} of {whole['directions']} independent" in printed
+
+
+def test_every_word_of_the_first_screen_is_defined(small_result: Result, html: str) -> None:
+    """Words of the cards and of the parameters, and what stands in the sentences."""
+    defined = " ".join(word for word, _ in WORDS)
+    first = html[: html.index('<nav aria-label="Contents">')]
+    words = {row.word for row in identifiability_rows(small_result).values()}
+    words |= {verdict.word for verdict in small_result.verdicts[:3]}
+    words |= {
+        word for word in ("posterior", "prior", "R-hat", "mode", "90 % HDI", "IM1", "combination") if word in first
+    }
+    assert {"R-hat", "90 % HDI", "converged", "fits", "predicts"} <= words
+    for word in words:
+        assert word in defined, word
+    for word in (
+        "too narrow",
+        "too wide",
+        "one-sided",
+        "moved",
+        "repeats its prior",
+        "weakly determined",
+        "coupled with",
+    ):
+        assert word in defined
+
+
+def test_a_greatest_pull_at_the_end_of_the_search_is_not_reached() -> None:
+    """In words, on page and terminal alike; an interval that ends there is open."""
+    assert reached("peak_pull_slip", 0.8, 0.8, "0.80", "0.80", "0.80") == ("–", "–", "not reached below 0.8")
+    assert reached("peak_efficiency_slip", 0.31, 0.8, "0.50", "0.31–0.80") == ("0.50", "0.31 or more")
+    assert reached("peak_pull_slip", 0.3, 0.7, "0.50", "0.3–0.7") == ("0.50", "0.3–0.7")
+    assert reached("peak_pull", 9.0, 9.0, "9.0", "9.0") == ("9.0", "9.0")
+
+
+def test_a_result_tells_what_it_is_in_ten_lines(small_result: Result) -> None:
+    """Title, sentence, verdicts, draws and where to go on; nothing of its tables."""
+    lines = repr(small_result).splitlines()
+    assert len(lines) <= 10
+    assert lines[0] == f"RunResult: {small_result.study.title} ({small_result.study.kind} data)"
+    assert lines[1] == f"  {small_result.sentence}"
+    assert lines[2:6] == [f"  {v.name}: {v.word} ({v.grade})" for v in small_result.verdicts]
+    assert "chains × " in lines[6]
+    assert lines[6].endswith("of Ks, n0, n1, c, phi, K, c1, c2")
+    assert max(map(len, lines)) < 130
