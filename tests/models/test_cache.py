@@ -183,6 +183,37 @@ def test_a_read_only_installation_runs() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
 
 
+@pytest.mark.slow
+def test_what_compiles_and_what_reads_from_disk_give_the_same_bits(tmp_path: Path) -> None:
+    """In either order of use: a worker that finds compiled code agrees with the process that made it."""
+    script = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+        "import numpy as np\n"
+        "from bayesterra.likelihood.posterior import posterior\n"
+        "from bayesterra.identifiability.profiles import profiles\n"
+        "from bayesterra.runtime.engines import in_process\n"
+        "from tests.identifiability.conftest import VARIANTS\n"
+        "asked = posterior(VARIANTS['unknown load']())\n"
+        "places = np.column_stack([np.linspace(800, 1800, 200), np.linspace(0.5, 0.7, 200)])\n"
+        "def density():\n"
+        "    return asked.log_density(places).tobytes().hex()\n"
+        "def traced():\n"
+        "    found = profiles(asked, rng=np.random.default_rng(1), engine=in_process()).found\n"
+        "    return [part.path.tobytes().hex() for kind in found.values() for part in kind]\n"
+        "said = {name: globals()[name]() for name in sys.argv[1:]}\n"
+        "print(sorted(said.items()))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    printed = []
+    for order in (("density", "traced"), ("density", "traced"), ("traced", "density")):
+        command = [sys.executable, "-c", script, *order]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        printed.append(done.stdout)
+    assert len(printed[0]) > 1000
+    assert printed[0] == printed[1] == printed[2]
+
+
 def test_every_quiet_option_keeps_notes_back() -> None:
     """Each command's --quiet hands its value on."""
     options = [
