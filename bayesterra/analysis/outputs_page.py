@@ -280,7 +280,7 @@ def reached(name: str, low: float, high: float, *cells: str) -> tuple[str, ...]:
         return cells
     if low >= SLIP_GRID[-1] - 1e-9:
         return (*[NOTHING] * (len(cells) - 1), f"not reached below {SLIP_GRID[-1]:.2g}")
-    return (*cells[:-1], f"{low:.2g} or more")
+    return (*cells[:-1], f"{rounded(low, resolution(low, high))} or more")
 
 
 def driven_slips(result: Result, wheel: str) -> FloatArray:
