@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "streaming/sequential": SCRIPT,
     "many-wheels": SCRIPT,
     "misfit/planted": SCRIPT,
+    "misfit/first-screen": SCRIPT,
     "misfit/leave-slip-out": SCRIPT,
     "misfit/model-error": SCRIPT,
     "calibration": SCRIPT,
